@@ -24,7 +24,6 @@ from keystore_audit.rules import (  # noqa: F401 - each registers its rules
     formal,
     governance,
     identity,
-    labels,
     layout,
     missing_files,
     observed,

@@ -1,12 +1,14 @@
-"""KA740, KA741: what users assert of their keystore, in keystore-audit.toml and in Alloy."""
+"""KA740 to KA742: what users assert of their keystore, in keystore-audit.toml and in Alloy."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.model.system import System
+from keystore_audit.properties.label_result import LabelResult
 from keystore_audit.properties.result import AlloyResult, AssertedResult
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.formal import steps, violated
@@ -28,7 +30,7 @@ def asserted_property_violated(result: AssertedResult, context: Context) -> Iter
     The severity is the one given there, high where none is. A flow is the absence or presence of explicit flows over
     topics, whatever the nodes do; timing, acknowledgements and matching are not in it.
     """
-    yield from _violated(result, breach(result.breaches, context))
+    yield from _violated(result, result.breaches, context, partial(_told, result))
 
 
 @rule(
@@ -46,23 +48,52 @@ def asserted_alloy_property_violated(result: AlloyResult, context: Context) -> I
     Alloy alone decides it: no second engine has checked the answer, and what the file says is taken at its word. The
     severity is the one given there, high where none is.
     """
-    yield from _violated(result, breach(None, context))
+    yield from _violated(result, None, context, partial(_told, result))
 
 
-def _violated(result: AssertedResult | AlloyResult, breached_by: str) -> Iterator[Violation]:
-    """A violation where it does not hold under some profile, with an example."""
-    violating = violated(result)
-    if violating is None:
-        return
-    profiles, example = violating
+def _told(result: AssertedResult | AlloyResult, example: str) -> str:
     said = f"{quoted(result.prop.id)} is violated. Asserted: {result.prop.statement}"
-    found = f"Found: {example.text}" if example and example.text else ""
+    return " ".join(filter(None, (said, f"Found: {example}" if example else "", result.beside)))
+
+
+@rule(
+    "KA742",
+    "label-flow-violated",
+    Severity.HIGH,
+    on=LabelResult,
+    clause="keystore-audit, docs/settings.md: the lattice and the labels in keystore-audit.toml",
+    remedy="Change what lets it through at one of the lines named, or declare who is trusted to pass it on.",
+)
+def label_flow_violated(result: LabelResult, context: Context) -> Iterator[Violation]:
+    """What has one label can reach what has another, though the lattice of the settings lets nothing through there.
+
+    One finding for each two labels, with the shortest way; others between the same labels may remain. The severity is
+    the one that the lattice gives, high where it gives none (Denning, A lattice model of secure information flow).
+    """
+    flow = f"What is labelled {quoted(result.source)} can reach what is labelled {quoted(result.target)}"
+    yield from _violated(
+        result, result.breaches, context, lambda example: f"{flow}: {example}" if example else f"{flow}.", "the lattice"
+    )
+
+
+def _violated(
+    result: AssertedResult | AlloyResult | LabelResult,
+    breaches: tuple[str, ...] | None,
+    context: Context,
+    says: Callable[[str], str],
+    where: str = "asserted here",
+) -> Iterator[Violation]:
+    """A violation where it does not hold under some profile, with an example."""
+    found = violated(result)
+    if found is None:
+        return
+    profiles, example = found
     yield Violation(
-        message=" ".join(filter(None, (said, found, result.beside))),
-        locations=(replace(result.location, message="asserted here"), *(steps(example) if example else ())),
+        message=says(example.text if example else ""),
+        locations=(replace(result.location, message=where), *(steps(example) if example else ())),
         severity=result.severity,
         profiles=profiles,
-        key=f"{result.prop.id}\0{result.meaning}\0{breached_by}",
+        key=f"{result.prop.id}\0{result.meaning}\0{breach(breaches, context)}",
         contents=False,
         properties=(result.prop.id,),
     )

@@ -14,7 +14,7 @@ from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.label_result import LabelResult
 from keystore_audit.properties.result import AssertedResult, ProfileResult
-from tests.rules.evidence import findings, judged
+from tests.rules.evidence import enclave, findings, healthy, judged, keystore
 
 LATTICE = Location(path="keystore-audit.toml", line=1, beside=True)
 EXAMPLE = Counterexample(
@@ -114,6 +114,13 @@ def test_the_shortest_example_is_told() -> None:
     longer = replace(EXAMPLE, text="Longer.", steps=(*EXAMPLE.steps, replace(EXAMPLE.steps[0], line=10)))
     result = labels(replace(VIOLATED, counterexample=longer), VIOLATED)
     assert result.profiles["spec"].counterexample is EXAMPLE
+
+
+def test_it_is_accepted_with_what_violates_it_whatever_else_changes() -> None:
+    result = labels(VIOLATED, VIOLATED, breaches=(("a",), ("b",)))
+    other = keystore(enclave("/other"))
+    found = [findings("KA742", judged(store, results=(result,)))[0] for store in (healthy(), other)]
+    assert found[0].fingerprint == found[1].fingerprint
 
 
 def test_what_violates_a_part_is_what_is_accepted() -> None:
