@@ -148,6 +148,14 @@ def _names(profiles: Collection[str]) -> str:
     return either(said) if said else "no other"
 
 
+def _unspoken(context: Context, cause: Cause) -> Iterator[list[Divergence]]:
+    """As `_of`, without those of which other rules speak."""
+    spoken = frozenset(_without_a_domain(context)) if context.meaning.divergences else frozenset()
+    for found in _of(context, cause):
+        if rest := [divergence for divergence in found if not spoken.issuperset(divergence.enclaves)]:
+            yield rest
+
+
 def _without_a_domain(context: Context) -> Iterator[str]:
     """Enclaves whose grant has no allow rule, or none for a governed domain: KA514 and KA508 say so."""
     for enclave in context.keystore.enclaves:
@@ -177,13 +185,7 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
     allowed in excess is matched by none of them that is honest, but by any that attacks: its samples are read, and what
     it writes is taken. What is denied in excess does not work.
     """
-    spoken = frozenset(_without_a_domain(context)) if context.meaning.divergences else frozenset()
-    wide = [
-        divergence
-        for found in _of(context, Cause.RULE_DOMAINS)
-        for divergence in found
-        if not spoken.issuperset(divergence.enclaves)
-    ]
+    wide = [divergence for found in _unspoken(context, Cause.RULE_DOMAINS) for divergence in found]
     if wide:  # all in one: it is most often the governance that is wider than every grant
         yield _violation(wide, "Fast DDS applies a rule of another domain")
 
@@ -203,12 +205,10 @@ def join_checked_differently(_keystore: Keystore, context: Context) -> Iterator[
     Fast DDS wants an allow rule of whatever domain; Cyclone DDS asks nothing where a topic of the domain has read or
     write access control off (measured); OpenDDS starts only there, or without join access control (read in its source).
     """
-    spoken = frozenset(_without_a_domain(context)) if context.meaning.divergences else frozenset()
     to_the_letter: list[Divergence] = []
-    for found in _of(context, Cause.JOIN):
-        unspoken = [divergence for divergence in found if not spoken.issuperset(divergence.enclaves)]
-        to_the_letter += [divergence for divergence in unspoken if divergence.deviating == {"opendds"}]
-        if rest := [divergence for divergence in unspoken if divergence.deviating != {"opendds"}]:
+    for found in _unspoken(context, Cause.JOIN):
+        to_the_letter += [divergence for divergence in found if divergence.deviating == {"opendds"}]
+        if rest := [divergence for divergence in found if divergence.deviating != {"opendds"}]:
             yield _violation(rest, "The grant lets the enclave join a domain under some implementations alone")
     if to_the_letter:
         yield _table_63(to_the_letter, context)

@@ -168,14 +168,11 @@ def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) 
     """
     for domain_rule in domain_rules(use):
         if domain_rule.allow_unauthenticated_participants:
-            yield violates(
-                use,
-                domain_rule,
-                None,
-                "allow_unauthenticated_participants",
+            message = (
                 "allow_unauthenticated_participants is true, expected false: whoever reaches the network is matched "
-                "without a certificate.",
+                "without a certificate."
             )
+            yield violates(use, domain_rule, None, "allow_unauthenticated_participants", message)
 
 
 @rule(
@@ -195,13 +192,8 @@ def join_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
     """
     for domain_rule in domain_rules(use):
         if not domain_rule.enable_join_access_control:
-            yield violates(
-                use,
-                domain_rule,
-                None,
-                "enable_join_access_control",
-                "enable_join_access_control is false, expected true: every identity joins, granted or not.",
-            )
+            message = "enable_join_access_control is false, expected true: every identity joins, granted or not."
+            yield violates(use, domain_rule, None, "enable_join_access_control", message)
 
 
 @rule(
@@ -222,14 +214,11 @@ def read_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
     """
     for domain_rule, topic_rule in topic_rules(use):
         if not topic_rule.enable_read_access_control:
-            yield violates(
-                use,
-                domain_rule,
-                topic_rule,
-                "enable_read_access_control",
+            message = (
                 "enable_read_access_control is false, expected true: whoever joined reads them, and with a reader's "
-                "keys can write.",
+                "keys can write."
             )
+            yield violates(use, domain_rule, topic_rule, "enable_read_access_control", message)
 
 
 @rule(
@@ -246,13 +235,8 @@ def write_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[
     """Whoever joined writes the topics: nobody asks for publish permissions."""
     for domain_rule, topic_rule in topic_rules(use):
         if not topic_rule.enable_write_access_control:
-            yield violates(
-                use,
-                domain_rule,
-                topic_rule,
-                "enable_write_access_control",
-                "enable_write_access_control is false, expected true: whoever joined writes them.",
-            )
+            message = "enable_write_access_control is false, expected true: whoever joined writes them."
+            yield violates(use, domain_rule, topic_rule, "enable_write_access_control", message)
 
 
 @rule(

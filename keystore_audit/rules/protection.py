@@ -59,14 +59,11 @@ def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
     """
     for domain_rule in domain_rules(use):
         if domain_rule.rtps_protection_kind is ProtectionKind.NONE:
-            yield violates(
-                use,
-                domain_rule,
-                None,
-                "rtps_protection_kind",
+            message = (
                 "rtps_protection_kind is NONE, expected SIGN or more: message headers and time stamps can be forged "
-                "from outside.",
+                "from outside."
             )
+            yield violates(use, domain_rule, None, "rtps_protection_kind", message)
 
 
 @rule(
@@ -84,13 +81,8 @@ def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator
     for domain_rule in domain_rules(use):
         kind = domain_rule.rtps_protection_kind
         if kind.authenticates and not kind.encrypts:
-            yield violates(
-                use,
-                domain_rule,
-                None,
-                "rtps_protection_kind",
-                f"rtps_protection_kind is {kind.value}: who talks to whom is readable on the network.",
-            )
+            message = f"rtps_protection_kind is {kind.value}: who talks to whom is readable on the network."
+            yield violates(use, domain_rule, None, "rtps_protection_kind", message)
 
 
 @rule(
@@ -169,14 +161,11 @@ def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[
     for domain_rule, topic_rule in topic_rules(use):
         none = topic_rule.metadata_protection_kind is ProtectionKind.NONE
         if none and not _nothing_authenticates(domain_rule, topic_rule):
-            yield violates(
-                use,
-                domain_rule,
-                topic_rule,
-                "metadata_protection_kind",
+            message = (
                 f"metadata_protection_kind is NONE, expected SIGN or more: {_forger(domain_rule)} can forge heartbeats "
-                "and acknowledgements and replay samples.",
+                "and acknowledgements and replay samples."
             )
+            yield violates(use, domain_rule, topic_rule, "metadata_protection_kind", message)
 
 
 @rule(
@@ -193,14 +182,11 @@ def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violatio
     """No protection kind encrypts the samples: whoever listens on the network reads them."""
     for domain_rule, topic_rule in topic_rules(use):
         if not any(kind.encrypts for kind in _kinds(domain_rule, topic_rule)):
-            yield violates(
-                use,
-                domain_rule,
-                topic_rule,
-                "data_protection_kind",
+            message = (
                 f"nothing encrypts ({_said(domain_rule, topic_rule)}), expected data or metadata ENCRYPT: whoever "
-                "listens reads the samples.",
+                "listens reads the samples."
             )
+            yield violates(use, domain_rule, topic_rule, "data_protection_kind", message)
 
 
 @rule(
@@ -223,14 +209,11 @@ def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[
         rtps, metadata, data = _kinds(domain_rule, topic_rule)
         if rtps.encrypts and not metadata.encrypts and not data.encrypts:
             forge = " and forges" if not metadata.authenticates and not data.authenticates else ""
-            yield violates(
-                use,
-                domain_rule,
-                topic_rule,
-                "data_protection_kind",
+            message = (
                 f"only rtps_protection_kind encrypts ({_said(domain_rule, topic_rule)}), expected data or metadata "
-                f"ENCRYPT: every participant reads{forge} them, granted or not.",
+                f"ENCRYPT: every participant reads{forge} them, granted or not."
             )
+            yield violates(use, domain_rule, topic_rule, "data_protection_kind", message)
 
 
 @rule(
@@ -251,14 +234,11 @@ def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[V
     """
     for domain_rule, topic_rule in topic_rules(use):
         if _nothing_authenticates(domain_rule, topic_rule):
-            yield violates(
-                use,
-                domain_rule,
-                topic_rule,
-                "metadata_protection_kind",
+            message = (
                 "rtps, metadata and data protection are all NONE, expected SIGN or more in one of them: whoever "
-                "reaches the network writes.",
+                "reaches the network writes."
             )
+            yield violates(use, domain_rule, topic_rule, "metadata_protection_kind", message)
 
 
 @rule(
@@ -275,13 +255,10 @@ def data_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
     for domain_rule, topic_rule in topic_rules(use):
         kind = topic_rule.data_protection_kind
         if topic_rule.metadata_protection_kind.encrypts and not kind.encrypts:
-            yield violates(
-                use,
-                domain_rule,
-                topic_rule,
-                "data_protection_kind",
-                f"data_protection_kind is {kind.value}, expected ENCRYPT: relays and stores see the payload in clear.",
+            message = (
+                f"data_protection_kind is {kind.value}, expected ENCRYPT: relays and stores see the payload in clear."
             )
+            yield violates(use, domain_rule, topic_rule, "data_protection_kind", message)
 
 
 _REFUSE_CONTRADICTION: Final = tuple(
@@ -308,12 +285,9 @@ def unauthenticated_with_rtps_protection(use: GovernanceUse, _context: Context) 
     for domain_rule in domain_rules(use):
         kind = domain_rule.rtps_protection_kind
         if domain_rule.allow_unauthenticated_participants and kind.authenticates:
-            found = violates(
-                use,
-                domain_rule,
-                None,
-                "rtps_protection_kind",
+            message = (
                 f"allow_unauthenticated_participants is true and rtps_protection_kind {kind.value}, which contradict "
-                "each other: Fast DDS from 2.6.5 and 2.10.2 on does not start.",
+                "each other: Fast DDS from 2.6.5 and 2.10.2 on does not start."
             )
+            found = violates(use, domain_rule, None, "rtps_protection_kind", message)
             yield replace(found, profiles=_REFUSE_CONTRADICTION)
