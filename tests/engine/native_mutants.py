@@ -33,7 +33,7 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "a rule counts in every domain": (Decisions, "_matches", "bits(named) & within", "bits(named)"),
     "subscribing needs the right to publish": (Decisions, "_matches", "rule.named(operation)", "rule.publish"),
     "a default does not let join": (Decisions, "joins", "self._system.grants[grant].default_allow", "False"),
-    "a deny rule lets join": (Decisions, "joins", "if rule.allow:", "if True:"),
+    "a deny rule lets join": (Decisions, "joins", " if rule.allow)", ")"),
     "a validity ends before its last instant": (Permissions, "in_force", "<= 2 * not_after", "< 2 * not_after"),
     "a validity begins after its first instant": (Permissions, "in_force", "2 * not_before <=", "2 * not_before <"),
     "no validity ends": (Permissions, "in_force", "<= self.moment <= 2 * not_after", "<= self.moment"),
