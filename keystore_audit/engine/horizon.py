@@ -7,12 +7,12 @@ from datetime import datetime
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.keystore.crl import RevocationList
-from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import DateReading, Profile
+from keystore_audit.model.revocation import lists_carried
 from keystore_audit.model.system import System
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
@@ -106,8 +106,7 @@ def _moments(
             for each in (instant, instant + SECOND) if instant <= LAST else (instant,):
                 earlier[each] = max(at, each - ANY_ZONE)
     for enclave in keystore.enclaves:
-        lists = (*(enclave.crl.revocation_lists if enclave.crl else ()), *_in_ca_file(enclave))
-        for revocations in lists:
+        for revocations in lists_carried(enclave):
             boundaries = [revocations.this_update] if revocations.this_update > at else []
             if revocations.next_update is not None and at <= revocations.next_update <= LAST:
                 boundaries.append(revocations.next_update + SECOND)
@@ -116,10 +115,6 @@ def _moments(
                 found.setdefault(later, 2 * before - 1)
     moments = [(moment, instant, earlier.get(instant, instant)) for instant, moment in found.items()]
     return sorted(moments, key=lambda each: (each[2], each[1]))
-
-
-def _in_ca_file(enclave: Enclave) -> tuple[RevocationList, ...]:
-    return enclave.identity_ca.revocation_lists if enclave.identity_ca else ()
 
 
 def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mapping[tuple[str, str], Usability]) -> str:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.atoms import TopicClass
@@ -52,7 +52,7 @@ Point = tuple[str, str]
 """A topic name and a partition name."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Channels:
     """The classes, and what each region matches.
 
@@ -67,6 +67,14 @@ class Channels:
     in_domain: tuple[range, ...]
     columns: Sequence[Column] = ()
     meets: tuple[frozenset[int], ...] = ()
+    _covered: dict[tuple[Interval, ...], frozenset[int]] = field(default_factory=dict)
+
+    def covered(self, cover: tuple[Interval, ...]) -> frozenset[int]:
+        """The domain classes that the cover is about, where it is one that made them; worked out once."""
+        known = self._covered.get(cover)
+        if known is None:
+            known = self._covered[cover] = covered_classes(cover, self.domains)
+        return known
 
     def cells(self, channel: int) -> list[Cell]:
         """What a channel stands for: those that are told apart in no region are one channel."""
@@ -90,9 +98,9 @@ class Channels:
         here = self.in_domain[domain]
         return (1 << here.stop) - (1 << here.start)
 
-    def within(self, cover: Iterable[Interval]) -> int:
+    def within(self, cover: tuple[Interval, ...]) -> int:
         """The channels, as a bit set, of the domains that the cover is about, where it is one that made the classes."""
-        return union(self.bits_in(domain) for domain in covered_classes(cover, self.domains))
+        return union(map(self.bits_in, self.covered(cover)))
 
 
 def build_channels(

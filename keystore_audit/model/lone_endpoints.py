@@ -18,7 +18,6 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import wildcard_names
-from keystore_audit.model.domains import Interval, covered_classes
 from keystore_audit.model.local_moments import NO_ENDPOINTS, Endpoints, LocalMoments
 from keystore_audit.model.permission import Meetings, members
 from keystore_audit.model.profiles import Access, Profile
@@ -61,7 +60,6 @@ class LoneEndpoints:
         self._differing: dict[tuple[Access, bool], set[int]] = {}
         self._usabilities: dict[int, Usabilities] = {}
         self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
-        self._covered: dict[tuple[Interval, ...], frozenset[int]] = {}
         self._sets: dict[int, frozenset[int]] = {}
 
     def of(self, profile: Profile) -> tuple[Alone, ...]:
@@ -115,7 +113,7 @@ class LoneEndpoints:
         ruled = self._ruled_by(governance, access)
         return access.any_governance_rule or any(
             not (grant.default_allow or any(rule.allow for rule in grant.rules))
-            or any(rule.of_peers or not ruled <= self._classes(rule.domains) for rule in grant.rules)
+            or any(rule.of_peers or not ruled <= self._channels.covered(rule.domains) for rule in grant.rules)
             for grant in grants
         )
 
@@ -124,13 +122,8 @@ class LoneEndpoints:
         key = (governance.signed.file.place, access)
         if key not in self._ruled:
             rules = self._accesses.deciding(governance, access)
-            self._ruled[key] = frozenset[int]().union(*(self._classes(rule.domains) for rule in rules))
+            self._ruled[key] = frozenset[int]().union(*(self._channels.covered(rule.domains) for rule in rules))
         return self._ruled[key]
-
-    def _classes(self, domains: tuple[Interval, ...]) -> frozenset[int]:
-        if domains not in self._covered:
-            self._covered[domains] = covered_classes(domains, self._channels.domains)
-        return self._covered[domains]
 
     def _in(self, domain: int) -> Usabilities:
         """Who starts in the domains of a class."""

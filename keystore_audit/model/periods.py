@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from datetime import datetime
 from enum import Enum
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.issuance import Issuance
+from keystore_audit.model.revocation import lists_carried
 from keystore_audit.model.system import System
 
 
@@ -68,9 +68,5 @@ def _grants(system: System) -> Iterator[_Dates]:
 
 def _lists(keystore: Keystore) -> Iterator[_Dates]:
     for enclave in keystore.enclaves:
-        read: Iterable[RevocationList] = (
-            *(enclave.crl.revocation_lists if enclave.crl else ()),
-            *(enclave.identity_ca.revocation_lists if enclave.identity_ca else ()),
-        )
-        for each in read:
+        for each in lists_carried(enclave):
             yield Dated.REVOCATIONS, each.this_update, each.next_update, each.path

@@ -24,6 +24,12 @@ NO_IDENTITIES: Final = frozenset(
 """Scopes that hold no identity, or that OpenSSL leaves aside without X509_V_FLAG_EXTENDED_CRL_SUPPORT."""
 
 
+def lists_carried(enclave: Enclave) -> tuple[RevocationList, ...]:
+    """Every revocation list in its files, whoever reads it."""
+    files = (enclave.crl, enclave.identity_ca)
+    return tuple(each for file in files if file is not None for each in file.revocation_lists)
+
+
 def list_unread(enclave: Enclave, trust: Trust) -> tuple[str, str] | None:
     """Where and why `crl.pem`, which the implementation reads, is unknown here: it may then revoke anybody, or nobody.
 

@@ -9,7 +9,6 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.domains import Interval, covered_classes
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import ReadDomainRule, ReadRule, Region
 from keystore_audit.model.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
@@ -26,7 +25,6 @@ class RuleAtoms:
     def __init__(self, channels: Channels, instants: Sequence[datetime]) -> None:
         self._channels = channels
         self._index = {instant: number for number, instant in enumerate(instants)}
-        self._covered: dict[tuple[Interval, ...], frozenset[int]] = {}
 
     def of(self, documents: Read, names: Mapping[str, frozenset[int]], access: Access) -> Atoms:
         """The atoms of `documents` as read under `access`; `names`: whom each subject_name of a grant names."""
@@ -75,9 +73,9 @@ class RuleAtoms:
         off: frozenset[int] = frozenset()
         if access.any_governance_rule:
             loose = (read.domains for read in rules if not read.rule.enable_join_access_control)
-            off = off.union(*map(self._classes, loose))
+            off = off.union(*map(self._channels.covered, loose))
         for read in rules:
-            domains, controlled = self._classes(read.domains), read.rule.enable_join_access_control
+            domains, controlled = self._channels.covered(read.domains), read.rule.enable_join_access_control
             elsewhere = domains & off if controlled else frozenset()
             if elsewhere:
                 yield read, elsewhere, False
@@ -89,7 +87,7 @@ class RuleAtoms:
         read_off: set[int] = set()
         write_off: set[int] = set()
         for domain_rule in document.domain_rules or ():
-            domains = self._classes(domain_rule.domains)
+            domains = self._channels.covered(domain_rule.domains)
             for topic in domain_rule.topic_rules:
                 hit = self._within(self._channels.regions[access.matcher, topic.region], domains)
                 if not topic.rule.enable_read_access_control:
@@ -133,7 +131,7 @@ class RuleAtoms:
         return RuleAtom(
             grant=grant,
             allow=rule.allow,
-            domains=self._classes(rule.domains),
+            domains=self._channels.covered(rule.domains),
             publish=self._region(rule.publish, access),
             subscribe=self._region(rule.subscribe, access),
             relay=self._region(rule.relay, access),
@@ -148,7 +146,7 @@ class RuleAtoms:
             return
         listed: set[int] = set()
         for rule in rules:
-            domains = self._classes(rule.domains)
+            domains = self._channels.covered(rule.domains)
             hit = self._within(self._region(rule.listed, access), domains)
             denied = frozenset((hit & controlled) - listed)
             if denied and not rule.allow:
@@ -190,12 +188,6 @@ class RuleAtoms:
     def _within(self, channels: frozenset[int], domains: frozenset[int]) -> set[int]:
         """Those of the channels that lie in one of the domain classes."""
         return {channel for channel in channels if self._channels.channels[channel].domain in domains}
-
-    def _classes(self, cover: tuple[Interval, ...]) -> frozenset[int]:
-        known = self._covered.get(cover)
-        if known is None:
-            known = self._covered[cover] = covered_classes(cover, self._channels.domains)
-        return known
 
 
 _Loose = tuple[frozenset[int], frozenset[int]]

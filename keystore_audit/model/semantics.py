@@ -31,6 +31,9 @@ class Area(NamedTuple):
 Region = tuple[Area, ...]
 """The union of its areas."""
 
+DIRECTIONS = (Operation.PUBLISH, Operation.SUBSCRIBE)
+"""The operations of endpoints; nobody relays under ROS 2."""
+
 DEFAULT_PARTITION = ("",)
 """The expressions of a criterion without `<partitions>`: the empty name alone."""
 
@@ -80,7 +83,7 @@ class ReadRule:
     @property
     def listed(self) -> Region:
         """The topics that it lists for publishing or subscribing, in every partition."""
-        return _everywhere(tuple(self.texts(Operation.PUBLISH, Operation.SUBSCRIBE)))
+        return _everywhere(tuple(self.texts(*DIRECTIONS)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

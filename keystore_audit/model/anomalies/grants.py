@@ -14,7 +14,7 @@ from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import describe, domain_bits
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import DISCOVERY_TOPIC, TOPIC_PREFIX
-from keystore_audit.model.semantics import ReadGrant, ReadRule
+from keystore_audit.model.semantics import DIRECTIONS, ReadGrant, ReadRule
 
 _WHOLE_RULE: Final = frozenset({AnomalyKind.UNREACHABLE, AnomalyKind.REDUNDANT, AnomalyKind.SAME_AS_DEFAULT})
 
@@ -77,7 +77,7 @@ def _says(typed: Rule, rule: ReadRule) -> bool:
     return (typed.allow, typed.line) == (rule.allow, rule.line) and all(
         {text.text for each in typed.criteria if each.operation is operation for text in each.topics}
         == set(rule.texts(operation))
-        for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)
+        for operation in DIRECTIONS
     )
 
 

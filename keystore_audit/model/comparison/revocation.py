@@ -167,7 +167,7 @@ def _of_lists(one: RevocationList, other: RevocationList, at: datetime, *, told:
         return
     dates = tuple((each.this_update, each.next_update) for each in (one, other))
     for fact in dated("revocation-validity", "its revocation lists", *dates):
-        in_time = all(start <= at and (end is None or at <= end) for start, end in dates)
+        in_time = list_in_force(one, at) and list_in_force(other, at)
         newer = in_time and all(aspect.what == "from" for aspect in fact.aspects)
         again = fact._replace(direction=Direction.INFO, what="its revocation lists were issued again")
         yield again if newer else fact

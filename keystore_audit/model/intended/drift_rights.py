@@ -20,7 +20,7 @@ from keystore_audit.model.intended.policy_grant import PolicyGrant
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
 from keystore_audit.model.permission import allowing, bits, members, union
 from keystore_audit.model.profiles import Access, Profile
-from keystore_audit.model.semantics import DEFAULT_PARTITION, Area, ReadGrant, ReadRule, Region, read_grant
+from keystore_audit.model.semantics import DEFAULT_PARTITION, DIRECTIONS, Area, ReadGrant, ReadRule, Region, read_grant
 from keystore_audit.model.validity import BEGINNING
 
 MAX_RIGHTS: Final = 200
@@ -28,7 +28,6 @@ MAX_RIGHTS: Final = 200
 
 _EVERYWHERE: Final = (0, HIGHEST_DOMAIN)
 _DISCOVERY: Final[Region] = (Area((DISCOVERY_TOPIC,), None),)
-_DIRECTIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,7 +187,7 @@ class Comparison:
             {text for rule in rules if rule.allow is allow for text in rule.texts(operation)} - {DISCOVERY_TOPIC}
             == {key[2] for key in self._meant.rights if key[:2] == (allow, operation)} - {DISCOVERY_TOPIC}
             for allow in (False, True)
-            for operation in _DIRECTIONS
+            for operation in DIRECTIONS
         )
 
 
@@ -352,7 +351,7 @@ def _deciding(steps: Iterable[_Step], channel: int) -> _Step:
 
 def _names(rule: ReadRule) -> bool:
     """Whether it lists anything but `ros_discovery_info`."""
-    return any(text != DISCOVERY_TOPIC for text in rule.texts(*_DIRECTIONS))
+    return any(text != DISCOVERY_TOPIC for text in rule.texts(*DIRECTIONS))
 
 
 def _is_plain(rule: ReadRule, domains: Iterable[Interval]) -> bool:
@@ -362,5 +361,5 @@ def _is_plain(rule: ReadRule, domains: Iterable[Interval]) -> bool:
     ((lowest, highest),) = rule.domains
     if any(low < lowest or highest < high for low, high in domains):
         return False
-    partitions = {area.partitions for operation in _DIRECTIONS for area in rule.region(operation)}
+    partitions = {area.partitions for operation in DIRECTIONS for area in rule.region(operation)}
     return partitions <= {DEFAULT_PARTITION} | (set() if rule.allow else {None})

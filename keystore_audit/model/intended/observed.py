@@ -24,6 +24,7 @@ from keystore_audit.model.intended.observed_needs import Need, enclave_of, needs
 from keystore_audit.model.intended.observed_rights import Deciders, PointRights, Verdict
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
+from keystore_audit.model.semantics import DIRECTIONS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -292,7 +293,7 @@ class _Comparison:
         if grant is None or not (grant.default_allow or _has_expressions(grant.grant)):
             return None
         try:
-            for operation in (Operation.PUBLISH, Operation.SUBSCRIBE):
+            for operation in DIRECTIONS:
                 found = self._rights.endless(profile, operation)
                 if found is not None:
                     (topic, partition), location = found

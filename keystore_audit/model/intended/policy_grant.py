@@ -17,9 +17,9 @@ from keystore_audit.keystore.governance import DomainRange, Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
 from keystore_audit.model.domains import HIGHEST_DOMAIN
 from keystore_audit.model.names import DISCOVERY_TOPIC, dds_expressions
+from keystore_audit.model.semantics import DIRECTIONS
 
 _NO_DATE: Final = Text(text="", line=None)
-_DIRECTIONS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +55,7 @@ def policy_grant(profiles: Profiles) -> PolicyGrant:
 
 
 def _rule(rights: Mapping[tuple[bool, Operation, str], IntendedRight], *, allow: bool) -> Rule:
-    listed: dict[Operation, list[Text]] = {operation: [] for operation in _DIRECTIONS}
+    listed: dict[Operation, list[Text]] = {operation: [] for operation in DIRECTIONS}
     for (allowed, operation, expression), right in rights.items():
         if allowed is allow:
             listed[operation].append(Text(text=expression, line=right.location.line))
@@ -63,7 +63,7 @@ def _rule(rights: Mapping[tuple[bool, Operation, str], IntendedRight], *, allow:
 
 
 def _discovery() -> Rule:
-    return _every_domain(True, (_criterion(o, [Text(text=DISCOVERY_TOPIC, line=None)]) for o in _DIRECTIONS))
+    return _every_domain(True, (_criterion(o, [Text(text=DISCOVERY_TOPIC, line=None)]) for o in DIRECTIONS))
 
 
 def _criterion(operation: Operation, texts: Iterable[Text]) -> Criterion:

@@ -21,6 +21,7 @@ from keystore_audit.model.coverage import TOPICS, allows_everything, covers, has
 from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.names import ACTION_PART, ACTION_TOPICS
 from keystore_audit.model.ros.classes import Affix, classify_ros_names
+from keystore_audit.model.semantics import DIRECTIONS
 
 STATUS: Final = Affix("rt", f"{ACTION_PART}status")
 _AFFIXES: Final = tuple(Affix("rt", ACTION_PART + topic) for topic in ACTION_TOPICS)
@@ -162,7 +163,7 @@ def _pattern(
     if enclave.permissions is None:
         return None
     place = enclave.permissions.signed.file.place
-    rules = {operation: _Rules(grant, operation) for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)}
+    rules = {operation: _Rules(grant, operation) for operation in DIRECTIONS}
     hits: list[tuple[Operation, Text, str]] = []
     served: dict[str, str] = {}
     for operation, text in found:

@@ -15,13 +15,11 @@ from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.permission import bits
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.ros.classes import Affix, RosClass, classify_ros_names
+from keystore_audit.model.semantics import DIRECTIONS
 from keystore_audit.model.system import ChannelAtom
 
 MAX_CHANNELS: Final = 200_000
 """Classes × affixes × domain classes of one enclave: a second; 5,000 services in two domains take a tenth."""
-
-
-_WAYS: Final = (Operation.PUBLISH, Operation.SUBSCRIBE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,9 +109,10 @@ def ros_channels(
         affixes=tuple(affixes),
         starts=starts,
         unmarked=(1 << len(classes)) - 1 & ~marked,
-        literals={each: frozenset(text for text, _matcher in _allowed(read, each)) for each in _WAYS},
+        literals={each: frozenset(text for text, _matcher in _allowed(read, each)) for each in DIRECTIONS},
         numbers={
-            each: frozenset((named[0], expressions.numbers[named]) for named in _allowed(read, each)) for each in _WAYS
+            each: frozenset((text, expressions.numbers[text, matcher]) for text, matcher in _allowed(read, each))
+            for each in DIRECTIONS
         },
     )
 

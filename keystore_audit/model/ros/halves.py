@@ -26,6 +26,7 @@ from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.ros.channels import RosChannels, ros_channels
 from keystore_audit.model.ros.classes import REPLY, REQUEST, Affix
 from keystore_audit.model.ros.texts import DocumentLines, is_surely_whole
+from keystore_audit.model.semantics import DIRECTIONS
 
 _GOALS: Final = tuple(Affix("rq", f"{ACTION_PART}{service}Request") for service in ACTION_SERVICES)
 _ANSWERS: Final = tuple(Affix("rr", f"{ACTION_PART}{service}Reply") for service in ACTION_SERVICES)
@@ -220,7 +221,7 @@ class _Rights:
     def __init__(self, local: LocalRights, enclave: Enclave, profile: Profile) -> None:
         self.allowed: dict[Operation, int] = {}
         self.granted: dict[Operation, int] = {}
-        for operation in (PUBLISH, SUBSCRIBE):
+        for operation in DIRECTIONS:
             steps = list(local.steps(enclave, profile, operation))
             self.allowed[operation] = allowing((step.channels, step.allow) for step in steps)
             steps.pop()  # the default

@@ -34,6 +34,7 @@ from keystore_audit.model.names import (
     is_ros_dds_name,
 )
 from keystore_audit.model.profiles import Profile
+from keystore_audit.model.semantics import DIRECTIONS
 
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
 Use = tuple[Operation, str]
@@ -172,7 +173,7 @@ def missing(grant: Grant, uses: Sequence[Use]) -> tuple[Use, ...]:
     if grant.default_allow:
         return ()
     if all(rule.allow for rule in grant.rules):
-        listed = {each: set(_listed(grant, each)) for each in (PUBLISH, SUBSCRIBE)}
+        listed = {each: set(_listed(grant, each)) for each in DIRECTIONS}
         uses = [(operation, topic) for operation, topic in uses if topic not in listed[operation]]
     return tuple(use for use in uses if not _allows(grant, *use))
 
@@ -181,7 +182,7 @@ def _is_of_ros(grant: Grant) -> bool:
     """Whether an allow rule lists something that ROS 2 has a name for, discovery apart, or a pattern that begins so."""
     return any(
         _may_begin_a_ros_name(text) if has_wildcard(text) else text != DISCOVERY_TOPIC and is_ros_dds_name(text)
-        for operation in (PUBLISH, SUBSCRIBE)
+        for operation in DIRECTIONS
         for text in _listed(grant, operation)
     )
 
