@@ -254,7 +254,12 @@ COSTS: Final = (
     ),
     ambiguous("a tag that is never closed, of 3 MB", edited(TOPIC, b"<" + b"x" * (3 << 20)), at=b"<publish>"),
     harmless(
-        "20,000 topics of one grant", edited(TOPIC, b"".join(b"<topic>rt/t%d</topic>\n" % i for i in range(20_000)))
+        "10,000 topics of one grant", edited(TOPIC, b"".join(b"<topic>rt/t%d</topic>\n" % i for i in range(10_000)))
+    ),
+    Case(
+        "95,000 topics of one grant",
+        edited(TOPIC, b"".join(b"<topic>rt/t%d</topic>\n" % i for i in range(95_000))),
+        (Finds("KA502", at=b"<topic>rt/t10000<"),),
     ),
 )
 
@@ -308,7 +313,9 @@ EXPRESSIONS: Final = (
         (),
         bystander_changes=True,
     ),
-    harmless("600 topics of 1 to 600 question marks", _topics(*("?" * length for length in range(1, 600)))),
+    harmless("199 topics of 1 to 199 question marks", _topics(*("?" * length for length in range(1, 200)))),
+    Case("a topic of 3,000,000 question marks", _topics("?" * 3_000_000), (Finds("KA502", at=b"<topic>?"),)),
+    Case("300 topics of 1,000 sets of characters", _topics(*["[!a-z]" * 1_000] * 300), (Finds("KA502", line=ANY),)),
     harmless("a topic of 500 stars", _topics("*a" * 500)),
     harmless("1,000 rules", edited(RULE, RULE * 1_000)),
     Case(
@@ -333,8 +340,8 @@ EXPRESSIONS: Final = (
         (Finds("KA609", line=ANY),),
         exit=1,
     ),
-    harmless("3,000 topics that begin differently", _topics(*(f"rt/t{number}*" for number in range(3_000)))),
-    harmless("3,000 topics that end differently", _topics(*(f"rt/*{number}" for number in range(3_000)))),
+    harmless("1,500 topics that begin differently", _topics(*(f"rt/t{number}*" for number in range(1_500)))),
+    harmless("1,500 topics that end differently", _topics(*(f"rt/*{number}" for number in range(1_500)))),
     harmless(
         "1,000 rules that allow and deny in turn",
         edited(
@@ -349,8 +356,14 @@ EXPRESSIONS: Final = (
         "half of 5,000 services",  # was killed after ten seconds
         _topics(*(name for number in range(5_000) for name in (f"rq/s{number}Request", f"rr/s{number}Reply"))),
     ),
-    harmless("20,000 partitions", _partitions(b"p%d", 20_000)),
-    harmless("3,000 partitions that begin differently", _partitions(b"p%d*", 3_000)),
+    harmless("10,000 partitions", _partitions(b"p%d", 10_000)),
+    Case("20,000 partitions", _partitions(b"p%d", 20_000), (Finds("KA502", at=b"<partition>p10000<"),)),
+    harmless("1,500 partitions that begin differently", _partitions(b"p%d*", 1_500)),
+    Case(
+        "3,000 partitions that begin differently",
+        _partitions(b"p%d*", 3_000),
+        (Finds("KA502", at=b"<partition>p1500*"),),
+    ),
     harmless(
         "900 topics in 900 partitions",
         edited(
