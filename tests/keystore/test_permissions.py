@@ -231,6 +231,7 @@ WITHOUT_RULES = FULL[: FULL.index(b"<deny_rule>")] + FULL[FULL.index(b"<default>
 def test_a_document_of_more_rules_than_are_read_has_no_meaning(
     content: bytes, most: int, words: str, last: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(document, "FEW_BYTES", 0)
     monkeypatch.setattr(document, "MAX_RULES", most + 1)
     assert read(content).defects == ()
     monkeypatch.setattr(document, "MAX_RULES", most)
