@@ -9,7 +9,7 @@ from keystore_audit.dataclass import replace
 from keystore_audit.engine import causes
 from keystore_audit.engine.counterexample_case import Case, step_at
 from keystore_audit.engine.counterexample_rights import SELF_SIGNED, Way, as_anybody, way
-from keystore_audit.engine.native_claims import claims_at
+from keystore_audit.engine.native_claims import Claims, claims_at
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.at_large import MAX_SUBJECT
 from keystore_audit.model.attacker import realm_views
@@ -58,7 +58,10 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
 
 def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Counterexample:
     """Between which places, and what may keep it from them beside rights."""
-    but = ""
+    asked = claims_at(system, 2 * system.now if answer.moment is None else answer.moment, Decisions(system))
+    ending = sorted(system.enclaves[number].label for number in asked.ending(claim))
+    more = f" and {len(ending) - 1} more" if ending[1:] else ""
+    but = f": {ending[0]}{more} can start now, and not at every instant until then" if ending else ""
     if any(enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves):
         but = ", some of which their own implementations refuse them (`can` says why)"
     if len({realm.told for realm in system.realms} - {None}) > 1:
@@ -71,7 +74,7 @@ def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: 
             "; enclaves refuse identities of others, by their revocation lists or by dates and order of the "
             "authorities in their identity CA files"
         )
-    text = f"Nothing gets {_cut_off(system, claim, answer)} with the rights that enclaves have{but}{when}."
+    text = f"Nothing gets {_cut_off(system, claim, asked)} with the rights that enclaves have{but}{when}."
     return Counterexample(text=text, steps=())
 
 
@@ -147,12 +150,9 @@ def _stranger_reading(case: Case, identity: int, when: str) -> Counterexample:
     return Counterexample(text=text, steps=(case.step(place), *case.governance_steps()))
 
 
-def _cut_off(system: System, claim: ClaimAtom, answer: Answer) -> str:
+def _cut_off(system: System, claim: ClaimAtom, asked: Claims) -> str:
     """The first pair of places between which nothing gets, where there are several, and how many more there are."""
-    if len(claim.pairs) < 2:
-        return "there"
-    moment = 2 * system.now if answer.moment is None else answer.moment
-    numbers = list(claims_at(system, moment, Decisions(system)).cut_off(claim))
+    numbers = list(asked.cut_off(claim)) if len(claim.pairs) > 1 else []
     if not numbers:
         return "there"
     one, other = (_told_place(system, place) for place in claim.pairs[numbers[0]])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 
+from keystore_audit.dataclass import replace
 from keystore_audit.model.attacker import RealmView, realm_views
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.flow import Flows, Leg, search_of
@@ -138,6 +139,11 @@ class Claims:
             ends = {*pair.target.enclaves, *([self._flows.outsider] if pair.target.outsider else [])}
             if not ends & found and not any(put[node] & asked for node in found if asked):
                 yield number
+
+    def ending(self, claim: ClaimAtom) -> frozenset[int]:
+        """Who starts now and not until the end of a claim of ability, where that alone violates it."""
+        starting = replace(claim, through=claim.through - claim.stopping)
+        return claim.stopping if self.violation(starting) is None else frozenset()
 
 
 def _ends(path: Sequence[Leg]) -> Witness:

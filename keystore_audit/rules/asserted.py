@@ -22,7 +22,8 @@ from keystore_audit.rules.wording import quoted
     Severity.HIGH,
     on=AssertedResult,
     clause="keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
-    remedy="Change what lets it through at one of the lines named, or change what is asserted.",
+    remedy="Change what lets it through at one of the lines named (or give what `able` lacks), or change what is "
+    "asserted.",
 )
 def asserted_property_violated(result: AssertedResult, context: Context) -> Iterator[Violation]:
     """A property that the settings assert is violated, with the shortest way found.

@@ -61,6 +61,12 @@ def statuses(found: dict[str, Any]) -> dict[str, str]:
     return {each["id"]: each["status"] for each in found["properties"] if each["id"] in CLAIMS}
 
 
+def why_later(found: dict[str, Any]) -> str:
+    """Why "later" is violated, "" where it is not."""
+    later = next(each for each in found["properties"] if each["id"] == "later")["profiles"]["fastdds-3.6"]
+    return str((later["counterexample"] or {"text": ""})["text"])
+
+
 REFUSED = "enclaves refuse identities of others"
 
 
@@ -81,12 +87,25 @@ def test_what_is_possible_until_a_date_is_possible_at_each_instant(
     root = written(tmp_path / "keys", authorities, listed)
     found = audited(root, AT)
     assert statuses(found) == HOLDS | ({"later": "violated"} if told else {})
-    later = next(each for each in found["properties"] if each["id"] == "later")["profiles"]["fastdds-3.6"]
-    assert told in (later["counterexample"] or {"text": ""})["text"]
+    assert told in why_later(found)
     assert statuses(audited(root, f"{THEN:%Y-%m-%d}T00:00:00Z"))["now"] == ("violated" if told else "holds")
     alone = audited(root, AT, claims=("now",))
     assert statuses(alone) == {"now": "holds"}
     assert (alone["safe_until"] == SAFE) is bool(told)
+
+
+def test_who_does_not_start_until_then_is_told(tmp_path: Path) -> None:
+    """Who reads "nothing gets there" tries it today, and it does."""
+    own_gap = written(tmp_path / "keys", A.pem + B.pem + lists(A, gap=True) + forever(B), b"")
+    found = {
+        each["id"]: each["profiles"]["fastdds-3.6"]["counterexample"] for each in audited(own_gap, AT)["properties"]
+    }
+    assert ": /motor can start now, and not at every instant until then" in found["later"]["text"]
+    listed = written(tmp_path / "other", A.pem + B.pem + lists(B, gap=True), forever(A))
+    found = {
+        each["id"]: each["profiles"]["fastdds-3.6"]["counterexample"] for each in audited(listed, AT)["properties"]
+    }
+    assert "can start now" not in found["later"]["text"], "its peers refuse it, which is told"
 
 
 @pytest.mark.alloy
