@@ -36,6 +36,9 @@ from keystore_audit.model.validity import in_force
 
 _Governed = tuple[tuple[Interval, ReadDomainRule], ...]
 
+UNGOVERNED: Final = ("the governance covers no domain", "the governance does not cover domain")
+"""How the reason begins where it is the domain, which no other file mends."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Dated:
@@ -159,7 +162,7 @@ class Usabilities:
         yield (*certificate_refusals(sight, profile.trust), *authority_refusals(sight, profile.trust), *signed)
         governed = self._governed_domains(sight.governance, profile)
         none = self._domain is None
-        said = "the governance covers no domain" if none else f"the governance does not cover domain {self._domain}"
+        said = UNGOVERNED[0] if none else f"{UNGOVERNED[1]} {self._domain}"
         yield (said,) if governed == () and not profile.local.starts_ungoverned else ()
 
     def _document_refusals(

@@ -20,7 +20,7 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.substitution import Cause
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.domain import allowed_domains, governed_domains, meet
-from keystore_audit.rules.governance import CORRECT
+from keystore_audit.rules.governance import CORRECT, COVER_DOMAIN
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse
@@ -233,7 +233,7 @@ def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
     Severity.MEDIUM,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 (domains); {MEASURED}",
-    remedy="Let the governance cover the domain, or set ROS_DOMAIN_ID to one that it covers: correct it " + CORRECT,
+    remedy=COVER_DOMAIN,
     stops=True,
 )
 def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:

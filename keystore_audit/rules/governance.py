@@ -29,6 +29,11 @@ CORRECT: Final = (
     f"in governance.xml and sign it again with the permissions CA, in the keystore's root: {SIGN_GOVERNANCE}."
 )
 
+COVER_DOMAIN: Final = (
+    "Set ROS_DOMAIN_ID to a domain that the governance covers, or let it cover this one (and <domains> in "
+    f"permissions.xml too): correct it {CORRECT}"
+)
+
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
 DIFFER: Final = "implementations differ in what they make of it."
 

@@ -6,8 +6,10 @@ from collections.abc import Iterator
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.usability import UNGOVERNED
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.governance import COVER_DOMAIN
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import Refusal
 from keystore_audit.rules.wording import implementations
@@ -38,4 +40,5 @@ def enclave_does_not_start(refusal: Refusal, _context: Context) -> Iterator[Viol
             enclave=refusal.enclave.path,
             profiles=names,
             key="\0".join(reasons),
+            remedy=COVER_DOMAIN if all(reason.startswith(UNGOVERNED) for reason in reasons) else None,
         )

@@ -275,6 +275,14 @@ def test_an_enclave_that_does_not_start_is_no_pass() -> None:
     assert REFUSED.reasons[0] in found.message
 
 
+@pytest.mark.parametrize(("more", "about_keys"), [((), False), (REFUSED.reasons, True)])
+def test_where_it_is_the_domain_no_certificates_are_made_anew(more: tuple[str, ...], about_keys: bool) -> None:
+    """Cyclone DDS and a ROS_DOMAIN_ID that sros2 was not told of: the usual reason of all."""
+    uncovered = Usability(usable=False, reasons=("the governance does not cover domain 7", *more))
+    (found,) = findings("KA117", judged(meaning=meaning(usability={("enclaves/talker", "cyclonedds-11"): uncovered})))
+    assert ("prime256v1" in found.remedy, "ROS_DOMAIN_ID" in found.remedy) == (about_keys, not about_keys)
+
+
 def test_a_finding_that_is_no_reason_does_not_speak_for_it() -> None:
     """Were it accepted, for what it is, nothing would say that the enclave does not start."""
 
