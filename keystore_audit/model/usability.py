@@ -37,7 +37,8 @@ from keystore_audit.model.validity import in_force
 _Governed = tuple[tuple[Interval, ReadDomainRule], ...]
 
 UNGOVERNED: Final = ("the governance covers no domain", "the governance does not cover domain")
-"""How the reason begins where it is the domain, which no other file mends."""
+UNGRANTED: Final = "the grant allows no"
+"""How reasons begin that are about domains: only governance and permissions mend them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -312,12 +313,15 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
         if grant is None or not (in_force(grant, at) or dated.joins_out_of_date):
             yield f"no grant in force names {certificate.subject or 'the empty subject'}"
         elif dated.governed is not None and not _joins(dated.governed, grant, dated.joins):
-            yield _NOT_JOINING[dated.joins]
+            asked = {interval for interval, _rule in dated.governed}
+            low, high = min(asked, default=(0, 232))
+            one = dated.joins in _BY_DOMAIN and len(asked) == 1 and low == high
+            yield f"{UNGRANTED}thing in domain {low}" if one else _NOT_JOINING[dated.joins]
 
 
+_BY_DOMAIN: Final = (JoinCheck.SPEC, JoinCheck.CYCLONEDDS)
 _NOT_JOINING: Final = {
-    JoinCheck.SPEC: "the grant allows no domain that the governance covers",
-    JoinCheck.CYCLONEDDS: "the grant allows no domain that the governance covers",
+    **dict.fromkeys(_BY_DOMAIN, f"{UNGRANTED} domain that the governance covers"),
     JoinCheck.FASTDDS: "the grant has no allow rule, and without one no participant is created",
     JoinCheck.OPENDDS: "join access control is on and no topic is without access control, so no participant is created",
 }

@@ -21,7 +21,7 @@ from keystore_audit.model.substitution import Cause
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.domain import allowed_domains, governed_domains, meet
 from keystore_audit.rules.governance import CORRECT, COVER_DOMAIN
-from keystore_audit.rules.permissions import WRITE_AGAIN
+from keystore_audit.rules.permissions import ALLOW_DOMAINS, WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse
 from keystore_audit.rules.wording import VERBS, either, listed, located, places, quoted
@@ -196,7 +196,7 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
     Severity.MEDIUM,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control) and Table 63; {MEASURED}",
-    remedy=f"Give the grant an allow rule for every domain that the governance covers: {WRITE_AGAIN}",
+    remedy=ALLOW_DOMAINS,
     stops=True,
 )
 def join_checked_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.usability import UNGOVERNED
+from keystore_audit.model.usability import UNGOVERNED, UNGRANTED
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import COVER_DOMAIN
+from keystore_audit.rules.permissions import ALLOW_DOMAINS
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import Refusal
 from keystore_audit.rules.wording import implementations
@@ -40,5 +42,12 @@ def enclave_does_not_start(refusal: Refusal, _context: Context) -> Iterator[Viol
             enclave=refusal.enclave.path,
             profiles=names,
             key="\0".join(reasons),
-            remedy=COVER_DOMAIN if all(reason.startswith(UNGOVERNED) for reason in reasons) else None,
+            remedy=next((_OF_DOMAINS[begins] for begins in _OF_DOMAINS if _all_begin(reasons, begins)), None),
         )
+
+
+_OF_DOMAINS: Final = {UNGOVERNED: COVER_DOMAIN, (UNGRANTED,): ALLOW_DOMAINS}
+
+
+def _all_begin(reasons: Sequence[str], begins: tuple[str, ...]) -> bool:
+    return all(reason.startswith(begins) for reason in reasons)

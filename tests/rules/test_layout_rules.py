@@ -14,8 +14,12 @@ from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.meaning import Usability
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.usability import Usabilities
 from tests.cli.keystores import AT, answer, rule
 from tests.cli.keystores import keystore as built
+from tests.rules.divergent import views
+from tests.rules.evidence import AT as NOW
 from tests.rules.evidence import (
     Change,
     absent,
@@ -275,12 +279,19 @@ def test_an_enclave_that_does_not_start_is_no_pass() -> None:
     assert REFUSED.reasons[0] in found.message
 
 
-@pytest.mark.parametrize(("more", "about_keys"), [((), False), (REFUSED.reasons, True)])
-def test_where_it_is_the_domain_no_certificates_are_made_anew(more: tuple[str, ...], about_keys: bool) -> None:
+@pytest.mark.parametrize(
+    ("reasons", "told"),
+    [
+        (("the governance does not cover domain 7",), "ROS_DOMAIN_ID"),
+        (("the grant allows nothing in domain 7",), "allow rule"),
+        (("the governance does not cover domain 7", *REFUSED.reasons), "prime256v1"),
+    ],
+)
+def test_where_it_is_the_domain_no_certificates_are_made_anew(reasons: tuple[str, ...], told: str) -> None:
     """Cyclone DDS and a ROS_DOMAIN_ID that sros2 was not told of: the usual reason of all."""
-    uncovered = Usability(usable=False, reasons=("the governance does not cover domain 7", *more))
+    uncovered = Usability(usable=False, reasons=reasons)
     (found,) = findings("KA117", judged(meaning=meaning(usability={("enclaves/talker", "cyclonedds-11"): uncovered})))
-    assert ("prime256v1" in found.remedy, "ROS_DOMAIN_ID" in found.remedy) == (about_keys, not about_keys)
+    assert [each for each in ("prime256v1", "ROS_DOMAIN_ID", "allow rule") if each in found.remedy] == [told]
 
 
 def test_a_finding_that_is_no_reason_does_not_speak_for_it() -> None:
@@ -325,3 +336,18 @@ def test_a_file_that_is_not_there_is_why_a_property_is_violated(name: str, broke
     assert found["KA102"]["fingerprint"] in found[broken]["explained_by"]
     _code, out = answer("audit", "--engine", "native", "--at", AT, store)
     assert "Mend first: KA102" in out
+
+
+@pytest.mark.parametrize(
+    ("domain", "reasons"),
+    [
+        (0, ()),
+        (7, ("the grant allows nothing in domain 7",)),  # it allows domain 0, which the governance covers
+        (9, ("the governance does not cover domain 9",)),
+    ],
+)
+def test_what_keeps_it_from_a_domain_is_said_of_that_domain(domain: int, reasons: tuple[str, ...]) -> None:
+    store = keystore(enclave("/talker", governance=governance(domain_rule(domains=((0, 0), (7, 7))))))
+    usabilities = Usabilities(domain, views(store))
+    for name in ("spec", "cyclonedds-0.10", "cyclonedds-11"):
+        assert usabilities.of(store.enclaves[0], NOW, VARIANTS[name]).reasons == reasons, name
