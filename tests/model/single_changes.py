@@ -213,7 +213,7 @@ CASES = (
     Case(
         "an identity of another authority",
         BASE.member("/talker", issuer=authority("somebody")),
-        (trust("identity-issuer", "changed", "/talker"),),
+        (trust("identity-issuer", "lost", "/talker"),),
     ),
     Case(
         "a private key of another's",

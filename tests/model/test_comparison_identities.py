@@ -252,3 +252,23 @@ def test_governance_with_which_somebody_may_start_is_a_gain(tmp_path: Path) -> N
         found = compared(store, replace(store, strays=new), tmp_path / name)
         assert [(each.kind, each.direction.value) for each in found.changes] == [("governance-at-large", expected)]
         assert ("may start" in found.changes[0].what) is (expected == "gained")
+
+
+@pytest.mark.parametrize(
+    ("theirs", "direction"),
+    [
+        ((IDENTITY,), "mixed"),  # it left its own CA, and the listener takes it
+        ((IDENTITY, authority("somebody")), "lost"),  # the listener took it before
+        ((authority("somebody"),), "lost"),
+    ],
+)
+def test_an_identity_that_another_enclave_lets_in(theirs: tuple[Signed, ...], direction: str, tmp_path: Path) -> None:
+    """Its own files refuse it in the end; whoever attacks asks nobody about them."""
+    files = {
+        "enclaves/talker/identity_ca.cert.pem": authority("somebody").pem,
+        "enclaves/listener/identity_ca.cert.pem": b"".join(each.pem for each in theirs),
+    }
+    new = replace(BASE, files=files)
+    found = compared(new.member("/talker", issuer=authority("somebody")), new, tmp_path, ("fastdds",))
+    [change] = [each for each in found.changes if each.kind == "identity-issuer"]
+    assert (change.direction.value, change.enclaves) == (direction, ("/talker",))

@@ -49,6 +49,22 @@ class View:
         return enclaves_views(self.system, self.permissions)
 
     @cached_property
+    def _members(self) -> list[tuple[RealmView, frozenset[str]]]:
+        """The realms with the paths of their enclaves."""
+        paths: dict[int, set[str]] = {}
+        for each in self.system.enclaves:
+            if not each.at_large:
+                paths.setdefault(each.realm, set()).add(each.label)
+        numbers = self.system.realms_of_enclaves()
+        return [(view, frozenset(paths.get(number, ()))) for number, view in zip(numbers, self.realms, strict=True)]
+
+    def letting_in(self, path: str) -> frozenset[str]:
+        """The enclaves that take the enclave for who it says it is, whatever the dates."""
+        number = self.numbers.get(path)
+        letting = [each for view, each in self._members if number is not None and view.authenticated(number)]
+        return frozenset[str]().union(*letting)
+
+    @cached_property
     def taken(self) -> frozenset[int]:
         """The documents that some peer takes."""
         return frozenset(document for realm in self.realms for document in realm.accepted)

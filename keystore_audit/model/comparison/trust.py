@@ -12,15 +12,16 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of
 from keystore_audit.model.comparison.dates import Dates, spanned
-from keystore_audit.model.comparison.drafts import Draft
+from keystore_audit.model.comparison.drafts import Draft, in_order
 from keystore_audit.model.comparison.facts import Fact, Placed, dated, place_of
 from keystore_audit.model.comparison.form import certificate_form, document_form
-from keystore_audit.model.comparison.identities import identities_certified_again, identities_let_in
+from keystore_audit.model.comparison.identities import MAX_PATHS, identities_certified_again, identities_let_in
 from keystore_audit.model.comparison.keys import foreign_keys
 from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import Typed, beside_enclaves, governance_apart, governance_at_large
 from keystore_audit.model.trust import Verdict, envelope, may_have_issued
+from keystore_audit.text import some
 
 ADDED: Final = "enclave-added"
 REMOVED: Final = "enclave-removed"
@@ -168,7 +169,7 @@ def _facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Placed]:
     authorities = list(_authorities(old, new))
     yield from authorities
     changed = {each.what for fact, _one, _other in authorities for each in fact.aspects}
-    yield from _identity(old, new, reissued=_IDENTITY_CA in changed)
+    yield from _identity(old, new, sides, reissued=_IDENTITY_CA in changed)
     yield from _signatures(old, new, moved=PERMISSIONS_CA in changed)
     if sides.is_read(new.path):
         yield from _forms(old, new)
@@ -185,7 +186,7 @@ def _presences(old: Enclave, new: Enclave) -> Iterator[Placed]:
             yield Fact(FILE, direction, what, ()), Location(path=files[0].path), Location(path=files[1].path)
 
 
-def _identity(old: Enclave, new: Enclave, *, reissued: bool) -> Iterator[Placed]:
+def _identity(old: Enclave, new: Enclave, sides: Sides, *, reissued: bool) -> Iterator[Placed]:
     """The identity certificate. `reissued`: its CA is another, so that it had to be."""
     one, other = old.identity, new.identity
     if one is None or other is None or one.sha256 == other.sha256:
@@ -193,7 +194,7 @@ def _identity(old: Enclave, new: Enclave, *, reissued: bool) -> Iterator[Placed]
     places = place_of(one), place_of(other)
     facts = list(_identity_facts(one, other))
     if not reissued:
-        facts += _issuer_facts(old, new)
+        facts += _issuer_facts(old, new, sides)
     if not facts and not reissued:
         facts.append(Fact("reissued", Direction.INFO, "its identity certificate was issued again, with its key", ()))
     for fact in facts:
@@ -214,16 +215,33 @@ def _identity_facts(one: Certificate, other: Certificate) -> Iterator[Fact]:
     yield from certificate_form("its identity certificate:", one, other)
 
 
-def _issuer_facts(old: Enclave, new: Enclave) -> Iterator[Fact]:
-    """Whether another authority of the same CA file issued the identity, or none of them."""
+def _issuer_facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Fact]:
+    """Whether another authority of the same CA file issued the identity, or none of them; and whether other enclaves
+    let it in for that: whoever attacks asks nobody whether its own files do.
+    """
     issuers = []
     for enclave in (old, new):
         certificate = enclave.identity
         pool = enclave.identity_ca.certificates if enclave.identity_ca else ()
         issuers.append([c for c in pool if certificate is not None and may_have_issued(c, certificate)])
+    issuer = []
     if {c.key for c in issuers[0]} != {c.key for c in issuers[1]}:
-        aspect = Aspect(what="issuer", old=_told(issuers[0]), new=_told(issuers[1]), direction=Direction.CHANGED)
-        yield Fact("identity-issuer", Direction.CHANGED, "its identity was issued by another authority", (aspect,))
+        names = [_told(each) for each in issuers]
+        issuer.append(Aspect(what="issuer", old=names[0], new=names[1], direction=Direction.CHANGED))
+    common = frozenset(sides.common)
+    peers: dict[tuple[frozenset[str], frozenset[str]], list[str]] = {}
+    for pair in sides.pairs:
+        before, after = (view.letting_in(new.path) & common for view in (pair.old, pair.new))
+        peers.setdefault((before - after, after - before), []).extend(pair.profiles)
+    for (gone, come), profiles in peers.items():
+        direction = direction_of(gains=bool(come), losses=bool(gone))
+        told = []
+        if gone | come:
+            paths = [some(sorted(each), MAX_PATHS) or None for each in (gone, come)]
+            told.append(Aspect(what="let in by", old=paths[0], new=paths[1], direction=direction))
+        if issuer or told:
+            what = "its identity was issued by another authority" if issuer else "other enclaves let its identity in"
+            yield Fact("identity-issuer", direction, what, (*issuer, *told), in_order(profiles, sides))
 
 
 def _validity(certificate: Certificate) -> Dates:
