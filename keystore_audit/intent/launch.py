@@ -67,8 +67,12 @@ def read_launch(path: Path, arguments: Mapping[str, str]) -> Intent:
     if form is None:
         raise source.malformed(None, "expected a launch file that ends in .xml, .yaml, .yml or .py")
     with Root.open(source.directory) as root:
-        launch = _Launch(Directory(path, source, root))
+        directory = Directory(path, source, root)
+        launch = _Launch(directory, {})
         launch.file(source, form, Scope(arguments=dict(arguments)), 1)
+        if launch.later and launch.set:  # what is set behind something may be set when that comes
+            launch = _Launch(directory, launch.set)
+            launch.file(source, form, Scope(arguments=dict(arguments)), 1)
         return launch.nodes.intent(launch.files)
 
 
@@ -93,10 +97,16 @@ def _actions(source: Source, form: str) -> tuple[Action, ...]:
 
 
 class _Launch:
-    """One launch being followed."""
+    """One launch being followed. `set`: what the variables of `NAMES` are set to for all of it, not in a group alone;
+    `later`: whether anything comes later. `meanwhile`: what `set` will be.
+    """
 
-    def __init__(self, directory: Directory) -> None:
+    def __init__(self, directory: Directory, meanwhile: Mapping[str, set[str | Unknown]]) -> None:
         self.nodes = Nodes()
+        self.set: dict[str, set[str | Unknown]] = {}
+        self.later = False
+        self._meanwhile = meanwhile
+        self._for_all = True
         self.files: list[GivenFile] = []
         self._directory = directory
         self._read: dict[str, tuple[Action, ...]] = {}
@@ -177,12 +187,21 @@ class _Launch:
         if name is None:
             if isinstance(action, AssignEnvironment):
                 values |= dict.fromkeys(NAMES, Unknown(reason="an environment variable whose name cannot be told"))
-        elif action.value is not None:
+                self._note(values, NAMES)
+            return
+        if action.value is not None:
             values[name] = scope.known(action.value, source)
         elif isinstance(action, AssignEnvironment):
             values[name] = ""
         else:
             values.pop(name, None)
+        if isinstance(action, AssignEnvironment) and name in NAMES:
+            self._note(values, (name,))
+
+    def _note(self, environment: Mapping[str, str | Unknown], names: Iterable[str]) -> None:
+        """What variables are set to, if that stays."""
+        for name in names if self._for_all else ():
+            self.set.setdefault(name, set()).add(environment[name])
 
     def _name(self, action: Action, text: Text, scope: Scope, source: Source) -> str | None:
         """The name of an argument or variable; None, and said, where it cannot be told."""
@@ -216,8 +235,13 @@ class _Launch:
         self._groups += 1
         if self._groups > MAX_GROUPS:
             raise source.malformed(action.line, f"groups more than {MAX_GROUPS} deep, which are not followed")
+        for_all, self.later = self._for_all, self.later or action.later
+        self._for_all = action.later or (for_all and not action.scoped)
+        for name, values in self._meanwhile.items() if action.later else ():
+            if values != {inner.environment.get(name)}:
+                inner.environment[name] = Unknown(reason=f"when {name} is set")
         self._follow(action.actions, inner, source, nesting)
-        self._groups -= 1
+        self._groups, self._for_all = self._groups - 1, for_all
 
     def _include(self, action: Include, scope: Scope, source: Source, nesting: int) -> None:
         location = source.location(action.line)

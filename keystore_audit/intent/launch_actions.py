@@ -115,11 +115,13 @@ class SetRemap(Action):
 class Group(Action):
     """Actions together; what they set ends with the group if it is `scoped`.
 
-    `forwarding` False: nothing set before reaches into it but `given`, arguments by name.
+    `forwarding` False: nothing set before reaches into it but `given`, arguments by name. `later`: they come when a
+    timer ends or an event happens, in the environment that launch has then.
     """
 
     actions: tuple[Action, ...]
     scoped: bool = True
+    later: bool = False
     forwarding: bool = True
     given: tuple[tuple[Text, Text], ...] = ()
 

@@ -130,7 +130,7 @@ class _Entities:
 
     def timer(self, entity: Entity) -> Action:
         """A `<timer>`: what happens later changes nothing for what stands behind it."""
-        return Group(**self._where(entity), actions=self.all(entity.children))
+        return Group(**self._where(entity), actions=self.all(entity.children), later=True)
 
     def include(self, entity: Entity) -> Action:
         """An `<include>`, with `<arg>` or `<let>` for its arguments."""

@@ -241,7 +241,7 @@ def _with(action: Action, more: tuple[Action, ...]) -> Action:
 def _on_exit(call: Call) -> tuple[Action, ...]:
     """What comes when a process has ended, which changes nothing for what stands behind it."""
     actions = tuple(actions_of(call.get("on_exit"), call.line))
-    return (Group(**call.where, actions=actions),) if actions else ()
+    return (Group(**call.where, actions=actions, later=True),) if actions else ()
 
 
 def _load(call: Call) -> Value:
@@ -267,7 +267,7 @@ def _group(call: Call) -> Value:
 def _later(call: Call) -> Value:
     """A timer: its actions come later, and change nothing for what stands behind it."""
     actions = tuple(actions_of(call.get("actions", 1 if call.name == "TimerAction" else None), call.line))
-    return ActionValue(action=Group(**call.where, actions=actions))
+    return ActionValue(action=Group(**call.where, actions=actions, later=True))
 
 
 def _handler(call: Call) -> Value:
@@ -281,7 +281,7 @@ def _register(call: Call) -> Value:
     handler = call.get("event_handler", 0)
     unread = Unread(line=call.line, reason="an event handler that is not read may start nodes")
     actions = handler.actions if isinstance(handler, HandlerValue) else (unread,)
-    return ActionValue(action=Group(**call.where, actions=actions))
+    return ActionValue(action=Group(**call.where, actions=actions, later=True))
 
 
 def _include(call: Call) -> Value:

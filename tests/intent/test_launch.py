@@ -245,6 +245,39 @@ def test_a_process_that_may_be_a_node_has_what_is_set_for_it(
 
 
 @pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("{node}{off}", {}),
+        ("{timer}{off}", {"SECURITY_ENABLE": None}),
+        ("{off}{timer}", {"SECURITY_ENABLE": "no"}),
+        ("{off}{timer}{on}", {"SECURITY_ENABLE": None}),
+        ("<group>{timer}</group>{off}", {"SECURITY_ENABLE": None}),
+        ("{timer}<timer period='0'>{off}</timer>", {"SECURITY_ENABLE": None}),
+        ("{timer}<group>{off}</group>", {}),
+        ("{timer}<group scoped='false'>{off}</group>", {"SECURITY_ENABLE": None}),
+        ("{timer}<set_env name='A' value='b'/>", {}),
+    ],
+)
+def test_what_comes_later_starts_with_what_is_set_meanwhile(
+    text: str, expected: dict[str, str | None], tmp_path: Path
+) -> None:
+    node = '<node pkg="p" exec="e" name="n"/>'
+    off, on = (f'<set_env name="ROS_SECURITY_ENABLE" value="{value}"/>' for value in ("no", "true"))
+    timer = f'<timer period="5">{node}</timer>'
+    assert variables(launch(tmp_path, text.format(node=node, off=off, on=on, timer=timer))) == expected
+
+
+def test_what_an_event_handler_starts_comes_later(tmp_path: Path) -> None:
+    off = "SetEnvironmentVariable('ROS_SECURITY_ENABLE', 'no')"
+    node = "Node(package='p', executable='e', name='n')"
+    handler = f"RegisterEventHandler(OnProcessExit(target_action=other, on_exit=[{node}]))"
+    assert variables(launch(tmp_path, described(f"{handler}, {off}"), "py")) == {"SECURITY_ENABLE": None}
+    first = f"ExecuteProcess(cmd=['x'], on_exit=[{node}])"
+    assert variables(launch(tmp_path, described(f"{first}, {off}"), "py")) == {"SECURITY_ENABLE": None}
+    assert variables(launch(tmp_path, described(f"{node}, {off}"), "py")) == {}
+
+
+@pytest.mark.parametrize(
     "unread",
     ['<include file="$(find-pkg-share a)/b.launch.xml"/>', '<include file="missing.launch.xml"/>', "<brand_new/>"],
 )
