@@ -46,17 +46,19 @@ def read(source: Source) -> tuple[Action, ...]:
     called = names.get(ENTRY)  # what the name means at last: it may have been given to something else
     if outer.entry is None or not isinstance(called, Opaque) or called.line != outer.entry.lineno:
         none = Unread(line=1, reason=f"no function {ENTRY} is defined here, which may start nodes")
-        return (*changes(module), *outer.unread, none)
+        return (*changes(module, [*outer.skipped, *module.body]), *outer.unread, none)
     inner = _Statements(source, dict(names))
     inner.follow(outer.entry.body)
-    return (*changes(module), *outer.unread, *inner.unread, *inner.returned(outer.entry))
+    skipped = (*outer.skipped, *inner.skipped)
+    return (*changes(module, skipped), *outer.unread, *inner.unread, *inner.returned(outer.entry))
 
 
 class _Statements:
-    """Statements in order; `unread` collects those that are not followed."""
+    """Statements in order; `unread` collects what is not followed, `skipped` those statements."""
 
     def __init__(self, source: Source, names: dict[str, Value]) -> None:
         self.unread: list[Action] = []
+        self.skipped: list[ast.stmt] = []
         self.entry: ast.FunctionDef | None = None
         self._names = names
         self._expressions = Expressions(source, names)
@@ -117,6 +119,8 @@ class _Statements:
         if statement.name == ENTRY:
             plain = isinstance(statement, ast.FunctionDef) and not statement.decorator_list
             self.entry = statement if plain and isinstance(statement, ast.FunctionDef) else None
+        if statement is not self.entry:
+            self.skipped.append(statement)
         self._functions.add(statement.name)
         self._names[statement.name] = Opaque(line=statement.lineno, reason=f"the function {shown(statement.name)}")
 
@@ -168,6 +172,7 @@ class _Statements:
 
     def _not_followed(self, statement: ast.stmt) -> None:
         """Note a statement; nothing that it may set or change is known from here on."""
+        self.skipped.append(statement)
         said = "a statement that is not followed; it may start nodes or change their names"
         self.unread.append(Unread(line=statement.lineno, reason=said))
         lost = Opaque(line=statement.lineno, reason=f"what the statement in line {statement.lineno} sets")

@@ -7,7 +7,8 @@ followed or not; one where it is only read is none of these.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from keystore_audit.intent.launch_actions import AssignEnvironment, Unknown
@@ -16,16 +17,39 @@ from keystore_audit.intent.launch_environment import NAMES
 _ENVIRON: Final = frozenset({"environ", "environb"})
 _FUNCTIONS: Final = frozenset({"putenv", "unsetenv"})
 _READING: Final = frozenset({"copy", "get", "items", "keys", "values"})
-_READERS: Final = (ast.BinOp, ast.Call, ast.Compare, ast.Dict, ast.For, ast.comprehension, ast.keyword)
+_READERS: Final = (
+    ast.BinOp,
+    ast.Call,
+    ast.Compare,
+    ast.Dict,
+    ast.For,
+    ast.FormattedValue,
+    ast.comprehension,
+    ast.keyword,
+)
 """What takes all of the variables and changes none: `dict(os.environ)`, `{**os.environ}`, `"X" in os.environ`."""
 _FIRST: Final = frozenset({"__delitem__", "__setitem__", "pop", "setdefault", *_FUNCTIONS})
 """What is called with the name of a variable first."""
 
+_LOOKING: Final = frozenset({"get", "getenv", "EnvironmentVariable"})
+"""What is called with the name of a variable to look it up."""
 
-def changes(module: ast.Module) -> Iterator[AssignEnvironment]:
-    """The variables of `NAMES` that the file may set or take away: to what is known where that is said once."""
+_NOT_FOLLOWED: Final = (ast.Lambda, ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.DictComp, ast.IfExp)
+_NAMED: Final = re.compile(rf"({'|'.join(NAMES)})(?:=.*)?|.*\s({'|'.join(NAMES)})=.*", re.DOTALL)
+"""A variable, alone or set as in `env NAME=VALUE`."""
+
+
+def changes(module: ast.Module, skipped: Iterable[ast.stmt]) -> Iterator[AssignEnvironment]:
+    """The variables of `NAMES` that the file may set or take away: to what is known where that is said once.
+
+    In statements that are `skipped`, and in expressions that nobody works out, to name a variable is enough.
+    """
     parents = {child: node for node in ast.walk(module) for child in ast.iter_child_nodes(node)}
     found: dict[str, list[tuple[int, str | None]]] = {}
+    unread = [*skipped, *(node for node in ast.walk(module) if isinstance(node, _NOT_FOLLOWED))]
+    for node in (inner for each in unread for inner in ast.walk(each)):
+        if named := _mentioned(node, parents):
+            found.setdefault(named, []).append((getattr(node, "lineno", 1), None))
     for node in ast.walk(module):
         for names, value in _changed(node, parents):
             for name in NAMES if names is None else names:
@@ -37,14 +61,37 @@ def changes(module: ast.Module) -> Iterator[AssignEnvironment]:
         yield AssignEnvironment(line=line, name=(name,), value=(told,))
 
 
+def _mentioned(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> str | None:
+    """The variable that is named here, unless it is only looked up, or `_changed` speaks of it."""
+    text = node.arg if isinstance(node, ast.keyword) else _text(node)
+    match = _NAMED.fullmatch(text) if text is not None else None
+    parent = parents[node]
+    looking = isinstance(parent, ast.Call) and _called(parent.func) in _LOOKING
+    subscript = isinstance(parent, ast.Subscript) and (isinstance(parent.ctx, ast.Load) or _is_environ(parent.value))
+    if match is None or looking or subscript or isinstance(parent, (ast.Compare, ast.Expr)):
+        return None
+    return match[1] or match[2]
+
+
+def _called(node: ast.AST) -> str | None:
+    """The last name of what is called or spoken of."""
+    name: str | None = getattr(node, "attr", getattr(node, "id", None))
+    return name
+
+
+def _is_environ(node: ast.AST) -> bool:
+    called = _called(node)
+    return called in _ENVIRON or (isinstance(node, ast.Attribute) and called == "environment")
+
+
 def _changed(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[tuple[set[str] | None, str | None]]:
     """The names that are changed where all variables are spoken of (None: any), and to what, if that is plain."""
-    called = getattr(node, "attr", getattr(node, "id", None))
+    called = _called(node)
     if isinstance(node, ast.alias) and node.asname is not None and node.name in _ENVIRON | _FUNCTIONS:
         yield None, None  # by another name it may be anywhere
     if called in _FUNCTIONS:
         yield _named(str(called), parents[node]), None
-    if called not in _ENVIRON and not (isinstance(node, ast.Attribute) and called == "environment"):
+    if not _is_environ(node):
         return
     parent = parents[node]
     if isinstance(parent, ast.Subscript) and not isinstance(parent.ctx, ast.Load):
@@ -72,5 +119,5 @@ def _keys(node: ast.expr) -> set[str] | None:
     return None if None in texts else {text for text in texts if text is not None}
 
 
-def _text(node: ast.expr | None) -> str | None:
+def _text(node: ast.AST | None) -> str | None:
     return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None

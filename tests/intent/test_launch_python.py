@@ -298,6 +298,31 @@ def test_what_a_file_makes_of_its_environment_every_process_has(
     assert found == {name.strip("'"): value for name, value in expected.items()}
 
 
+NO = f"Node(executable='e', additional_env={{{ENABLE}: 'no'}})"
+
+
+@pytest.mark.parametrize(
+    ("before", "more", "named"),
+    [
+        (f"def other(context):\n    return [{NO}]", "OpaqueFunction(function=other)", True),
+        (f"def other(context):\n    e = {{}}\n    e[{ENABLE}] = 'no'", "OpaqueFunction(function=other)", True),
+        ("def other(context):\n    return dict(ROS_SECURITY_ENABLE='no')", "Node(additional_env=other())", True),
+        ("", f"OpaqueFunction(function=lambda c: [SetEnvironmentVariable({ENABLE}, 'no')])", True),
+        ("", f"*[{NO} for i in range(2)]", True),
+        ("", "*[Node(executable='e', prefix='env ROS_SECURITY_ENABLE=no') for i in range(2)]", True),
+        (f"def other(context):\n    'As ROS_SECURITY_ENABLE=no.'\n    return os.environ.get({ENABLE})", "", False),
+        (f"def other(context):\n    return os.environ[{ENABLE}] == {ENABLE} != os.getenv({ENABLE})", "", False),
+        ("def other(context):\n    raise ValueError('ROS_SECURITY_ENABLE has to be true')", "", False),
+    ],
+)
+def test_a_variable_that_is_named_where_nothing_is_followed_is_not_known(
+    before: str, more: str, named: bool, tmp_path: Path
+) -> None:
+    intent = launch(tmp_path, function(f"return LaunchDescription([{PLAIN}, {more}])", before), "py")
+    found = {each.name: each.value for each in intent.variables if each.node == "/n"}
+    assert found == ({ENABLE.strip("'"): None} if named else {})
+
+
 def test_processes_without_a_name_are_told_apart_by_what_they_run(tmp_path: Path) -> None:
     off = "additional_env={'ROS_SECURITY_ENABLE': 'no'}"
 
