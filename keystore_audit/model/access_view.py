@@ -88,7 +88,9 @@ class AccessViews:
         return found
 
     def deciding(self, file: GovernanceFile, access: Access) -> Sequence[ReadDomainRule]:
-        """The domain rules of the document that may decide: of those about the same domains the first."""
+        """The domain rules of the document that may decide: of those about the same domains the first, or any."""
+        if access.any_governance_rule:
+            return self.read(file, access).domain_rules or ()
         found = self._deciding.get((access, file))
         if found is None:
             first: dict[tuple[Interval, ...], ReadDomainRule] = {}

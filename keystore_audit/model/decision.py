@@ -205,13 +205,15 @@ class LocalRights:
             undecided = self._domains(domain_rule) & left
             if not undecided:  # earlier ones decide about all of its domains
                 continue
-            left &= ~undecided
+            if not access.any_governance_rule:
+                left &= ~undecided
             for topic in domain_rule.topic_rules:
                 named = self._region(access, topic.region)
                 if local.reads_names_as_expressions:
                     named |= self._naming(topic.rule.expression.text, access)
                 hit = named & undecided
                 undecided &= ~hit
+                left &= ~hit
                 yield domain_rule, topic.rule, hit
 
     @cached_property

@@ -55,17 +55,35 @@ class RuleAtoms:
                 )
             loose = self._loose(document, access) if access.any_governance_rule else _NONE_LOOSE
             parts: dict[frozenset[int], list[_Part]] = {}
-            for parent, (read, _domains, _controls_join) in enumerate(parted, first):
-                for topic in read.topic_rules:
-                    channels = self._channels.regions[access.matcher, topic.region]
-                    if channels not in parts:
-                        parts[channels] = list(_parts(channels, loose))
-                    topic_rules += [_topic_atom(topic.rule, parent, place, part) for part in parts[channels]]
+            for parent, topic, channels in self._topics(parted, access):
+                if channels not in parts:
+                    parts[channels] = list(_parts(channels, loose))
+                topic_rules += [_topic_atom(topic, first + parent, place, part) for part in parts[channels]]
         return tuple(domain_rules), tuple(topic_rules)
 
-    def _by_join_control(
-        self, rules: Sequence[ReadDomainRule], access: Access
-    ) -> Iterator[tuple[ReadDomainRule, frozenset[int], bool]]:
+    def _topics(self, parted: Sequence[_Parted], access: Access) -> Iterator[tuple[int, TopicRule, frozenset[int]]]:
+        """The topic rules with their channels and the place in `parted` of the domain rule that they count under.
+
+        Where any rule of the governance counts, the domain rule that decides goes on with later ones of its domains.
+        """
+        decided: frozenset[int] = frozenset()
+        for parent, (read, domains, _controls_join) in enumerate(parted):
+            for topic in read.topic_rules:
+                yield parent, topic.rule, self._channels.regions[access.matcher, topic.region]
+            fresh = domains - decided
+            if not fresh or not access.any_governance_rule:
+                continue
+            decided |= fresh
+            added: set[int] = set()
+            for later, others, _controls_join in parted[parent + 1 :]:
+                shared = fresh & others
+                for topic in later.topic_rules if shared else ():
+                    hit = self._within(self._channels.regions[access.matcher, topic.region], shared) - added
+                    if hit:
+                        added |= hit
+                        yield parent, topic.rule, frozenset(hit)
+
+    def _by_join_control(self, rules: Sequence[ReadDomainRule], access: Access) -> Iterator[_Parted]:
         """Each domain rule with its domain classes, and whether who joins is controlled there.
 
         Where any rule may switch that off, a rule is parted: its domains in which another one has it off come apart.
@@ -190,6 +208,7 @@ class RuleAtoms:
         return {channel for channel in channels if self._channels.channels[channel].domain in domains}
 
 
+_Parted = tuple[ReadDomainRule, frozenset[int], bool]
 _Loose = tuple[frozenset[int], frozenset[int]]
 _NONE_LOOSE: _Loose = (frozenset(), frozenset())
 _Part = tuple[frozenset[int], bool, bool]

@@ -225,12 +225,10 @@ class Usabilities:
 
     def _deciding(self, file: GovernanceFile, profile: Profile) -> Iterator[tuple[Interval, ReadDomainRule]]:
         """The first rule for the domain in question, or for each that they tell apart; all rules where any counts."""
-        every = profile.access.any_governance_rule
-        read, deciding = self._accesses.read(file, profile.access), self._accesses.deciding(file, profile.access)
-        rules = read.domain_rules or () if every else deciding
+        every, rules = profile.access.any_governance_rule, self._accesses.deciding(file, profile.access)
         asked: Iterable[Interval] = ((self._domain, self._domain),) if self._domain is not None else ()
         if self._domain is None:
-            asked = elementary(rule.domains for rule in deciding)
+            asked = elementary(rule.domains for rule in rules)
         for interval in asked:
             covering = (rule for rule in rules if contains(rule.domains, interval[0]))
             yield from ((interval, rule) for rule in islice(covering, None if every else 1))

@@ -14,6 +14,7 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.permission import Permissions, bits
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.protection import protection
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
 from tests.model.comparing import (
@@ -109,3 +110,17 @@ def test_no_partition_is_in_any_list_of_an_allow_rule_and_in_none_of_a_deny_rule
         own = permissions(grant("/e", denial, rule(everywhere)))
         asked = Asked(by, tmp_path / name, profile, own)
         assert (asked.allowed, asked.conceded) == (allowed, allowed)
+
+
+@pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("cyclonedds-11", False)])
+def test_a_later_domain_rule_adds_topics(profile: str, expected: bool, tmp_path: Path) -> None:
+    """AccessControlBuiltInImpl.cpp of OpenDDS: it goes on through the domain rules until a topic rule matches."""
+    own = permissions(grant("/e", rule(criterion("publish", "rt/a"))))
+    first, second = domain_rule(topics=topic_rule("rt/b")), domain_rule("<id>0</id><id>5</id>")
+    asked = Asked(governance(first, second), tmp_path / "both", profile, own)
+    assert (asked.allowed, asked.conceded) == (expected, expected)
+    governed = protection(asked.system, 0, Permissions(asked.system)).governed & asked.zero
+    assert (governed == asked.zero) is expected
+    without = Asked(governance(first, domain_rule("<id>5</id>")), tmp_path / "apart", profile, own)
+    assert not without.allowed
+    assert not without.conceded

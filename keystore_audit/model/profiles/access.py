@@ -66,7 +66,8 @@ class Access:
     Cyclone DDS 0.10.2, of its own topics and of peers'). `requires_grant`: a peer without a grant in force is refused,
     even where join access control is off. `joins_out_of_date`: a grant lets its holder join
     whatever its dates, which bind endpoints alone. `any_governance_rule`: access control is off where any matching rule
-    of the governance has it off, not the first.
+    of the governance has it off, not the first; topics that the first domain rule does not list are looked up in the
+    later ones of the domain.
     """
 
     matcher: Matcher
