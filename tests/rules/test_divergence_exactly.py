@@ -147,7 +147,7 @@ def test_a_divergence_is_found_iff_some_name_is_decided_differently(
     found = compared(store, *names, zone=zone)
     differing = enclaves_that_differ(store, chosen(*names), views(store, zone))
     assert {path for each in found for path in each.enclaves} == differing
-    assert Cause.OTHER not in {each.cause for each in found}
+    assert "opendds" in names or Cause.OTHER not in {each.cause for each in found}, "its partitions have no name"
 
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
