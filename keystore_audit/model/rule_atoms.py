@@ -74,14 +74,14 @@ class RuleAtoms:
             if not fresh or not access.any_governance_rule:
                 continue
             decided |= fresh
-            added: set[int] = set()
+            left = frozenset(number for number, each in enumerate(self._channels.channels) if each.domain in fresh)
             for later, others, _controls_join in parted[parent + 1 :]:
                 shared = fresh & others
                 for topic in later.topic_rules if shared else ():
-                    hit = self._within(self._channels.regions[access.matcher, topic.region], shared) - added
+                    hit = frozenset(self._within(self._channels.regions[access.matcher, topic.region] & left, shared))
                     if hit:
-                        added |= hit
-                        yield parent, topic.rule, frozenset(hit)
+                        left -= hit
+                        yield parent, topic.rule, hit
 
     def _by_join_control(self, rules: Sequence[ReadDomainRule], access: Access) -> Iterator[_Parted]:
         """Each domain rule with its domain classes, and whether who joins is controlled there.

@@ -298,10 +298,13 @@ def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation
 def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Several rules of the governance match a topic, and on OpenDDS one of them without access control is enough.
 
-    Elsewhere the first that matches decides. Judged where opendds is among the chosen profiles; not measured.
+    So is one of a later domain rule for there to be the topic. Elsewhere the first that matches decides. Judged where
+    opendds is among the chosen profiles; not measured.
     """
     yield from said(
-        context, "OpenDDS has access control off where any matching rule has it off", Cause.ANY_GOVERNANCE_RULE
+        context,
+        "OpenDDS goes by any matching rule, of whichever domain rule, where others take the first",
+        Cause.ANY_GOVERNANCE_RULE,
     )
 
 
