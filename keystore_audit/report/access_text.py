@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.grouped import grouped
 from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.access_table import AccessTable, Group
 from keystore_audit.report.access_differences import differences, peers
@@ -103,11 +104,8 @@ def _column(sheet: _Sheet, number: int, paths: Sequence[str], group: Group) -> N
 
 def _by_namespace(paths: Sequence[str], group: Group) -> Iterable[str]:
     """The enclaves, whole namespaces as one."""
-    spaces: dict[str, list[str]] = {}
-    for path in paths:
-        spaces.setdefault(namespace(path), []).append(path)
     totals = Counter(map(namespace, group.enclaves))
-    for space, own in spaces.items():
+    for space, own in grouped(paths, namespace).items():
         if space and totals[space] == len(own) > MAX_OF_NAMESPACE:
             yield f"{space}/... (all {len(own)})"
         else:

@@ -7,6 +7,7 @@ from textwrap import fill
 from typing import Final, TypeVar
 
 from keystore_audit.findings import Location
+from keystore_audit.grouped import grouped
 from keystore_audit.text import some, terminal
 
 WIDTH: Final = 80
@@ -37,10 +38,7 @@ def rests_on(doubts: Sequence[Location]) -> str:
 
 def by_answer(answers: Mapping[str, _A]) -> dict[_A, list[str]]:
     """By answer the profiles under which it is given."""
-    groups: dict[_A, list[str]] = {}
-    for profile, answer in answers.items():
-        groups.setdefault(answer, []).append(profile)
-    return groups
+    return grouped(answers, answers.__getitem__)
 
 
 def profiles(names: Sequence[str], every: Mapping[str, object]) -> str:

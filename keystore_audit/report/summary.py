@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import array, document, encoded, keys
 from keystore_audit.report.json import TOOL, counts
@@ -167,10 +168,7 @@ def _weakened(page: Page, rows: Sequence[Row]) -> None:
 
 def _entries(page: Page, verdict: Verdict, style: str, rows: Sequence[Row], view: View) -> None:
     """The keystores of one verdict, those with the same reasons together, the largest group first."""
-    groups: dict[tuple[Reason, ...], list[Row]] = {}
-    for each in rows:
-        if each.verdict is verdict:
-            groups.setdefault(each.failing, []).append(each)
+    groups = grouped((each for each in rows if each.verdict is verdict), lambda each: each.failing)
     for reasons, members in sorted(groups.items(), key=lambda group: -len(group[1])):
         named = members if view.verbose else members[:MAX_NAMED]
         more = f" and {len(members) - len(named):,} more" if len(named) < len(members) else ""

@@ -12,6 +12,7 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Finding, Outcome, Result, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
 from keystore_audit.report import ranking
@@ -186,10 +187,7 @@ def _outcomes(page: Page, outcomes: Sequence[Outcome]) -> None:
     """Per rule, how often it passed, failed, did not apply or stayed open, and what stayed open."""
     page.blank()
     page.put(("Outcomes", "bold underline"))
-    by_rule: dict[str, list[Outcome]] = {}
-    for outcome in outcomes:
-        by_rule.setdefault(outcome.rule, []).append(outcome)
-    for rule, each in sorted(by_rule.items()):
+    for rule, each in sorted(grouped(outcomes, lambda outcome: outcome.rule).items()):
         counts = Counter(outcome.outcome for outcome in each)
         words = ", ".join(f"{counts[result]} {_RESULT_WORDS[result]}" for result in Result if counts[result])
         open_subjects = [outcome.subject for outcome in each if outcome.outcome is Result.OPEN]

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
@@ -54,10 +55,7 @@ def folded(
     other: str = "",
 ) -> Iterator[Violation]:
     """One violation for all serious anomalies, one for all others, each a location; `other` names the second."""
-    by_seriousness: dict[bool, list[Anomaly]] = {}
-    for anomaly in found:
-        by_seriousness.setdefault(anomaly.serious, []).append(anomaly)
-    for serious, alike in by_seriousness.items():
+    for serious, alike in grouped(found, lambda anomaly: anomaly.serious).items():
         named = {name for anomaly in alike for name in anomaly.profiles}
         everywhere = any(not anomaly.profiles for anomaly in alike)
         yield Violation(

@@ -13,6 +13,7 @@ from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
@@ -31,11 +32,8 @@ MEASURED: Final = "measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, others as 
 
 def _of(context: Context, *causes: Cause) -> Iterator[list[Divergence]]:
     """The divergences of these causes, those of one document together."""
-    by_document: dict[str, list[Divergence]] = {}
-    for divergence in context.meaning.divergences:
-        if divergence.cause in causes:
-            by_document.setdefault(divergence.location.path, []).append(divergence)
-    yield from by_document.values()
+    found = (divergence for divergence in context.meaning.divergences if divergence.cause in causes)
+    yield from grouped(found, lambda divergence: divergence.location.path).values()
 
 
 def spoken_of(use: DocumentUse, context: Context, cause: Cause) -> frozenset[int | None]:

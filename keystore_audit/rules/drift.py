@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.coverage import has_wildcard
@@ -22,7 +23,6 @@ from keystore_audit.rules.wording import MAX_QUOTED, VERBS, listed, places, quot
 from keystore_audit.text import shorten
 
 if TYPE_CHECKING:  # an audit without a policy needs none of it
-    from keystore_audit.intent.policy import Profiles
     from keystore_audit.model.intended.drift import Drift, EnclaveDrift
     from keystore_audit.model.intended.drift_rights import DriftedRight
 
@@ -42,10 +42,7 @@ def _drift(context: Context) -> Drift:
 
 def _alike(rights: Iterable[DriftedRight]) -> Iterator[list[DriftedRight]]:
     """The rights that drift under the same profiles together."""
-    by_profiles: dict[tuple[str, ...], list[DriftedRight]] = {}
-    for right in rights:
-        by_profiles.setdefault(right.profiles, []).append(right)
-    yield from by_profiles.values()
+    yield from grouped(rights, lambda right: right.profiles).values()
 
 
 def _key(rights: Iterable[DriftedRight]) -> str:
@@ -167,10 +164,7 @@ def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Viol
     `ros2 security` makes a grant of each, all with one subject, and implementations ask the first that is in force; of
     several <enclave> elements with one path it translates the first alone. The nodes of the others have no rights.
     """
-    by_enclave: dict[str, list[Profiles]] = {}
-    for profiles in _drift(context).lost:
-        by_enclave.setdefault(profiles.enclave, []).append(profiles)
-    for enclave, lost in by_enclave.items():
+    for enclave, lost in grouped(_drift(context).lost, lambda profiles: profiles.enclave).items():
         nodes = listed(dict.fromkeys(node.name for profiles in lost for node in profiles.nodes))
         yield Violation(
             message=f"What the policy says of {enclave} here is lost, and {nodes} with it: {lost[0].lost}.",
@@ -220,10 +214,7 @@ def enclave_not_in_policy(_keystore: Keystore, context: Context) -> Iterator[Vio
     As severe as KA641 where it may do something: medium, and high where it may use infinitely many names, or its
     permissions cannot be read.
     """
-    alike: dict[Severity, list[Enclave]] = {}
-    for enclave in _drift(context).unnamed:
-        alike.setdefault(_weight(enclave), []).append(enclave)
-    for severity, unnamed in alike.items():
+    for severity, unnamed in grouped(_drift(context).unnamed, _weight).items():
         yield Violation(
             severity=severity,
             message=f"The policy says nothing of {listed(enclave.path for enclave in unnamed)}.",

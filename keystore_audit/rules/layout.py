@@ -8,6 +8,7 @@ from itertools import zip_longest
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
@@ -252,10 +253,7 @@ def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violat
 )
 def enclave_names_differ_by_case(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Enclaves differ in nothing but case: on a file system that ignores case they are one directory."""
-    names: dict[str, list[Enclave]] = {}
-    for enclave in keystore.enclaves:
-        names.setdefault(enclave.files.directory.casefold(), []).append(enclave)
-    for alike in names.values():
+    for alike in grouped(keystore.enclaves, lambda enclave: enclave.files.directory.casefold()).values():
         if len(alike) > 1:
             yield Violation(
                 message=f"The names of {paths(alike)} differ in nothing but case.",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.intent.environment import DOMAIN, ENABLE, RMW, SECURE, STRATEGY
 from keystore_audit.intent.intent import Action, SetVariable
 from keystore_audit.intent.ros_names import ROOT
@@ -25,7 +26,7 @@ from keystore_audit.rules.wording import VERBS, listed, more_like, places, quote
 from keystore_audit.text import counted
 
 if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
-    from keystore_audit.model.intended.observed import DeniedName, ExcessGrant, GrantedName, MissingGrant, Observation
+    from keystore_audit.model.intended.observed import ExcessGrant, GrantedName, MissingGrant, Observation
     from keystore_audit.model.intended.observed_needs import Need
 
 SUGGEST: Final = "`keystore-audit suggest` prints the least policy for what was seen."
@@ -73,19 +74,14 @@ def missing_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     (log, parameter events and services, ros_discovery_info) is one finding for an enclave; nodes that were started
     without parameter services or log do not need those. Graphs are of one moment: what a node does later is not seen.
     """
-    usual: dict[str, list[MissingGrant]] = {}
     for missing in _seen(context).missing:
-        if missing.need.usual:
-            usual.setdefault(missing.need.enclave, []).append(missing)
-            continue
         need = missing.need
-        who = f"The node {need.node}" if need.node else f"A node of {need.enclave}"
-        yield _missing(
-            f"{who} {_right(need)}, and its enclave {need.enclave} may not{_in(missing)}: {missing.reason}.",
-            [missing],
-            context,
-        )
-    for enclave, group in usual.items():
+        if not need.usual:
+            who = f"The node {need.node}" if need.node else f"A node of {need.enclave}"
+            message = f"{who} {_right(need)}, and its enclave {need.enclave} may not{_in(missing)}: {missing.reason}."
+            yield _missing(message, [missing], context)
+    usual = (missing for missing in _seen(context).missing if missing.need.usual)
+    for enclave, group in grouped(usual, lambda missing: missing.need.enclave).items():
         what = listed(dict.fromkeys(_right(missing.need) for missing in group))
         first = group[0]
         message = f"Every node {what}, and the enclave {enclave} may not{_in(first)}: {first.reason}."
@@ -208,9 +204,7 @@ def used_name_without_right(_keystore: Keystore, context: Context) -> Iterator[V
     Whether the node publishes, subscribes, asks or answers under the name the file does not say; whichever it is, it
     ends there under Enforce. A remapping of a name that the node does not use does no harm.
     """
-    found: dict[tuple[str, str], list[DeniedName]] = {}
-    for denied in _seen(context).denied:
-        found.setdefault((denied.enclave, denied.used.name), []).append(denied)
+    found = grouped(_seen(context).denied, lambda denied: (denied.enclave, denied.used.name))
     for (enclave, name), group in found.items():
         nodes = listed(dict.fromkeys(denied.used.node or f"a node of {enclave}" for denied in group))
         yield Violation(
@@ -238,11 +232,8 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
     Nodes may need more than was found, so that no grant is called an excess. Launch files are read and never run:
     what only running them tells is not known. An enclave whose rights cannot be told leaves the audit incomplete.
     """
-    by_file: dict[str, list[Location]] = {}
-    for unresolved in _seen(context).unresolved:
-        place = _beside(unresolved.location, unresolved.reason)
-        by_file.setdefault(place.path, []).append(place)
-    for path, found in by_file.items():
+    unresolved = (_beside(each.location, each.reason) for each in _seen(context).unresolved)
+    for path, found in grouped(unresolved, lambda place: place.path).items():
         yield Violation(
             message=f"{sentence(found[0].message)}{more_like(found)}. Nodes may need more than "
             f"{quoted(path)} shows, so that no grant is called an excess.",

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from keystore_audit.findings import Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.governance import Text
 from keystore_audit.model.expression import parse
 from keystore_audit.model.profiles import DateReading, Profile
@@ -108,9 +109,7 @@ def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violati
     """
     spoken = spoken_of(use, context, Cause.DATE)
     odd: dict[str, Text] = {}
-    readings: dict[DateReading, list[Profile]] = {}
-    for profile in context.profiles:
-        readings.setdefault(profile.access.dates, []).append(profile)
+    readings = grouped(context.profiles, lambda profile: profile.access.dates)
     for grant in use.document.grants:
         for date in (grant.not_before, grant.not_after):
             taken = {_reading(date, reading) for reading in readings}

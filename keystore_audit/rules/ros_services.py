@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.names import ACTION_PART, ros_name
 from keystore_audit.model.ros.halves import ACTION_ROLES, SERVICE_ROLES, Half
@@ -25,11 +26,8 @@ def _halves(context: Context, roles: Sequence[str]) -> Iterator[Violation]:
     ros = context.meaning.ros
     if ros is None:
         return
-    by_enclave: dict[str, list[Half]] = {}
-    for half in ros.halves.halves:
-        if half.role in roles:
-            by_enclave.setdefault(half.enclave, []).append(half)
-    for path, found in by_enclave.items():
+    halves = (half for half in ros.halves.halves if half.role in roles)
+    for path, found in grouped(halves, lambda half: half.enclave).items():
         yield _half(path, sorted(found, key=lambda half: (half.several, half.name, half.role)))
     for enclave, why in ros.halves.unknown if roles == SERVICE_ROLES else ():
         place = enclave.permissions.signed.file.place if enclave.permissions else enclave.files.directory

@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant
@@ -45,17 +46,12 @@ def _named(keystore: Keystore, at: datetime) -> tuple[_Named, ...]:
 
 def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]) -> Iterator[_Named]:
     """Each grant of a document that may be taken, with each identity that some variants, not all, take it to name."""
-    grants: dict[str, list[tuple[Grant, PermissionsUse]]] = {}
-    for use in permissions_uses(keystore):
-        for grant in use.document.grants if use.speaks else ():
-            grants.setdefault(grant.subject_name.text, []).append((grant, use))
+    held = ((grant, use) for use in permissions_uses(keystore) if use.speaks for grant in use.document.grants)
+    grants = grouped(held, lambda each: each[0].subject_name.text)
     tables = {comparison: matching(list(grants), identities, comparison) for comparison in SubjectComparison}
     for subject, holders in grants.items():
-        by_certificate: dict[int, set[SubjectComparison]] = {}
-        for comparison, table in tables.items():
-            for number in table[subject]:
-                by_certificate.setdefault(number, set()).add(comparison)
-        for number, comparisons in by_certificate.items():
+        for number in dict.fromkeys(number for table in tables.values() for number in table[subject]):
+            comparisons = [comparison for comparison, table in tables.items() if number in table[subject]]
             if len(comparisons) < len(tables):
                 naming = tuple(p for p in VARIANTS.values() if p.trust.subjects in comparisons)
                 for grant, use in holders:

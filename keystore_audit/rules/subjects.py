@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.defect import Defect
@@ -230,10 +231,9 @@ def permissions_uses(keystore: Keystore) -> Iterator[PermissionsUse]:
 
 def stray_uses(keystore: Keystore) -> Iterator[StrayUse]:
     """Permissions outside enclaves that some peer may take."""
-    by_authority: dict[str | None, list[Enclave]] = {}
-    for enclave in keystore.enclaves:
-        file = enclave.permissions_ca.file if enclave.permissions_ca else None
-        by_authority.setdefault(file.sha256 if file else None, []).append(enclave)
+    by_authority = grouped(
+        keystore.enclaves, lambda enclave: enclave.permissions_ca.file.sha256 if enclave.permissions_ca else None
+    )
     for stray in permissions_at_large(keystore):
         if stray.document is not None:
             signed = stray.document.signed

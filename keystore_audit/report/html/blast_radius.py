@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from keystore_audit.dataclass import replace
+from keystore_audit.grouped import grouped
 from keystore_audit.model.blast_radius import Ranked, Ranking
 from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name, some
 from keystore_audit.report.html.sheet import FULL, Sheet
@@ -72,10 +73,7 @@ def _alike(enclaves: Sequence[Ranked]) -> list[list[Ranked]]:
     """Enclaves with the same numbers together, where there are many."""
     if len(enclaves) <= MAX_SEEN + 2:
         return [[each] for each in enclaves]
-    found: dict[object, list[Ranked]] = {}
-    for each in enclaves:
-        found.setdefault(replace(each, path=""), []).append(each)
-    return list(found.values())
+    return list(grouped(enclaves, lambda each: replace(each, path="")).values())
 
 
 def _table(sheet: Sheet, rows: Sequence[Sequence[Ranked]], most: int) -> Html:

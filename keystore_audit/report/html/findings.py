@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.findings import Finding, Location, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, place
 from keystore_audit.report.html.sheet import FULL, Sheet, severity
@@ -30,10 +31,8 @@ _OPEN: Final = frozenset({Severity.CRITICAL, Severity.HIGH, Severity.MEDIUM})
 def findings(sheet: Sheet) -> Html:
     """Return all findings that are not hidden, and, at the end, those that somebody accepts."""
     consequences = Consequences(sheet.shown, sheet.report.properties)
-    by_rule: dict[tuple[int, str], list[Finding]] = {}
-    for finding in sheet.shown:
-        if finding.suppressed is None and not consequences.told_elsewhere(finding):
-            by_rule.setdefault((consequences.rank(finding), finding.code), []).append(finding)
+    told = (each for each in sheet.shown if each.suppressed is None and not consequences.told_elsewhere(each))
+    by_rule = grouped(told, lambda finding: (consequences.rank(finding), finding.code))
     groups = [
         _rule(sheet, rank, found, consequences) for (rank, _code), found in sorted(by_rule.items(), key=lambda e: e[0])
     ]

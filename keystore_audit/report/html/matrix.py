@@ -11,6 +11,7 @@ from itertools import groupby
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_lines import Allowance
 from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
@@ -19,7 +20,7 @@ from keystore_audit.model.overview import Overview
 from keystore_audit.report.access_differences import peers
 from keystore_audit.report.access_words import SHORT, full_name, namespace, protection_words, rights, worth_showing
 from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name, some
-from keystore_audit.report.html.protection import Protected, protected
+from keystore_audit.report.html.protection import protected
 from keystore_audit.report.html.sheet import Sheet
 from keystore_audit.text import counted
 
@@ -100,15 +101,11 @@ class _Drawing:
 
     def matrices(self) -> Iterator[Html]:
         """One for all enclaves, or one folded for each namespace."""
-        spaces: dict[str, list[str]] = {}
-        for path in sorted(self._group.enclaves, key=lambda path: (namespace(path), path)):
-            spaces.setdefault(namespace(path), []).append(path)
+        spaces = grouped(sorted(self._group.enclaves, key=lambda path: (namespace(path), path)), namespace)
         if not self._many:
             yield self._matrix([column for paths in spaces.values() for column in self._columns(paths)])
             return
-        kinds: dict[object, list[str]] = {}
-        for space, paths in spaces.items():
-            kinds.setdefault(self._kind(space, paths), []).append(space)
+        kinds = grouped(spaces, lambda space: self._kind(space, spaces[space]))
         drawn = [self._space(alike, spaces[alike[0]], open_=len(kinds) <= MAX_OPEN) for alike in kinds.values()]
         yield element("div", lines(drawn), class_="spaces-list")
 
@@ -217,10 +214,7 @@ class _Drawing:
 
 def _by_protection(rows: Iterable[Row]) -> Iterable[tuple[str, list[Row]]]:
     """The least protected first: that is what a reader looks for."""
-    groups: dict[tuple[int, str], list[Row]] = {}
-    for row in rows:
-        guard: Protected = protected(row.safeguards)
-        groups.setdefault((guard.rank, protection_words(row.safeguards)), []).append(row)
+    groups = grouped(rows, lambda row: (protected(row.safeguards).rank, protection_words(row.safeguards)))
     return [(words, each) for (_rank, words), each in sorted(groups.items(), key=lambda entry: entry[0])]
 
 

@@ -1,0 +1,17 @@
+"""Things by what they have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TypeVar
+
+_T = TypeVar("_T")
+_K = TypeVar("_K")
+
+
+def grouped(things: Iterable[_T], by: Callable[[_T], _K]) -> dict[_K, list[_T]]:
+    """The things with one key together, all in the order in which they come."""
+    groups: dict[_K, list[_T]] = {}
+    for thing in things:
+        groups.setdefault(by(thing), []).append(thing)
+    return groups
