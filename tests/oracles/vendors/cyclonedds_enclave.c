@@ -9,15 +9,10 @@
  */
 #include <dds/dds.h>
 #include <dds/ddsrt/log.h>
-#include <limits.h>
 #include <unistd.h>
 
+#include "cyclonedds_secure.h"
 #include "document_stream.h"
-
-static const char *const FOLDERS[] = {
-    "/usr/lib/x86_64-linux-gnu/libddsc0debian",
-    "/usr/lib/aarch64-linux-gnu/libddsc0debian",
-};
 
 struct text {
     char *value;
@@ -52,44 +47,10 @@ static void say(struct octets *reading, const char *what, dds_return_t code)
     complaint[0] = '\0';
 }
 
-static void set_file(dds_qos_t *qos, const char *property, const char *directory, const char *file, int optional)
-{
-    char uri[PATH_MAX + 8];
-    snprintf(uri, sizeof uri, "file:%s/%s", directory, file);
-    if (!optional || access(uri + strlen("file:"), F_OK) == 0)
-        dds_qset_prop(qos, property, uri);
-}
-
-static void set_library(dds_qos_t *qos, const char *plugin, const char *library, const char *functions)
-{
-    char property[80], value[PATH_MAX];
-    size_t i = 0;
-    while (i + 1 < sizeof FOLDERS / sizeof *FOLDERS && access(FOLDERS[i], F_OK) != 0)
-        i++;
-    snprintf(property, sizeof property, "dds.sec.%s.library.path", plugin);
-    snprintf(value, sizeof value, "%s/libdds_security_%s.so", FOLDERS[i], library);
-    dds_qset_prop(qos, property, value);
-    snprintf(property, sizeof property, "dds.sec.%s.library.init", plugin);
-    snprintf(value, sizeof value, "init_%s", functions);
-    dds_qset_prop(qos, property, value);
-    snprintf(property, sizeof property, "dds.sec.%s.library.finalize", plugin);
-    snprintf(value, sizeof value, "finalize_%s", functions);
-    dds_qset_prop(qos, property, value);
-}
-
 static dds_entity_t create_participant(int domain, const char *directory)
 {
     dds_qos_t *qos = dds_create_qos();
-    set_library(qos, "auth", "auth", "authentication");
-    set_library(qos, "crypto", "crypto", "crypto");
-    set_library(qos, "access", "ac", "access_control");
-    set_file(qos, "dds.sec.auth.identity_ca", directory, "identity_ca.cert.pem", 0);
-    set_file(qos, "dds.sec.auth.identity_certificate", directory, "cert.pem", 0);
-    set_file(qos, "dds.sec.auth.private_key", directory, "key.pem", 0);
-    set_file(qos, "dds.sec.access.permissions_ca", directory, "permissions_ca.cert.pem", 0);
-    set_file(qos, "dds.sec.access.governance", directory, "governance.p7s", 0);
-    set_file(qos, "dds.sec.access.permissions", directory, "permissions.p7s", 0);
-    set_file(qos, "org.eclipse.cyclonedds.sec.auth.crl", directory, "crl.pem", 1);
+    secure(qos, directory, "");
     dds_entity_t participant = dds_create_participant((dds_domainid_t)domain, qos, NULL);
     dds_delete_qos(qos);
     return participant;

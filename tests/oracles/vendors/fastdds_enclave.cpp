@@ -21,6 +21,8 @@
 #include <mutex>
 #include <vector>
 
+#include "fastdds_secure.hpp"
+
 extern "C" {
 #include "document_stream.h"
 }
@@ -96,25 +98,8 @@ static Locator_t loopback(uint16_t port)
 
 static DomainParticipant *create_participant(uint32_t domain, const std::string &directory)
 {
-    static const std::string authentication = "dds.sec.auth.builtin.PKI-DH.",
-                             access_control = "dds.sec.access.builtin.Access-Permissions.";
     DomainParticipantQos qos;
-    auto &properties = qos.properties().properties();
-    const auto file = [&](const std::string &property, const std::string &name) {
-        properties.emplace_back(property, "file://" + directory + "/" + name);
-    };
-    properties.emplace_back("dds.sec.auth.plugin", "builtin.PKI-DH");
-    file(authentication + "identity_ca", "identity_ca.cert.pem");
-    file(authentication + "identity_certificate", "cert.pem");
-    file(authentication + "private_key", "key.pem");
-    properties.emplace_back("dds.sec.crypto.plugin", "builtin.AES-GCM-GMAC");
-    properties.emplace_back("dds.sec.access.plugin", "builtin.Access-Permissions");
-    file(access_control + "permissions_ca", "permissions_ca.cert.pem");
-    file(access_control + "governance", "governance.p7s");
-    file(access_control + "permissions", "permissions.p7s");
-    if (access((directory + "/crl.pem").c_str(), F_OK) == 0)
-        file(authentication + "identity_crl", "crl.pem");
-
+    secure(qos, directory);
     const auto transport = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
     transport->interfaceWhiteList.push_back("127.0.0.1");
     qos.transport().use_builtin_transports = false;
