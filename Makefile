@@ -37,7 +37,7 @@ samples: .venv/dev.stamp  ## build sample_keystores/ again
 	$(BIN)/python tools/build_samples.py
 
 bench: .venv/dev.stamp  ## the ratios of design section 6
-	$(BIN)/python benchmarks/audit.py
+	$(BIN)/python -m benchmarks.audit
 
 wheel: .venv/dev.stamp  ## sdist, and the wheel built from it, in dist/
 	$(BIN)/python -m build --no-isolation

@@ -17,15 +17,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from tempfile import gettempdir
 from typing import Any
 
-if __package__:
-    from benchmarks.keystores import build, build_with, wired_permissions
-else:
-    from keystores import build, build_with, wired_permissions
-
-ROOT = Path(gettempdir()) / "keystore-audit-benchmarks"
+from benchmarks.keystores import ROOT, build, build_with, wired_permissions
 
 SAMPLES = {"turtlesim": "healthy/turtlesim", "sample-policy": "stock/sample_policy"}
 """Rows about keystores of sample_keystores/."""

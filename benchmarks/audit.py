@@ -5,7 +5,6 @@ from __future__ import annotations
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,8 +12,7 @@ from pathlib import Path
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, padding
 
-sys.path.insert(0, str(Path(__file__).parent))
-import keystores
+from benchmarks import keystores
 
 LOOP = r"""
 set -eu
@@ -63,9 +61,9 @@ def raw_verification(kind: str) -> float:
     return seconds(verify, 5) / 200
 
 
-def row(kind: str, size: int, raw: float, root: Path) -> str:
+def row(kind: str, size: int, raw: float) -> str:
     """One line of the table."""
-    store = keystores.build(root, size, kind)
+    store = keystores.build(keystores.ROOT, size, kind)
     loop = seconds(lambda: subprocess.run(["bash", "-c", LOOP, "-", str(store)], check=True), 1)
     ours = seconds(lambda: audit(store), 3)
     start = seconds(start_up, 3)
@@ -80,13 +78,12 @@ def start_up() -> None:
 
 def main() -> None:
     """Prints one row for each kind and size."""
-    root = Path(tempfile.gettempdir()) / "keystore-audit-benchmarks"
     print("| keys | enclaves | loop s | audit s | loop / audit | audit / enclave in raw verifications |")
     print("|---|---|---|---|---|---|")
     for kind in ("ec", "rsa"):
         raw = raw_verification(kind)
         for size in (100, 1000):
-            print(row(kind, size, raw, root), flush=True)
+            print(row(kind, size, raw), flush=True)
 
 
 if __name__ == "__main__":

@@ -11,10 +11,8 @@ import resource
 import sys
 import time
 from datetime import datetime, timezone
-from pathlib import Path
-from tempfile import gettempdir
 
-from benchmarks.keystores import build
+from benchmarks.keystores import ROOT, build
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
@@ -29,8 +27,8 @@ def expressions(keystore: Keystore) -> int:
     return sum(
         len(criterion.topics)
         for enclave in keystore.enclaves
-        if enclave.permissions is not None and enclave.permissions.permissions is not None
-        for grant in enclave.permissions.permissions.grants
+        if enclave.permissions is not None
+        for grant in enclave.permissions.grants
         for rule in grant.rules
         for criterion in rule.criteria
     )
@@ -38,7 +36,7 @@ def expressions(keystore: Keystore) -> int:
 
 def measure(enclaves: int) -> str:
     """One line."""
-    keystore = read_keystore(build(Path(gettempdir()) / "keystore-audit-benchmarks", enclaves, "ec"))
+    keystore = read_keystore(build(ROOT, enclaves, "ec"))
     begin = time.process_time()
     at = datetime.now(timezone.utc)
     accesses = AccessViews(documents_of(keystore), at, None)

@@ -5,14 +5,10 @@ from __future__ import annotations
 import resource
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-if __package__:
-    from benchmarks import keystores
-else:
-    import keystores
+from benchmarks import keystores
 
 
 def cpu_seconds(*arguments: str) -> float:
@@ -52,14 +48,13 @@ def others(root: Path, paths: list[str]) -> Iterator[tuple[str, Path]]:
 def main() -> None:
     """The table."""
     enclaves = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
-    root = Path(tempfile.gettempdir()) / "keystore-audit-benchmarks"
-    old = keystores.build(root, enclaves, "ec")
+    old = keystores.build(keystores.ROOT, enclaves, "ec")
     paths = [f"/robot{number // 10}/node{number % 10}" for number in range(enclaves)]
     audit = cpu_seconds("audit", "--engine", "native", "--format", "json", str(old))
     sys.stdout.write(
         f"{enclaves} enclaves; audit: {audit:.1f} s CPU\n\n| other | diff (s CPU) | diff / audit |\n|---|---|---|\n"
     )
-    for words, new in [("nothing", old), *others(root / str(enclaves), paths)]:
+    for words, new in [("nothing", old), *others(keystores.ROOT / str(enclaves), paths)]:
         taken = cpu_seconds("diff", str(old), str(new))
         sys.stdout.write(f"| {words} | {taken:.1f} | {taken / audit:.1f} |\n")
         sys.stdout.flush()

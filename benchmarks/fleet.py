@@ -18,8 +18,7 @@ from pathlib import Path
 
 import psutil
 
-sys.path.insert(0, str(Path(__file__).parent))
-import keystores
+from benchmarks import keystores
 
 ENCLAVES = 4
 MIB = 2**20

@@ -12,9 +12,8 @@ import resource
 import sys
 import time
 from datetime import datetime, timezone
-from pathlib import Path
-from tempfile import gettempdir
 
+from benchmarks.keystores import ROOT, build
 from keystore_audit.aside import processors
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.flow import FlowQuestion, questions
@@ -25,15 +24,10 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.systems import SystemBuilder
 
-if __package__:
-    from benchmarks.keystores import build
-else:
-    from keystores import build
-
 
 def measure(enclaves: int, profiles_named: list[str]) -> str:
     """One line."""
-    keystore = read_keystore(build(Path(gettempdir()) / "keystore-audit-benchmarks", enclaves, "ec"))
+    keystore = read_keystore(build(ROOT, enclaves, "ec"))
     begin = _seconds()
     at = datetime.now(timezone.utc)
     aside = processors() > 1

@@ -1,6 +1,6 @@
 """Measures every hostile keystore of tests/hostile/: time, and memory above what a healthy one needs.
 
-`python benchmarks/hostile.py` prints the ten slowest, the ten largest and all beyond the targets (of
+`python -m benchmarks.hostile` prints the ten slowest, the ten largest and all beyond the targets (of
 processor time); `--all` prints all.
 """
 
@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+from tests.hostile import credentials, directories, documents, envelopes, names
+from tests.hostile.client import AT, Server
+from tests.hostile.store import Base, Case, Store, build
 
-from tests.hostile import credentials, directories, documents, envelopes, names  # noqa: E402
-from tests.hostile.client import AT, Server  # noqa: E402
-from tests.hostile.store import Base, Case, Store, build  # noqa: E402
+ROOT = Path(__file__).resolve().parent.parent
 
 MAX_SECONDS = 1.0
 MAX_MEGABYTES = 200

@@ -15,7 +15,6 @@ from collections.abc import Callable
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from tempfile import gettempdir
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
@@ -23,7 +22,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 from lxml import etree
 
-from benchmarks.keystores import build, certificate, new_key
+from benchmarks.keystores import ROOT, build, certificate, new_key
 from keystore_audit.keystore.certificate import Certificate, read_certificates
 from keystore_audit.keystore.cms import SignerInfo, read_signed_data
 from keystore_audit.keystore.files import File
@@ -186,8 +185,7 @@ def rows(store: Path) -> dict[str, float]:
 def main() -> None:
     """Prints the table."""
     gc.set_threshold(200_000, 50, 50)
-    stores = Path(gettempdir()) / "keystore-audit-benchmarks"
-    found = rows(Path(sys.argv[1]) if len(sys.argv) > 1 else build(stores, 1000, "ec"))
+    found = rows(Path(sys.argv[1]) if len(sys.argv) > 1 else build(ROOT, 1000, "ec"))
     whole = found.pop("keystore")
     print("| step, for one enclave | raw P-256 verifications |\n|---|---|")
     for name, value in (*found.items(), ("rest", whole - sum(found.values())), ("**the whole**", whole)):

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from tempfile import gettempdir
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.hazmat.primitives.serialization import pkcs7
+
+ROOT = Path(gettempdir()) / "keystore-audit-benchmarks"
+"""Where they are made, once."""
 
 Key = ec.EllipticCurvePrivateKey | rsa.RSAPrivateKey
 
