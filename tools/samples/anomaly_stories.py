@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from tools.samples.base import with_rules
+
 from .base import LISTENER_GRANT, QUIET, TWO, governed, listener, with_grant, with_listener
 from .documents import DISCOVERY, DomainRule, Permissions, Rule, TopicRule
 from .store import Store
@@ -27,10 +29,6 @@ def stories() -> Iterator[Story]:
     yield from _too_much()
 
 
-def _rules_of(*rules: Rule) -> Store:
-    return with_grant(rules=(*rules, DISCOVERY))
-
-
 def _governance() -> Iterator[Story]:
     weak, strong = TopicRule(metadata="SIGN"), TopicRule(expression="rt/chatter")
     yield from pair(
@@ -39,11 +37,11 @@ def _governance() -> Iterator[Story]:
         bad=Case(
             "The governance encrypts /chatter, in a rule behind the one for every topic, which only signs: /chatter is "
             "signed.",
-            governed(_rules_of(Rule(publish=("rt/chatter",))), replace(QUIET, topics=(weak, strong))),
+            governed(with_rules(Rule(publish=("rt/chatter",))), replace(QUIET, topics=(weak, strong))),
         ),
         good=Case(
             "The rule for /chatter comes first.",
-            governed(_rules_of(Rule(publish=("rt/chatter",))), replace(QUIET, topics=(strong, weak))),
+            governed(with_rules(Rule(publish=("rt/chatter",))), replace(QUIET, topics=(strong, weak))),
         ),
     )
     domains = tuple(replace(rule, domains=BOTH) for rule in (Rule(publish=("rt/chatter",)), DISCOVERY))
@@ -68,9 +66,9 @@ def _void() -> Iterator[Story]:
         bad=Case(
             "The grant allows all topics of the arm and denies one of them, in this order: the first rule that matches "
             "decides, and the denial never does.",
-            _rules_of(everything, secret),
+            with_rules(everything, secret),
         ),
-        good=Case("The deny rule comes first, as ros2 security writes them.", _rules_of(secret, everything)),
+        good=Case("The deny rule comes first, as ros2 security writes them.", with_rules(secret, everything)),
     )
     secrets = Rule(publish=("rt/arm/secret", "rt/leg/secret"), allow=False)
     legs = Rule(publish=("rt/leg/*",))
@@ -80,10 +78,10 @@ def _void() -> Iterator[Story]:
         bad=Case(
             "A deny rule names a topic of the arm and one of the leg, but the arm's topics are all allowed before it: "
             "half of the rule is void.",
-            _rules_of(everything, secrets, legs),
+            with_rules(everything, secrets, legs),
         ),
         good=Case(
-            "Of the arm's topics one is allowed, by name.", _rules_of(Rule(publish=("rt/arm/pose",)), secrets, legs)
+            "Of the arm's topics one is allowed, by name.", with_rules(Rule(publish=("rt/arm/pose",)), secrets, legs)
         ),
     )
 
@@ -95,18 +93,18 @@ def _superfluous() -> Iterator[Story]:
         "rule-redundant",
         bad=Case(
             "Two rules allow /chatter. Whoever takes it out of one of them believes the right gone.",
-            _rules_of(talking, status),
+            with_rules(talking, status),
         ),
-        good=Case("Each rule has topics of its own.", _rules_of(talking, Rule(publish=("rt/status",)))),
+        good=Case("Each rule has topics of its own.", with_rules(talking, Rule(publish=("rt/status",)))),
     )
     yield from pair(
         "KA622",
         "rule-same-as-default",
         bad=Case(
             "A rule denies what nothing allows, so that the default denies it anyway.",
-            _rules_of(Rule(publish=("rt/secret",), allow=False), talking),
+            with_rules(Rule(publish=("rt/secret",), allow=False), talking),
         ),
-        good=Case("There is no such rule.", _rules_of(talking)),
+        good=Case("There is no such rule.", with_rules(talking)),
     )
     bench = replace(talking, domains=(5,))
     announced = replace(DISCOVERY, domains=BOTH)
@@ -132,11 +130,11 @@ def _ordered() -> Iterator[Story]:
         bad=Case(
             "All topics of the arm are denied and all states allowed: whether the arm's state is allowed hangs on the "
             "order of the rules.",
-            _rules_of(Rule(publish=("rt/arm_*",), allow=False), states),
+            with_rules(Rule(publish=("rt/arm_*",), allow=False), states),
         ),
         good=Case(
             "The arm's state, and nothing else, is denied: an exception to what is allowed.",
-            _rules_of(Rule(publish=("rt/arm_state",), allow=False), states),
+            with_rules(Rule(publish=("rt/arm_state",), allow=False), states),
         ),
     )
     yield from pair(
@@ -145,9 +143,9 @@ def _ordered() -> Iterator[Story]:
         bad=Case(
             "One topic of the arm is denied before all of them are allowed: the usual way to write an exception, which "
             "hangs on the order.",
-            _rules_of(Rule(publish=("rt/arm/secret",), allow=False), Rule(publish=("rt/arm/*",))),
+            with_rules(Rule(publish=("rt/arm/secret",), allow=False), Rule(publish=("rt/arm/*",))),
         ),
-        good=Case("There is no exception.", _rules_of(Rule(publish=("rt/arm/*",)))),
+        good=Case("There is no exception.", with_rules(Rule(publish=("rt/arm/*",)))),
     )
 
 
@@ -158,18 +156,18 @@ def _names() -> Iterator[Story]:
         "expression-matches-nothing",
         bad=Case(
             "The range in brackets ends before it begins: no arm with a digit is denied.",
-            _rules_of(Rule(publish=("rt/arm_[9-0]",), allow=False), arms),
+            with_rules(Rule(publish=("rt/arm_[9-0]",), allow=False), arms),
         ),
-        good=Case("The range goes upwards.", _rules_of(Rule(publish=("rt/arm_[0-9]",), allow=False), arms)),
+        good=Case("The range goes upwards.", with_rules(Rule(publish=("rt/arm_[0-9]",), allow=False), arms)),
     )
     yield from pair(
         "KA625",
         "expression-matches-no-ros-name",
         bad=Case(
             "The prefix rt/ is missing, so that the talker may not publish /chatter.",
-            _rules_of(Rule(publish=("chatter",), subscribe=("rt/clock",))),
+            with_rules(Rule(publish=("chatter",), subscribe=("rt/clock",))),
         ),
-        good=Case("The name is that of DDS.", _rules_of(Rule(publish=("rt/chatter",), subscribe=("rt/clock",)))),
+        good=Case("The name is that of DDS.", with_rules(Rule(publish=("rt/chatter",), subscribe=("rt/clock",)))),
     )
     misspelt = replace(LISTENER_GRANT, rules=(Rule(subscribe=("rt/chater",)), DISCOVERY))
     yield from pair(
@@ -187,7 +185,7 @@ def _names() -> Iterator[Story]:
 def _too_much() -> Iterator[Story]:
     def store(words: tuple[str, ...]) -> Store:
         texts = tuple(f"rt/*{word}*" for word in words)
-        return _rules_of(Rule(publish=texts[::2], allow=False), Rule(publish=texts[1::2]))
+        return with_rules(Rule(publish=texts[::2], allow=False), Rule(publish=texts[1::2]))
 
     yield from pair(
         "KA627",

@@ -70,6 +70,11 @@ def with_grant(**fields: object) -> Store:
     return with_talker(permissions=Permissions(grants=(grant,)))
 
 
+def with_rules(*rules: Rule) -> Store:
+    """ONE with these rules of the talker's grant, and discovery."""
+    return with_grant(rules=(*rules, DISCOVERY))
+
+
 def governed(store: Store, *rules: DomainRule) -> Store:
     """`store` under the governance of `rules`."""
     return replace(store, governance=Governance(rules=rules))

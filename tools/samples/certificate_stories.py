@@ -5,7 +5,8 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import datetime, timezone
+
+from tools.samples.certificates import day
 
 from .base import IDENTITY_CA, ONE, TALKER_CERTIFICATE, with_talker
 from .keys import Key
@@ -49,7 +50,7 @@ def _dates() -> Iterator[Story]:
         "certificate-expired",
         bad=Case(
             "The talker's identity ended in June 2026: no peer has accepted a new session since.",
-            with_talker(certificate=replace(TALKER_CERTIFICATE, not_after=_day(2026, 6, 1))),
+            with_talker(certificate=replace(TALKER_CERTIFICATE, not_after=day(2026, 6, 1))),
         ),
         good=Case("The identity is good until 2100.", ONE),
     )
@@ -59,7 +60,7 @@ def _dates() -> Iterator[Story]:
         bad=Case(
             "The talker's identity begins in 2027, as after a signing machine whose clock ran ahead: "
             "until then every peer refuses it.",
-            with_talker(certificate=replace(TALKER_CERTIFICATE, not_before=_day(2027, 1, 1))),
+            with_talker(certificate=replace(TALKER_CERTIFICATE, not_before=day(2027, 1, 1))),
         ),
         good=Case("The identity has been good since 2020.", ONE),
     )
@@ -68,11 +69,11 @@ def _dates() -> Iterator[Story]:
         "certificate-expires-soon",
         bad=Case(
             "The talker's identity ends on 5 December 2026, two weeks after the audit: time to issue it again.",
-            with_talker(certificate=replace(TALKER_CERTIFICATE, not_after=_day(2026, 12, 5))),
+            with_talker(certificate=replace(TALKER_CERTIFICATE, not_after=day(2026, 12, 5))),
         ),
         good=Case("The identity is good until 2100.", ONE),
     )
-    short = replace(IDENTITY_CA, not_after=_day(2099, 1, 1))
+    short = replace(IDENTITY_CA, not_after=day(2099, 1, 1))
     yield from pair(
         "KA206",
         "certificate-outlives-its-ca",
@@ -139,10 +140,6 @@ def _keys() -> Iterator[Story]:
         ),
         good=Case("key.pem is not encrypted, and readable only to its owner.", ONE),
     )
-
-
-def _day(year: int, month: int, day: int) -> datetime:
-    return datetime(year, month, day, tzinfo=timezone.utc)
 
 
 def _armoured(label: str, der: bytes) -> bytes:

@@ -17,10 +17,16 @@ from cryptography.hazmat.primitives.asymmetric import ec
 
 from .keys import Key
 
-START = datetime(2020, 1, 1, tzinfo=timezone.utc)
-END = datetime(2100, 1, 1, tzinfo=timezone.utc)
 
-_LAST_UTC_TIME = datetime(2050, 1, 1, tzinfo=timezone.utc)
+def day(year: int, month: int, day: int) -> datetime:
+    """Its first instant, UTC."""
+    return datetime(year, month, day, tzinfo=timezone.utc)
+
+
+START = day(2020, 1, 1)
+END = day(2100, 1, 1)
+
+_LAST_UTC_TIME = day(2050, 1, 1)
 """RFC 5280, 4.1.2.5: UTCTime through 2049, GeneralizedTime from then on."""
 
 DIGESTS: dict[str, hashes.HashAlgorithm] = {

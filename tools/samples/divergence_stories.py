@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from tools.samples.base import with_rules
+
 from .base import LISTENER_GRANT, ONE, QUIET, TALKER, TWO, governed, listener, with_grant
 from .documents import DISCOVERY, Criterion, Permissions, Rule, TopicRule
 from .store import Store
@@ -21,10 +23,6 @@ def stories() -> Iterator[Story]:
     yield from _partitions()
     yield from _rules()
     yield from _values()
-
-
-def _rules_of(*rules: Rule) -> Store:
-    return with_grant(rules=(*rules, DISCOVERY))
 
 
 def _in(store: Store, *domains: int, **fields: object) -> Store:
@@ -88,9 +86,9 @@ def _partitions() -> Iterator[Story]:
         bad=Case(
             "The talker may not publish /cmd_vel in the partition lab, and may elsewhere. Fast DDS does not look at "
             "the partitions of a deny rule and denies it everywhere; so does Cyclone DDS 0.10, in its own way.",
-            _rules_of(replace(here, allow=False), command),
+            with_rules(replace(here, allow=False), command),
         ),
-        good=Case("Only what is allowed is written: the default partition.", _rules_of(command)),
+        good=Case("Only what is allowed is written: the default partition.", with_rules(command)),
     )
     yield from pair(
         "KA605",
@@ -98,7 +96,7 @@ def _partitions() -> Iterator[Story]:
         bad=Case(
             "A deny rule takes /cmd_vel from the talker, a later one allows it in the partition lab. The specification "
             "denies it in every partition, Cyclone DDS 11 in the default one alone: there the talker drives in lab.",
-            _rules_of(replace(command, allow=False), here),
+            with_rules(replace(command, allow=False), here),
         ),
         good=Case("Neither rule: what is not allowed is denied.", ONE),
     )
@@ -112,9 +110,9 @@ def _partitions() -> Iterator[Story]:
         bad=Case(
             "One rule allows /chatter in the partition public and /map in private. Fast DDS puts the partitions of "
             "both together: the talker publishes /map in public.",
-            _rules_of(Rule(publish=apart)),
+            with_rules(Rule(publish=apart)),
         ),
-        good=Case("A rule for each partition.", _rules_of(*(Rule(publish=(criterion,)) for criterion in apart))),
+        good=Case("A rule for each partition.", with_rules(*(Rule(publish=(criterion,)) for criterion in apart))),
     )
     read = Criterion(topics=("rt/map",), partitions=("*",))
     secret = replace(read, partitions=("secret",))
@@ -124,9 +122,9 @@ def _partitions() -> Iterator[Story]:
         bad=Case(
             "The talker may not read /map in the partition secret, and may in *, which is meant for all others. Its "
             "reader goes into the partition *, which the denial does not match, and meets the writers in secret.",
-            _rules_of(Rule(subscribe=(secret,), allow=False), Rule(subscribe=(read,))),
+            with_rules(Rule(subscribe=(secret,), allow=False), Rule(subscribe=(read,))),
         ),
-        good=Case("What is allowed is named.", _rules_of(Rule(subscribe=(replace(read, partitions=("public",)),)))),
+        good=Case("What is allowed is named.", with_rules(Rule(subscribe=(replace(read, partitions=("public",)),)))),
     )
     yield from pair(
         "KA638",
@@ -134,9 +132,9 @@ def _partitions() -> Iterator[Story]:
         bad=Case(
             "The talker may publish /map with endpoints that have the data tag survey, it is thought. Implementations "
             "pass over the tag: it may with all.",
-            _rules_of(Rule(publish=(Criterion(topics=("rt/map",), data_tag="survey"),))),
+            with_rules(Rule(publish=(Criterion(topics=("rt/map",), data_tag="survey"),))),
         ),
-        good=Case("The rule has no tag, and says what it does.", _rules_of(Rule(publish=("rt/map",)))),
+        good=Case("The rule has no tag, and says what it does.", with_rules(Rule(publish=("rt/map",)))),
     )
     two = tuple(Rule(publish=(Criterion(topics=("rt/map",), partitions=(name,)),)) for name in ("east", "west"))
     yield from pair(
@@ -145,11 +143,11 @@ def _partitions() -> Iterator[Story]:
         bad=Case(
             "A rule allows /map in the partition east, the next one in west. Fast DDS stops at the first that lists "
             "the topic: nothing is published in west.",
-            _rules_of(*two),
+            with_rules(*two),
         ),
         good=Case(
             "One rule lists both partitions.",
-            _rules_of(Rule(publish=(Criterion(topics=("rt/map",), partitions=("east", "west")),))),
+            with_rules(Rule(publish=(Criterion(topics=("rt/map",), partitions=("east", "west")),))),
         ),
     )
 
@@ -172,7 +170,7 @@ def _rules() -> Iterator[Story]:
         bad=Case(
             "The talker may relay /camera, which the specification means for passing on what it cannot read. Fast DDS "
             "gives its reader the samples in plain.",
-            _rules_of(Rule(publish=("rt/chatter",)), Rule(relay=("rt/camera",))),
+            with_rules(Rule(publish=("rt/chatter",)), Rule(relay=("rt/camera",))),
         ),
         good=Case("Nothing is relayed.", ONE),
     )
@@ -182,9 +180,9 @@ def _rules() -> Iterator[Story]:
         bad=Case(
             "The talker may publish arm_[^s]: on every arm but s, as Fast DDS reads it. Cyclone DDS reads the "
             "arms ^ and s: the one that was to be left out.",
-            _rules_of(Rule(publish=("rt/arm_[^s]",))),
+            with_rules(Rule(publish=("rt/arm_[^s]",))),
         ),
-        good=Case("The arms are named.", _rules_of(Rule(publish=("rt/arm_a", "rt/arm_b")))),
+        good=Case("The arms are named.", with_rules(Rule(publish=("rt/arm_a", "rt/arm_b")))),
     )
     yield from pair(
         "KA611",
@@ -192,11 +190,11 @@ def _rules() -> Iterator[Story]:
         bad=Case(
             "Somebody wanted to keep the talker from the arms a and b, and forgot the closing bracket: the rule denies "
             "one odd name, or none. Nothing else allows the arms today.",
-            _rules_of(Rule(publish=("rt/arm_[ab",), allow=False), Rule(publish=("rt/chatter",))),
+            with_rules(Rule(publish=("rt/arm_[ab",), allow=False), Rule(publish=("rt/chatter",))),
         ),
         good=Case(
             "The bracket is closed.",
-            _rules_of(Rule(publish=("rt/arm_[ab]",), allow=False), Rule(publish=("rt/chatter",))),
+            with_rules(Rule(publish=("rt/arm_[ab]",), allow=False), Rule(publish=("rt/chatter",))),
         ),
     )
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
+from tools.samples.base import with_rules
+
 from .base import LISTENER, ONE, TALKER, TALKER_GRANT, TALKING, TWO, with_grant, with_talker
 from .documents import DISCOVERY, Permissions, edited
 from .story import Case, Story, pair
@@ -39,7 +41,7 @@ def _rights() -> Iterator[Story]:
         bad=Case(
             "The permissions let the talker publish /cmd_vel, which was written into permissions.xml by hand for an "
             "afternoon's test; no policy says so.",
-            with_grant(rules=(replace(TALKING, publish=("rt/chatter", "rt/cmd_vel")), DISCOVERY)),
+            with_rules(replace(TALKING, publish=("rt/chatter", "rt/cmd_vel"))),
         ),
         good=Case("The permissions let the talker publish /chatter and nothing else.", ONE),
     )
@@ -62,7 +64,7 @@ def _enclaves() -> Iterator[Story]:
             directory=f"rules/KA642-policy-profiles-lost/{side}",
             rule="KA642",
             text=text,
-            tree=with_grant(rules=(both, DISCOVERY)).tree(),
+            tree=with_rules(both).tree(),
             options=("--policy", f"policies/{policy}.policy.xml"),
         )
     yield from pair(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import datetime, timezone
+from datetime import datetime
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding
+
+from tools.samples.certificates import day
 
 from .base import (
     IDENTITY_CA,
@@ -31,8 +33,8 @@ from .smime import signed_by
 from .store import Store, encoded
 from .story import Case, Story, pair
 
-THIS_UPDATE = datetime(2026, 10, 1, tzinfo=timezone.utc)
-NEXT_UPDATE = datetime(2100, 1, 1, tzinfo=timezone.utc)
+THIS_UPDATE = day(2026, 10, 1)
+NEXT_UPDATE = day(2100, 1, 1)
 
 
 def stories() -> Iterator[Story]:
@@ -90,7 +92,7 @@ def _revocation() -> Iterator[Story]:
         "crl-stale",
         bad=Case(
             "The next list was due on 1 November 2026 and did not come: with a stale list every identity is refused.",
-            _with_crl(revocation_list(STOLEN, next_update=datetime(2026, 11, 1, tzinfo=timezone.utc))),
+            _with_crl(revocation_list(STOLEN, next_update=day(2026, 11, 1))),
         ),
         good=Case("The list is current.", _with_crl(revocation_list(STOLEN))),
     )

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from .base import LISTENER, with_grant, with_talker
-from .documents import DISCOVERY, Permissions, Rule
+from tools.samples.base import with_rules
+
+from .base import LISTENER, with_talker
+from .documents import Permissions, Rule
 from .policy import Node, grant
 from .store import Store
 from .story import Case, Story, pair
@@ -113,7 +115,7 @@ def _launches() -> Iterator[Story]:
 
 
 def _publishing(*topics: str) -> Store:
-    return with_grant(rules=(Rule(publish=topics), DISCOVERY))
+    return with_rules(Rule(publish=topics))
 
 
 def _both(store: Store) -> Store:

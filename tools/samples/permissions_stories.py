@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import datetime, timezone
+
+from tools.samples.base import with_rules
+from tools.samples.certificates import day
 
 from .base import (
     LISTENER,
@@ -193,7 +195,7 @@ def _grants() -> Iterator[Story]:
         ),
         good=Case(
             "The same denial before what is allowed.",
-            with_grant(rules=(Rule(publish=("rt/secret",), allow=False), TALKING, DISCOVERY)),
+            with_rules(Rule(publish=("rt/secret",), allow=False), TALKING),
         ),
     )
 
@@ -220,7 +222,7 @@ def _dates() -> Iterator[Story]:
         ),
         good=Case("It ends with the certificate.", ONE),
     )
-    shorter = replace(TALKER_CERTIFICATE, not_after=datetime(2099, 1, 1, tzinfo=timezone.utc))
+    shorter = replace(TALKER_CERTIFICATE, not_after=day(2099, 1, 1))
     yield from pair(
         "KA513",
         "grant-outlives-certificate",
@@ -260,9 +262,9 @@ def _domains() -> Iterator[Story]:
         bad=Case(
             "The rule's domain range has a minimum and no maximum: for the specification that is every "
             "domain, for Fast DDS and Cyclone DDS domain 0 alone.",
-            with_grant(rules=(replace(TALKING, domains=((0, None),)), DISCOVERY)),
+            with_rules(replace(TALKING, domains=((0, None),))),
         ),
-        good=Case("The range has both ends.", with_grant(rules=(replace(TALKING, domains=((0, 0),)), DISCOVERY))),
+        good=Case("The range has both ends.", with_rules(replace(TALKING, domains=((0, 0),)))),
     )
 
 
@@ -283,7 +285,7 @@ def _rights() -> Iterator[Story]:
         bad=Case(
             "The talker may publish rt/chatter*: also /chatter/admin, /chatter_raw and any name somebody "
             "thinks of later.",
-            with_grant(rules=(Rule(publish=("rt/chatter*",)), DISCOVERY)),
+            with_rules(Rule(publish=("rt/chatter*",))),
         ),
         good=Case("The talker may publish /chatter.", ONE),
     )

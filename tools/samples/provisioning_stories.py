@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import datetime, timezone
+
+from tools.samples.certificates import day
 
 from .base import (
     LISTENER,
@@ -113,7 +114,7 @@ def _given() -> Iterator[Story]:
         good=Case("The same keystore with nothing but what a run time reads.", ONE),
         options=_DEPLOYED,
     )
-    certificate = replace(TALKER_CERTIFICATE, not_before=_day(2026, 6, 1), not_after=_day(2027, 6, 1))
+    certificate = replace(TALKER_CERTIFICATE, not_before=day(2026, 6, 1), not_after=day(2027, 6, 1))
     grant = replace(TALKER_GRANT, not_before="2026-06-01T00:00:00", not_after="2027-06-01T00:00:00")
     year = replace(talker(certificate=certificate, permissions=Permissions(grants=(grant,))), seal=_sealed(2026, 6))
     yield from pair(
@@ -174,11 +175,7 @@ def _inside() -> Iterator[Story]:
     )
 
 
-def _day(year: int, month: int, day: int) -> datetime:
-    return datetime(year, month, day, tzinfo=timezone.utc)
-
-
 def _sealed(year: int, month: int) -> Seal:
     """Signed by the permissions CA on the first of that month."""
     signer = Signer(certificate=PERMISSIONS_CA)
-    return Message(signature=SignedData(signers=(signer,), signed_at=_day(year, month, 1))).smime
+    return Message(signature=SignedData(signers=(signer,), signed_at=day(year, month, 1))).smime

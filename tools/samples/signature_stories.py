@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import datetime, timezone
+
+from tools.samples.certificates import day
 
 from .base import ONE, PERMISSIONS_CA, TALKER_CERTIFICATE, with_talker
 from .cms import SignedData, Signer
@@ -67,7 +68,7 @@ def _signers() -> Iterator[Story]:
         ),
         good=Case(GENUINE, ONE),
     )
-    renewed = replace(PERMISSIONS_CA, not_before=datetime(2026, 1, 1, tzinfo=timezone.utc))
+    renewed = replace(PERMISSIONS_CA, not_before=day(2026, 1, 1))
     yield from pair(
         "KA316",
         "signed-by-renewed-ca",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import datetime, timezone
+
+from tools.samples.certificates import day
 
 from .base import TALKER_CERTIFICATE, with_talker
 from .story import Story
 
 STORE = with_talker(
-    certificate=replace(TALKER_CERTIFICATE, not_after=datetime(2026, 12, 5, tzinfo=timezone.utc)),
+    certificate=replace(TALKER_CERTIFICATE, not_after=day(2026, 12, 5)),
 )
 """The talker's identity ends soon (KA205)."""
 
