@@ -45,6 +45,8 @@ def _distrust(system: System, realm_index: int, identity_index: int) -> str:
     identity = system.certificates[identity_index]
     if causes.is_unread(system, realm.identity_ca):
         return "the identity CA file could not be read"
+    if not realm.identity_ca:
+        return "there is no certificate of an identity CA"
     issuers = [system.certificates[number] for number in identity.issuers & realm.identity_ca]
     if not issuers:
         return "no certificate of its identity CA has issued it"
@@ -68,6 +70,8 @@ def _document(case: Case) -> Counterexample:
         why = "bears no signature that these implementations can verify"
     elif causes.is_unread(case.system, case.system.realms[enclave.realm].permissions_ca):
         why = f"is signed by {signer}, and the permissions CA file could not be read"
+    elif not case.system.realms[enclave.realm].permissions_ca:
+        why = f"is signed by {signer}, and there is no certificate of a permissions CA"
     elif causes.signed_by_ca(case.system, enclave.realm, document):
         why = f"is signed by {signer}, which is not in force"
     elif all(causes.has_authority_key(case.system, enclave.realm, each) for each in signers):

@@ -181,6 +181,16 @@ def test_a_permissions_document_of_another_signer_is_named() -> None:
     )
 
 
+def test_where_there_is_no_authority_nobody_is_said_to_be_another() -> None:
+    """A copy of enclaves/ alone: its links to public/ lead nowhere."""
+    b = healthy_builder()
+    b.realms[0] = replace(b.realms[0], identity_ca=frozenset(), permissions_ca=frozenset())
+    told = tell(b.system(), "documents-signed-by-the-permissions-ca", enclave=TALKER, document=TALKER_PERMISSIONS)
+    assert told.text.endswith(", and there is no certificate of a permissions CA.")
+    told = tell(b.system(), "identities-chain-to-the-identity-ca", enclave=TALKER)
+    assert told.text.endswith("may trust: there is no certificate of an identity CA.")
+
+
 @pytest.mark.parametrize("skips", [True, False])
 def test_a_grant_behind_one_out_of_date_is_shown_where_that_one_is_passed_over(skips: bool) -> None:
     b = healthy_builder()
