@@ -48,5 +48,5 @@ def test_cyclone_dds_asks_no_permissions_of_what_is_not_declared(
 
 def test_reports_say_so_of_cyclone_dds_alone() -> None:
     [said] = assumed_of(("spec", "fastdds-3.6", "cyclonedds-0.10", "cyclonedds-11"))
-    assert said.startswith("Under cyclonedds-0.10, cyclonedds-11, nobody")
+    assert said.startswith("Under cyclonedds-0.10, cyclonedds-11, an attacker")
     assert not list(assumed_of(name for name in VARIANTS if not name.startswith("cyclonedds")))
