@@ -48,21 +48,16 @@ class View:
         """How the peers of each realm that enclaves are of see every enclave."""
         return enclaves_views(self.system, self.permissions)
 
-    @cached_property
-    def _members(self) -> list[tuple[RealmView, frozenset[str]]]:
-        """The realms with the paths of their enclaves."""
-        paths: dict[int, set[str]] = {}
-        for each in self.system.enclaves:
-            if not each.at_large:
-                paths.setdefault(each.realm, set()).add(each.label)
-        numbers = self.system.realms_of_enclaves()
-        return [(view, frozenset(paths.get(number, ()))) for number, view in zip(numbers, self.realms, strict=True)]
-
-    def letting_in(self, path: str) -> frozenset[str]:
-        """The enclaves that take the enclave for who it says it is, whatever the dates."""
+    def letting_in(self, path: str) -> tuple[int, ...]:
+        """The realms, by their places, that take the enclave for who it says it is, whatever the dates."""
         number = self.numbers.get(path)
-        letting = [each for view, each in self._members if number is not None and view.authenticated(number)]
-        return frozenset[str]().union(*letting)
+        return () if number is None else tuple(n for n, each in enumerate(self.realms) if each.authenticated(number))
+
+    def members(self, realms: Iterable[int]) -> frozenset[str]:
+        """The paths of the enclaves of these realms."""
+        numbers = self.system.realms_of_enclaves()
+        wanted = {numbers[place] for place in realms}
+        return frozenset(each.label for each in self.system.enclaves if each.realm in wanted and not each.at_large)
 
     @cached_property
     def taken(self) -> frozenset[int]:
@@ -151,6 +146,7 @@ class Sides:
             if domain is None or contains(self.channels.domains[channel.domain].intervals, domain)
         )
         self._domain = domain
+        self._letting: dict[tuple[int, tuple[int, ...], tuple[int, ...]], tuple[frozenset[str], frozenset[str]]] = {}
         self.pairs = list(self._paired())
         self.unknown = tuple(dict.fromkeys(self._unread()))
         self._doubtful = frozenset(self._doubted())
@@ -212,6 +208,18 @@ class Sides:
     def compared(self) -> list[str]:
         """Those of which everything could be read on both sides."""
         return [path for path in self.common if path not in self._doubtful]
+
+    def letting_in(self, path: str) -> Iterator[tuple[Pair, frozenset[str], frozenset[str]]]:
+        """By pair, the enclaves of both keystores that took the enclave for who it says it is in the old one alone, and
+        in the new one alone.
+        """
+        for place, pair in enumerate(self.pairs):
+            key = place, pair.old.letting_in(path), pair.new.letting_in(path)
+            if key not in self._letting:  # of 10,000 enclaves most are let in by the same
+                both = frozenset(self.common)
+                before, after = pair.old.members(key[1]) & both, pair.new.members(key[2]) & both
+                self._letting[key] = before - after, after - before
+            yield pair, *self._letting[key]
 
     def is_read(self, path: str) -> bool:
         """Whether everything of the enclave could be read on both sides."""

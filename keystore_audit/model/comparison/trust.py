@@ -228,11 +228,9 @@ def _issuer_facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Fact]:
     if {c.key for c in issuers[0]} != {c.key for c in issuers[1]}:
         names = [_told(each) for each in issuers]
         issuer.append(Aspect(what="issuer", old=names[0], new=names[1], direction=Direction.CHANGED))
-    common = frozenset(sides.common)
     peers: dict[tuple[frozenset[str], frozenset[str]], list[str]] = {}
-    for pair in sides.pairs:
-        before, after = (view.letting_in(new.path) & common for view in (pair.old, pair.new))
-        peers.setdefault((before - after, after - before), []).extend(pair.profiles)
+    for pair, gone, come in sides.letting_in(new.path):
+        peers.setdefault((gone, come), []).extend(pair.profiles)
     for (gone, come), profiles in peers.items():
         direction = direction_of(gains=bool(come), losses=bool(gone))
         told = []
