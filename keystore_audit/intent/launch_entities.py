@@ -6,7 +6,7 @@ Sources: launch's and launch_ros's `expose_action` names and their `parse` metho
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 from keystore_audit.dataclass import dataclass
@@ -31,7 +31,7 @@ from keystore_audit.intent.launch_actions import (
     Unknown,
     Unread,
 )
-from keystore_audit.intent.launch_environment import replaced
+from keystore_audit.intent.launch_environment import named, replaced
 from keystore_audit.intent.source import Source, shown
 from keystore_audit.intent.substitution import SubstitutionError, parse
 
@@ -48,6 +48,12 @@ class Entity:
     def called(self, *kinds: str) -> tuple[Entity, ...]:
         """The elements in it of these kinds."""
         return tuple(child for child in self.children if child.kind in kinds)
+
+    def texts(self) -> Iterator[str]:
+        """The values of its attributes, and of those of all elements in it."""
+        yield from self.attributes.values()
+        for child in self.children:
+            yield from child.texts()
 
 
 INERT: Final = frozenset(
@@ -77,9 +83,17 @@ class _Entities:
             return None
         read = _READERS.get(entity.kind)
         if read is None:
-            said = f"the element {shown(entity.kind)} is not read; it may start nodes or change their names"
-            return Unread(**self._where(entity), reason=said)
+            return self._unread(entity)
         return read(self, entity)
+
+    def _unread(self, entity: Entity) -> Action:
+        """An element that is not known, as a loop; variables of security that are named in it may be set."""
+        said = f"the element {shown(entity.kind)} is not read; it may start nodes or change their names"
+        unread = Unread(line=entity.line, reason=said)
+        names = dict.fromkeys(filter(None, map(named, entity.texts())))
+        value = (Unknown(reason=f"what is in the element {shown(entity.kind)}"),)
+        changed = (AssignEnvironment(line=entity.line, name=(name,), value=value) for name in names)
+        return Group(**self._where(entity), actions=(*changed, unread), scoped=False)
 
     def declare(self, entity: Entity) -> Action:
         """An `<arg>` of the file."""

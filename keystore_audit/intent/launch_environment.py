@@ -68,6 +68,15 @@ _CLEAN: Final = re.compile(
 """What takes back all, env or a shell: options of one letter may stand together, and long ones may be cut short."""
 
 
+_NAMED: Final = re.compile(rf"({'|'.join(NAMES)})(?:=.*)?|.*\s({'|'.join(NAMES)})=.*", re.DOTALL)
+
+
+def named(text: str) -> str | None:
+    """The variable of `NAMES` that a text is, alone or set as in `env NAME=VALUE`."""
+    match = _NAMED.fullmatch(text)
+    return None if match is None else match[1] or match[2]
+
+
 def replaced(
     values: Iterable[tuple[Text, Text]],
     *,

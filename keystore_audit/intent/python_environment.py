@@ -7,12 +7,11 @@ followed or not; one where it is only read is none of these.
 from __future__ import annotations
 
 import ast
-import re
 from collections.abc import Iterable, Iterator
 from typing import Final
 
 from keystore_audit.intent.launch_actions import AssignEnvironment, Unknown
-from keystore_audit.intent.launch_environment import NAMES
+from keystore_audit.intent.launch_environment import NAMES, named
 
 _ENVIRON: Final = frozenset({"environ", "environb"})
 _FUNCTIONS: Final = frozenset({"putenv", "unsetenv"})
@@ -35,8 +34,6 @@ _LOOKING: Final = frozenset({"get", "getenv", "EnvironmentVariable"})
 """What is called with the name of a variable to look it up."""
 
 _NOT_FOLLOWED: Final = (ast.Lambda, ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.DictComp, ast.IfExp)
-_NAMED: Final = re.compile(rf"({'|'.join(NAMES)})(?:=.*)?|.*\s({'|'.join(NAMES)})=.*", re.DOTALL)
-"""A variable, alone or set as in `env NAME=VALUE`."""
 
 
 def changes(module: ast.Module, skipped: Iterable[ast.stmt]) -> Iterator[AssignEnvironment]:
@@ -48,8 +45,8 @@ def changes(module: ast.Module, skipped: Iterable[ast.stmt]) -> Iterator[AssignE
     found: dict[str, list[tuple[int, str | None]]] = {}
     unread = [*skipped, *(node for node in ast.walk(module) if isinstance(node, _NOT_FOLLOWED))]
     for node in (inner for each in unread for inner in ast.walk(each)):
-        if named := _mentioned(node, parents):
-            found.setdefault(named, []).append((getattr(node, "lineno", 1), None))
+        if name := _mentioned(node, parents):
+            found.setdefault(name, []).append((getattr(node, "lineno", 1), None))
     for node in ast.walk(module):
         for names, value in _changed(node, parents):
             for name in NAMES if names is None else names:
@@ -64,13 +61,11 @@ def changes(module: ast.Module, skipped: Iterable[ast.stmt]) -> Iterator[AssignE
 def _mentioned(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> str | None:
     """The variable that is named here, unless it is only looked up, or `_changed` speaks of it."""
     text = node.arg if isinstance(node, ast.keyword) else _text(node)
-    match = _NAMED.fullmatch(text) if text is not None else None
+    name = named(text) if text is not None else None
     parent = parents[node]
     looking = isinstance(parent, ast.Call) and _called(parent.func) in _LOOKING
     subscript = isinstance(parent, ast.Subscript) and (isinstance(parent.ctx, ast.Load) or _is_environ(parent.value))
-    if match is None or looking or subscript or isinstance(parent, (ast.Compare, ast.Expr)):
-        return None
-    return match[1] or match[2]
+    return None if looking or subscript or isinstance(parent, (ast.Compare, ast.Expr)) else name
 
 
 def _called(node: ast.AST) -> str | None:

@@ -244,6 +244,18 @@ def test_a_process_that_may_be_a_node_has_what_is_set_for_it(
     ]
 
 
+def test_what_is_not_read_may_set_what_is_named_in_it(tmp_path: Path) -> None:
+    node = '<node pkg="p" exec="e" name="n"/>'
+    for inside in (
+        '<node pkg="p" exec="e"><env name="ROS_SECURITY_ENABLE" value="no"/></node>',
+        '<node pkg="p" exec="e" launch-prefix="env ROS_SECURITY_ENABLE=no"/>',
+        '<set_env name="ROS_SECURITY_ENABLE" value="no"/>',
+    ):
+        assert variables(launch(tmp_path, f"<for_each>{inside}</for_each>{node}")) == {"SECURITY_ENABLE": None}
+    about = '<brand_new message="About ROS_SECURITY_ENABLE"/>'
+    assert variables(launch(tmp_path, f"{about}{node}")) == {}
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
