@@ -43,7 +43,7 @@ def changes(module: ast.Module, skipped: Iterable[ast.stmt]) -> Iterator[AssignE
     """
     parents = {child: node for node in ast.walk(module) for child in ast.iter_child_nodes(node)}
     found: dict[str, list[tuple[int, str | None]]] = {}
-    unread = [*skipped, *(node for node in ast.walk(module) if isinstance(node, _NOT_FOLLOWED))]
+    unread = [*skipped, *(node for node in ast.walk(module) if isinstance(node, _NOT_FOLLOWED)), *_spread(module)]
     for node in (inner for each in unread for inner in ast.walk(each)):
         if name := _mentioned(node, parents):
             found.setdefault(name, []).append((getattr(node, "lineno", 1), None))
@@ -56,6 +56,19 @@ def changes(module: ast.Module, skipped: Iterable[ast.stmt]) -> Iterator[AssignE
         line, value = found[name][0]
         told = value if len(values) == 1 and value is not None else Unknown(reason=f"what line {line} makes of {name}")
         yield AssignEnvironment(line=line, name=(name,), value=(told,))
+
+
+def _spread(module: ast.Module) -> Iterator[ast.AST]:
+    """Dictionaries that calls take their arguments from, `Node(**these)`, and whatever is assigned to or in them."""
+    given = [node for node in ast.walk(module) if isinstance(node, ast.keyword) and node.arg is None]
+    names = {node.id for each in given for node in ast.walk(each) if isinstance(node, ast.Name)}
+    for node in ast.walk(module):
+        if isinstance(node, (ast.Assign, ast.AnnAssign, ast.AugAssign)):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            held = {inner.id for target in targets for inner in ast.walk(target) if isinstance(inner, ast.Name)}
+            if held & names:
+                yield node
+    yield from given
 
 
 def _mentioned(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> str | None:
