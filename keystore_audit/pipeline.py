@@ -90,7 +90,6 @@ def audit(
         options.at,
         accesses,
         usabilities,
-        options.domain,
         claims,
         [place for file in options.alloy_properties for place in file.places],
         declared,

@@ -69,17 +69,16 @@ def pairs(
     return tuple((one, other) for one in sources for other in targets if one != other or not one.enclaves)
 
 
-def unusable(
-    system: System, channels: Channels, keystore: Keystore, usabilities: Usabilities | None, domain: int | None
-) -> frozenset[int]:
-    """The channels of other domains than `domain` (None: the robots use any) and of other partitions than the default
-    one, those whose name some implementation of the system has for no topic, and those of domains in which an enclave
-    does not start although it does elsewhere.
+def unusable(system: System, channels: Channels, keystore: Keystore, usabilities: Usabilities | None) -> frozenset[int]:
+    """The channels of other domains than the one that the robots use, if it is said, and of other partitions than the
+    default one, those whose name some implementation of the system has for no topic, and those of domains in which an
+    enclave does not start although it does elsewhere.
 
-    `usabilities`: who starts, in `domain`; None: everybody.
+    `usabilities`: who starts, in that domain; None: everybody.
     """
     profiles = [VARIANTS[name] for name in system.profiles]
     found = set(range(len(channels.channels))) - channels.regions[IN_DEFAULT_PARTITION]
+    domain = usabilities.domain if usabilities is not None else None
     if domain is not None:
         inside = {n for n, each in enumerate(channels.domains) if contains(each.intervals, domain)}
         found.update(n for n, channel in enumerate(channels.channels) if channel.domain not in inside)

@@ -173,11 +173,10 @@ def with_claims(
     channels: Channels,
     keystore: Keystore,
     usability: Mapping[tuple[str, str], Usability],
-    domain: int | None = None,
     usabilities: Usabilities | None = None,
 ) -> tuple[System, ...]:
     """The systems with the claims as facts. `usability`: by directory and profile, as in `Meaning`, and `usabilities`
-    at later instants; `domain`: the one that the robots use, None: any. For claims that rest on who starts.
+    at later instants. For claims that rest on who starts.
 
     Raises errors.UsageError for a claim of something that is not in the keystore: it would hold for want of it.
     """
@@ -186,7 +185,7 @@ def with_claims(
     _check(claims, systems, channels, keystore)
 
     def resolved(system: System) -> System:
-        return _Resolution(system, channels, keystore, usability, usabilities, domain).resolved(claims)
+        return _Resolution(system, channels, keystore, usability, usabilities).resolved(claims)
 
     kinds = {claim.kind for claim in claims}
     if kinds.isdisjoint(RESTING_ON_STARTS | RESTING_ON_SUBJECTS):
@@ -279,11 +278,9 @@ class _Resolution:
         keystore: Keystore,
         usability: Mapping[tuple[str, str], Usability],
         usabilities: Usabilities | None,
-        domain: int | None,
     ) -> None:
         self._system = system
         self._usabilities = usabilities
-        self._domain = domain
         self._channels = channels
         self._known = {enclave.path for enclave in keystore.enclaves}
         self._labels = [enclave.label for enclave in system.enclaves]
@@ -296,7 +293,7 @@ class _Resolution:
         """Channels on which no claim of ability counts."""
         from keystore_audit.model.ability import unusable  # most settings claim none
 
-        return unusable(self._system, self._channels, self._keystore, self._usabilities, self._domain)
+        return unusable(self._system, self._channels, self._keystore, self._usabilities)
 
     def _away(self, until: datetime | None) -> tuple[frozenset[int], frozenset[int]]:
         """Enclaves that take no part in what a claim of ability asks for; and who else at some instant until then."""

@@ -10,7 +10,7 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.behaviour import DeterminismAtom, Scheduler
+from keystore_audit.model.behaviour import Scheduler
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims import (
     AMBIENT,
@@ -116,7 +116,7 @@ def with_determinism(
     channels: Channels,
     keystore: Keystore,
     usability: Mapping[tuple[str, str], Usability],
-    domain: int | None = None,
+    domain: int | None,
 ) -> tuple[System, ...]:
     """The systems with the claims of determinism as facts. `usability`: by directory and profile. `domain`: the one
     that the robots use, None: any.
@@ -139,11 +139,7 @@ def with_determinism(
         for each, found in zip(resolved, atoms, strict=True):
             if read[each.system.profiles] is None:
                 found[number] = replace(found[number], behaviours=(), undecided=UNREAD)
-    return tuple(_given(each.system, found) for each, found in zip(resolved, atoms, strict=True))
-
-
-def _given(system: System, atoms: Iterable[DeterminismAtom]) -> System:
-    return replace(system, determinism=tuple(atoms))
+    return tuple(replace(each.system, determinism=tuple(found)) for each, found in zip(resolved, atoms, strict=True))
 
 
 def _check(declared: Declared, systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:

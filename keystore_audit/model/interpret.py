@@ -41,7 +41,6 @@ def interpret(
     at: datetime,
     accesses: AccessViews,
     usabilities: Usabilities,
-    domain: int | None = None,
     claims: Sequence[Claim] = (),
     places: Sequence[NamedPlace] = (),
     declared: Declared | None = None,
@@ -50,17 +49,16 @@ def interpret(
 ) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC).
 
-    `domain`: the one in which enclaves are to start, as in `usabilities`; None: some domain of 0..232.
-
-    `claims`: what users claim, `places`: what they have names for, `declared`: what nodes forward;
-    errors.UsageError for something that is not there. `nodes`: those that will use it. `aside`: a copy of this process
-    may look for anomalies.
+    `usabilities`: of the domain in which enclaves are to start. `claims`: what users claim, `places`: what they have
+    names for, `declared`: what nodes forward; errors.UsageError for something that is not there. `nodes`: those that
+    will use it. `aside`: a copy of this process may look for anomalies.
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
     if claims:
         _begins, excluded = accesses.exclusive_bounds(profiles)
         claims = lasting(claims, accesses.dates_in_local_time(profiles), excluded)
+    domain = usabilities.domain
     over_budget: str | None = None
     systems: tuple[System, ...] = ()
     usability = usability_by_profile(keystore.enclaves, profiles, at, usabilities)
@@ -69,7 +67,7 @@ def interpret(
     with Aside(partial(anomalies, keystore, profiles, accesses), wanted=aside) as odd:
         try:
             builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=named)
-            systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, domain, usabilities)
+            systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities)
             systems = with_places(systems, places, builder.channels, keystore)
             if nodes:
                 from keystore_audit.model.intended.wiring import with_nodes

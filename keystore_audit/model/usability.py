@@ -75,7 +75,7 @@ class Usabilities:
     """
 
     def __init__(self, domain: int | None, accesses: AccessViews) -> None:
-        self._domain = domain
+        self.domain = domain
         self._accesses = accesses
         self._governed: dict[tuple[str, object], _Governed] = {}
         self._sights: dict[str, Sight] = {}
@@ -162,8 +162,8 @@ class Usabilities:
         signed = self._document_refusals(Role.GOVERNANCE, sight.governance, sight.permissions_ca, profile)
         yield (*certificate_refusals(sight, profile.trust), *authority_refusals(sight, profile.trust), *signed)
         governed = self._governed_domains(sight.governance, profile)
-        none = self._domain is None
-        said = UNGOVERNED[0] if none else f"{UNGOVERNED[1]} {self._domain}"
+        none = self.domain is None
+        said = UNGOVERNED[0] if none else f"{UNGOVERNED[1]} {self.domain}"
         yield (said,) if governed == () and not profile.local.starts_ungoverned else ()
 
     def _document_refusals(
@@ -226,8 +226,8 @@ class Usabilities:
     def _deciding(self, file: GovernanceFile, profile: Profile) -> Iterator[tuple[Interval, ReadDomainRule]]:
         """The first rule for the domain in question, or for each that they tell apart; all rules where any counts."""
         every, rules = profile.access.any_governance_rule, self._accesses.deciding(file, profile.access)
-        asked: Iterable[Interval] = ((self._domain, self._domain),) if self._domain is not None else ()
-        if self._domain is None:
+        asked: Iterable[Interval] = ((self.domain, self.domain),) if self.domain is not None else ()
+        if self.domain is None:
             asked = elementary(rule.domains for rule in rules)
         for interval in asked:
             covering = (rule for rule in rules if contains(rule.domains, interval[0]))

@@ -77,7 +77,7 @@ def holds(
         location=Location(path="s.toml", beside=True),
         place="s.toml:1:1",
     )
-    found = interpret(keystore, resolve(profiles), AT, accesses, Usabilities(domain, accesses), domain, [claim])
+    found = interpret(keystore, resolve(profiles), AT, accesses, Usabilities(domain, accesses), [claim])
     answers = NativeEngine(found.systems).answers
     [answer] = {each["able"].status for each in answers}
     return answer is Status.HOLDS
