@@ -17,7 +17,7 @@ from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import bits, members, union
-from keystore_audit.model.system import System
+from keystore_audit.model.system import System, easiest
 
 
 class Leg(NamedTuple):
@@ -379,8 +379,7 @@ class _Walk:
         raise AssertionError("a participant was reached from nowhere")
 
     def _one(self, channels: int) -> int:
-        """The channel that a person reads most easily."""
-        return min(members(channels), key=lambda n: (not self._channels[n].ros, self._channels[n].infinite, n))
+        return easiest(self._channels, members(channels))
 
     def _name(self, node: int) -> int | None:
         return None if node == self._flows.outsider else node

@@ -10,6 +10,7 @@ rules (grants, domain rules, topic rules) within their parent is the order of th
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from enum import Enum
 from typing import NamedTuple
@@ -178,6 +179,11 @@ class ChannelAtom(NamedTuple):
     partition: str
     ros: bool
     infinite: bool
+
+
+def easiest(channels: Sequence[ChannelAtom], numbers: Iterable[int]) -> int:
+    """Of the channels of these numbers, the one that a person reads most easily."""
+    return min(numbers, key=lambda n: (not channels[n].ros, channels[n].infinite, n))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

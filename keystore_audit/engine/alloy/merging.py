@@ -17,7 +17,7 @@ from keystore_audit.engine.alloy.mentions import mentions, surroundings
 from keystore_audit.engine.alloy.moments import redated
 from keystore_audit.engine.alloy.twins import find_twins
 from keystore_audit.model.claim import ClaimAtom, Place
-from keystore_audit.model.system import GrantAtom, RealmAtom, RuleAtom, System
+from keystore_audit.model.system import GrantAtom, RealmAtom, RuleAtom, System, easiest
 from keystore_audit.properties.property import Answer, Hop, Role, Witness
 
 KEPT: Final = 3
@@ -127,7 +127,7 @@ def _spare(system: System) -> _Spare:
     alike: dict[Hashable, list[int]] = {}
     for channel, around in enumerate(surroundings(system)):
         alike.setdefault((around, words[channel], frozenset(met_by.get(channel, ()))), []).append(channel)
-    remaining = ((_told(system, each), each) for each in alike.values())
+    remaining = ((easiest(system.channels, each), each) for each in alike.values())
     instead = {channel: told for told, each in remaining for channel in each if channel != told}
     if instead:
         return _Spare(channels=frozenset(instead), alike=instead)
@@ -149,11 +149,6 @@ def _idle(system: System) -> frozenset[int]:
     used = {grant.document for grant in system.grants} | {enclave.permissions for enclave in system.enclaves}
     used |= {realm.governance for realm in system.realms}
     return frozenset(n for n, document in enumerate(system.documents) if n not in used and not document.opaque)
-
-
-def _told(system: System, channels: Iterable[int]) -> int:
-    """The channel that a person reads most easily."""
-    return min(channels, key=lambda n: (not system.channels[n].ros, system.channels[n].infinite, n))
 
 
 def _without(merged: Merged, spare: _Spare) -> Merged:

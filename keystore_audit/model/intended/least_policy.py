@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.intent.intent import Action, IntendedRight, Intent, Origin, UsedName
+from keystore_audit.intent.intent import Action, Intent, Origin, UsedName
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.decision import WILDCARDS
@@ -94,7 +94,8 @@ class _Draft:
             if right.allow:
                 self._of(right.enclave, right.node)[right.action, right.name] = None
             else:
-                self._denied.setdefault(self._enclave(right), {})[right.action, right.name] = None
+                path = enclave_of(right.enclave, right.node, self._kind)
+                self._denied.setdefault(path, {})[right.action, right.name] = None
         for used in intent.names:
             self._use(used)
         if intent.origin is not Origin.POLICY:  # a policy says everything that it wants
@@ -112,9 +113,6 @@ class _Draft:
         names = (right.name for enclave in enclaves for right in enclave.rights if right.allow)
         wildcards = tuple(dict.fromkeys(name for name in names if not WILDCARDS.isdisjoint(name)))
         return LeastPolicy(enclaves=enclaves, doubts=tuple(self._doubts), wildcards=wildcards)
-
-    def _enclave(self, right: IntendedRight) -> str:
-        return enclave_of(right.enclave, right.node, self._kind)
 
     def _of(self, enclave: str, node: str) -> dict[tuple[Action, str], None]:
         path = enclave_of(enclave, node, self._kind)

@@ -37,7 +37,7 @@ class Placed:
         self.everything = grant.default_allow
         self.allows_only = all(rule.allow for rule in grant.rules)
         if has_wildcard("\n".join(texts)):
-            self.wild = tuple(dict.fromkeys(text for text in texts if has_wildcard(text) and _may_be_service(text)))
+            self.wild = tuple(dict.fromkeys(t for t in texts if has_wildcard(t) and not t.startswith("rt/")))
             self.requests = {name for name in self.requests if not has_wildcard(name)}
             self.replies = {name for name in self.replies if not has_wildcard(name)}
             self.everything = self.everything or allows_everything(grant.grant)
@@ -59,10 +59,6 @@ def _certain(grant: ReadGrant) -> tuple[Interval, ...] | None:
         ):
             return None
     return domains
-
-
-def _may_be_service(text: str) -> bool:
-    return not text.startswith("rt/")
 
 
 class Holder:
