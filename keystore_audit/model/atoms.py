@@ -8,18 +8,18 @@ those with wildcards run in one lazy automaton, searched breadth first for the s
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import AuditError
 from keystore_audit.model.expression import Pattern
-from keystore_audit.model.matching.alphabet import Alphabet, Budget
+from keystore_audit.model.matching.alphabet import Budget
 from keystore_audit.model.matching.automaton import STATE_UNITS, Automaton, on_or_behind_cycle
 from keystore_audit.model.matching.pattern_index import PatternIndex
-from keystore_audit.model.matching.search import shortest_names
-from keystore_audit.model.matching.tokens import ANY_CHARACTER, CharSet, Token
-from keystore_audit.model.matching.universe import ROS_SETS, ROS_SINGLES, Universe, dds_names, ros_names
+from keystore_audit.model.matching.search import residual_names
+from keystore_audit.model.matching.tokens import Token
+from keystore_audit.model.matching.universe import dds_names, ros_alphabet, ros_names
 from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.text import shorten
 
@@ -88,7 +88,7 @@ class _Classification:
         self._numbers = list(wildcards.values())
         self._wildcards = [patterns[numbers[0]] for numbers in self._numbers]
         tokens = list(wildcards)
-        self._alphabet = _alphabet(tokens, self._budget)
+        self._alphabet = ros_alphabet(tokens, self._budget)
         self._automaton = Automaton(tokens, self._alphabet, self._budget)
         self._members: dict[_Set, _Set] = {}
         self._verifier = _Verifier(self._wildcards, self._budget)
@@ -132,34 +132,13 @@ class _Classification:
 
     def _residual_witnesses(self, literal_sets: Mapping[str, _Set]) -> tuple[dict[_Set, str], dict[_Set, str]]:
         """The shortest names that are no literal: ROS 2's for every set that has one, others for the rest."""
-        ros = self._shortest(ros_names(self._alphabet), literal_sets) if self._topics else {}
-        others = self._shortest(dds_names(self._alphabet), literal_sets, ros)
-        return ros, others
-
-    def _shortest(
-        self, universe: Universe, literal_sets: Mapping[str, _Set], known: Collection[_Set] = ()
-    ) -> dict[_Set, str]:
-        """Names of the universe, for the sets that are not `known`.
-
-        A set whose shortest name is a literal may hold nothing else, so it is searched again with the literals of
-        these sets, and only those, left out.
-        """
-        names = shortest_names(self._automaton, universe, self._budget)
-        names = {accepted: name for accepted, name in names.items() if accepted not in known}
-        taken = {accepted for accepted, name in names.items() if name in literal_sets}
-        if not taken:
-            return names
-        avoid = [name for name, accepted in literal_sets.items() if accepted in taken]
-        again = shortest_names(self._automaton, universe, self._budget, avoid=avoid, wanted=taken)
-        return {accepted: name for accepted, name in names.items() if accepted not in taken} | again
+        automaton, budget = self._automaton, self._budget
+        ros = residual_names(automaton, ros_names(self._alphabet), budget, literal_sets) if self._topics else {}
+        return ros, residual_names(automaton, dds_names(self._alphabet), budget, literal_sets, ros)
 
     def _infinite_sets(self) -> set[_Set]:
-        """The sets of wildcard expressions that infinitely many names match; every state was built before."""
-        successors = []
-        for state in range(len(self._automaton)):
-            by_class, default = self._automaton.moves(state)
-            successors.append({default, *by_class.values()})
-        return {self._automaton.accepts[state] for state in on_or_behind_cycle(successors)}
+        """The sets of wildcard expressions that infinitely many names match."""
+        return {self._automaton.accepts[state] for state in on_or_behind_cycle(self._automaton.successors())}
 
     def _preferred(self, prefer: Iterable[str]) -> dict[_Set, str]:
         """The best of the given names for every set, literals apart."""
@@ -168,13 +147,6 @@ class _Classification:
         for name in sorted(names, key=lambda name: (not is_ros_dds_name(name), len(name), name)):
             best.setdefault(self._accepted(name), name)
         return best
-
-
-def _alphabet(expressions: Iterable[Sequence[Token]], budget: Budget) -> Alphabet:
-    tokens = {token for expression in expressions for token in expression}
-    singles = ROS_SINGLES.union(token for token in tokens if isinstance(token, str))
-    sets = {token for token in tokens if isinstance(token, CharSet)} - {ANY_CHARACTER}
-    return Alphabet(singles, [*ROS_SETS, *sorted(sets, key=lambda charset: charset.ranges)], budget)
 
 
 class _Verifier:

@@ -81,7 +81,7 @@ class _Walk:
         self._character = {character: alphabet.class_of(character) for character in "*?[]\\"}
         self._wild = {self._character["*"], self._character["?"]}
         self._automaton = Automaton(tokens, alphabet, budget)
-        self._after = _successors(self._automaton)
+        self._after = self._automaton.successors()
         self._empty = len(self._after)  # stands for the beginning of a name without a character yet
         self._after.append(self._after[0])
         self._leads = self._leading(wanted)
@@ -203,12 +203,3 @@ class _Pairs:
             self._budget.spend(self._units)
             self._seen.add(number)
             self.pending.append((pattern, name))
-
-
-def _successors(automaton: Automaton) -> list[tuple[int, ...]]:
-    """By state, where one character leads: all states are built."""
-    found: list[tuple[int, ...]] = []
-    while len(found) < len(automaton):
-        by_class, default = automaton.moves(len(found))
-        found.append(tuple({default, *by_class.values()}))
-    return found

@@ -96,6 +96,14 @@ class Automaton:
         """How many states were built so far."""
         return len(self._states)
 
+    def successors(self) -> list[tuple[int, ...]]:
+        """By state, where one character leads: all states are built."""
+        found: list[tuple[int, ...]] = []
+        while len(found) < len(self._states):
+            by_class, default = self.moves(len(found))
+            found.append(tuple({default, *by_class.values()}))
+        return found
+
     def walk(self, name: str) -> int:
         """Return the state that `name` leads to."""
         rows = self._rows

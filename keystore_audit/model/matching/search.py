@@ -71,6 +71,28 @@ def shortest_names(
     return {accepted: _spell(origins, place) for accepted, place in found.items()}
 
 
+def residual_names(
+    automaton: Walk,
+    universe: Universe,
+    budget: Budget,
+    literals: Mapping[str, frozenset[int]],
+    known: Collection[frozenset[int]] = (),
+) -> dict[frozenset[int], str]:
+    """Return the shortest names that are none of `literals`, for the sets that are not `known`.
+
+    `literals`: names, with what matches each. A set whose shortest name is a literal may hold nothing else, so it is
+    searched again with the literals of these sets, and only those, left out.
+    """
+    names = shortest_names(automaton, universe, budget)
+    names = {accepted: name for accepted, name in names.items() if accepted not in known}
+    taken = {accepted for accepted, name in names.items() if name in literals}
+    if not taken:
+        return names
+    avoid = [name for name, accepted in literals.items() if accepted in taken]
+    again = shortest_names(automaton, universe, budget, avoid=avoid, wanted=taken)
+    return {accepted: name for accepted, name in names.items() if accepted not in taken} | again
+
+
 def _spell(origins: dict[_Place, tuple[_Place | None, str]], place: _Place) -> str:
     characters = []
     at: _Place | None = place

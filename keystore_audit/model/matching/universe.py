@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import string
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.matching.alphabet import Alphabet
-from keystore_audit.model.matching.tokens import CharSet
+from keystore_audit.model.matching.alphabet import Alphabet, Budget
+from keystore_audit.model.matching.tokens import ANY_CHARACTER, CharSet, Token
 from keystore_audit.model.names import DISCOVERY_TOPIC, REPLY_SUFFIX, REQUEST_SUFFIX, SUFFIX_OF
 
 DEAD: Final = -1
@@ -44,6 +44,14 @@ class Universe:
     classes: Collection[int]
     accepting: Sequence[bool]
     moves: Sequence[tuple[Mapping[int, int], int]]
+
+
+def ros_alphabet(expressions: Iterable[Iterable[Token]], budget: Budget) -> Alphabet:
+    """An alphabet for expressions, given by their tokens, and for the universe of ROS 2 names."""
+    tokens = {token for expression in expressions for token in expression}
+    singles = ROS_SINGLES.union(token for token in tokens if isinstance(token, str))
+    sets = {token for token in tokens if isinstance(token, CharSet)} - {ANY_CHARACTER}
+    return Alphabet(singles, [*ROS_SETS, *sorted(sets, key=lambda charset: charset.ranges)], budget)
 
 
 def dds_names(alphabet: Alphabet) -> Universe:

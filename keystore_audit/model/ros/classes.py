@@ -18,9 +18,9 @@ from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.model.expression import Pattern
 from keystore_audit.model.matching.alphabet import Alphabet, Budget
 from keystore_audit.model.matching.automaton import STATE_UNITS, Automaton
-from keystore_audit.model.matching.search import shortest_names
-from keystore_audit.model.matching.tokens import ANY_CHARACTER, CharSet, Token
-from keystore_audit.model.matching.universe import DEAD, ROS_SETS, ROS_SINGLES, Universe
+from keystore_audit.model.matching.search import residual_names
+from keystore_audit.model.matching.tokens import Token
+from keystore_audit.model.matching.universe import DEAD, Universe, ros_alphabet
 from keystore_audit.model.names import REPLY_PREFIX, REPLY_SUFFIX, REQUEST_PREFIX, REQUEST_SUFFIX
 
 DEFAULT_BUDGET: Final = 10_000
@@ -92,7 +92,7 @@ class _Classification:
                 self._literals.setdefault(pattern.literal, []).append(number)
         self._numbers = list(wildcards.values())
         self._wildcards = [patterns[numbers[0]] for numbers in self._numbers]
-        alphabet = _alphabet(wildcards, self._budget)
+        alphabet = ros_alphabet(wildcards, self._budget)
         automaton = Automaton(list(wildcards), alphabet, self._budget)
         self._walk = _InStep(automaton, len(wildcards), affixes, self._budget)
         self._universe = _full_names(alphabet)
@@ -102,23 +102,10 @@ class _Classification:
         names = {affix.name(topic) for topic in self._literals for affix in self._affixes} - {None}
         literal = {name: self._walk.of_name(name) for name in names if name is not None}
         found = [RosClass(name=name, members=self._members(accepted, name)) for name, accepted in literal.items()]
-        for accepted, name in self._others(literal).items():
+        for accepted, name in residual_names(self._walk, self._universe, self._budget, literal).items():
             self._verify(name, accepted)
             found.append(RosClass(name=name, members=self._members(accepted, None)))
         return tuple(sorted(found, key=lambda each: each.name))
-
-    def _others(self, literal: Mapping[str, _Set]) -> dict[_Set, str]:
-        """The shortest name of every class that no literal is in.
-
-        A class whose shortest name is a literal may hold nothing else: it is searched again without those.
-        """
-        names = shortest_names(self._walk, self._universe, self._budget)
-        taken = {accepted for accepted, name in names.items() if name in literal}
-        if not taken:
-            return names
-        avoid = [name for name, accepted in literal.items() if accepted in taken]
-        again = shortest_names(self._walk, self._universe, self._budget, avoid=avoid, wanted=taken)
-        return {accepted: name for accepted, name in names.items() if accepted not in taken} | again
 
     def _members(self, accepted: _Set, literal: str | None) -> tuple[_Set, ...]:
         """By affix: the patterns that the numbers stand for, and those that are the topic itself."""
@@ -207,13 +194,6 @@ class _InStep:
                 at = by_class.get(self.alphabet.class_of(character), default)
             known = self._ends[state, suffix] = self._automaton.accepts[at]
         return known
-
-
-def _alphabet(expressions: Iterable[Sequence[Token]], budget: Budget) -> Alphabet:
-    tokens = {token for expression in expressions for token in expression}
-    singles = ROS_SINGLES.union(token for token in tokens if isinstance(token, str))
-    sets = {token for token in tokens if isinstance(token, CharSet)} - {ANY_CHARACTER}
-    return Alphabet(singles, [*ROS_SETS, *sorted(sets, key=lambda charset: charset.ranges)], budget)
 
 
 def _full_names(alphabet: Alphabet) -> Universe:
