@@ -19,11 +19,11 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.channels import ANY_TOPIC, MAX_CELLS, Channels
 from keystore_audit.model.claim import Attacker, Place
-from keystore_audit.model.claims import AMBIENT
 from keystore_audit.model.flow import Flows, Lane, Search
 from keystore_audit.model.influence import Influence
 from keystore_audit.model.inventory import documents_of, system_documents
 from keystore_audit.model.named import Named, names_of
+from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.permission import bits, members, union
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import Reading, System

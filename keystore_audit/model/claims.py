@@ -20,6 +20,7 @@ from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import all_matching, at, named_paths
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.named_enclaves import at_large, named_enclaves, with_all_certificates
+from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.semantics import Area
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
@@ -27,9 +28,6 @@ from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 if TYPE_CHECKING:
     from keystore_audit.model.labels import Labelling
     from keystore_audit.model.usability import Usabilities
-
-AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
-"""DDS topics that nearly every node has a right to: no flow takes them unless a claim includes them."""
 
 RESTING_ON_STARTS: Final = frozenset({ClaimKind.ABLE, ClaimKind.SEPARATE_DOMAINS})
 """Kinds of claims that ask which enclaves start."""

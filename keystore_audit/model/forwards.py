@@ -13,7 +13,6 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.behaviour import Scheduler
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims import (
-    AMBIENT,
     Globs,
     Marks,
     check_granted,
@@ -24,6 +23,7 @@ from keystore_audit.model.claims import (
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import named_paths, nearest
 from keystore_audit.model.meaning import Usability
+from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import System
 

@@ -7,7 +7,6 @@ keeps a place of its own.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
@@ -16,8 +15,6 @@ from keystore_audit.model.channels import MAX_CELLS
 from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.matching.patterns import classes_of
 from keystore_audit.model.semantics import Area
-
-DEFAULT_PARTITION: Final = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +57,7 @@ def names_of(read: Iterable[tuple[Matcher, ReadDocument]], most: int = MAX_CELLS
                     _add(area, matcher, topics, partitions)
     classes = classes_of(topics.patterns)
     others: list[str] = []
-    if any(pattern.literal != DEFAULT_PARTITION for pattern in partitions.patterns):
+    if any(pattern.literal != "" for pattern in partitions.patterns):
         others = [each.witness for each in classes_of(partitions.patterns, topics=False)]
     if len(classes) * (1 + len(others)) > MAX_CELLS or len(classes) * len(others) > most:
         message = f"{len(classes)} topic classes in {1 + len(others)} partition classes are more than can be shown."
@@ -73,7 +70,7 @@ def names_of(read: Iterable[tuple[Matcher, ReadDocument]], most: int = MAX_CELLS
             several=all(topics.patterns[member].literal is None for member in each.members),
             expressions=topics.wildcards(each.members),
         )
-        for partition in (DEFAULT_PARTITION, *others)
+        for partition in ("", *others)
         for each in classes
     )
     rest = min(range(len(classes)), key=lambda n: (not classes[n].infinite, len(classes[n].members), n))

@@ -7,7 +7,6 @@ at most 247 characters, a DDS participant any number.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from enum import Enum
 from typing import Final
 
@@ -18,12 +17,11 @@ from keystore_audit.keystore.permissions import Operation
 
 DISCOVERY_TOPIC: Final = "ros_discovery_info"
 
-AMBIENT_TOPICS: Final[Mapping[str, str]] = {
-    "rt/rosout": "every node publishes its log lines on it",
-    "rt/parameter_events": "every node tells changes of its parameters on it, and may listen to those of others",
-    DISCOVERY_TOPIC: "every participant tells on it which nodes and endpoints it has",
-}
-"""DDS topics that join every enclave to every other, and why; reachability leaves them out unless asked for them."""
+AMBIENT_TOPICS: Final = frozenset({"rt/rosout", "rt/parameter_events", DISCOVERY_TOPIC})
+"""DDS topics that join every enclave to every other: logs, changes of parameters, and who has which endpoints."""
+
+AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", DISCOVERY_TOPIC)
+"""DDS topics that nearly every node has a right to: no flow takes them unless a claim includes them."""
 
 PARAMETER_SERVICES: Final = (
     "describe_parameters",

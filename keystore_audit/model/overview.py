@@ -15,9 +15,9 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_lines import Allowance, allowances
 from keystore_audit.model.access_table import AccessTable, access_table
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.claims import AMBIENT
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.issuance import Issuance, issuance
+from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.neighbours import Neighbourhood, neighbourhoods
 from keystore_audit.model.periods import Period, periods
 from keystore_audit.model.permission import bits

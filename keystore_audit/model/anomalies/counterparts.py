@@ -12,11 +12,8 @@ from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import domain_bits
 from keystore_audit.model.expression import Matcher, Pattern, parse
-from keystore_audit.model.names import AMBIENT_TOPICS, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX
+from keystore_audit.model.names import AMBIENT, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX
 from keystore_audit.model.semantics import ReadGrant, ReadRule
-
-USUAL_TOPICS: Final = (*AMBIENT_TOPICS, "rt/clock")
-"""Topics that nodes have whether or not anybody is at the other end; Dashing has /rosout in the node's namespace."""
 
 _OF_SERVICES: Final = (f"{REQUEST_PREFIX}/", f"{REPLY_PREFIX}/", f"{SERVICE_PREFIX}/")
 _OF_ACTIONS: Final = "/_action/"
@@ -175,4 +172,5 @@ def _open(governances: Iterable[GovernanceFile], operation: Operation) -> tuple[
 
 
 def _is_usual(topic: str) -> bool:
-    return topic in USUAL_TOPICS or topic.endswith("/rosout") or topic.startswith(_OF_SERVICES) or _OF_ACTIONS in topic
+    """Whether nodes have it whether or not anybody is at the other end; Dashing has /rosout in a node's namespace."""
+    return topic in AMBIENT or topic.endswith("/rosout") or topic.startswith(_OF_SERVICES) or _OF_ACTIONS in topic

@@ -14,12 +14,13 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView, enclaves_views
 from keystore_audit.model.channels import document_channels
-from keystore_audit.model.claims import AMBIENT, named
+from keystore_audit.model.claims import named
 from keystore_audit.model.comparison.change import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains, merged
 from keystore_audit.model.doubt import enclave_doubts, keystore_doubts
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import Typed, documents_of, system_documents
+from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import Decisions, Permissions, bits, members, union
 from keystore_audit.model.profiles import Profile
