@@ -22,14 +22,11 @@ FAST_DDS: Final = tuple(name for name in VARIANTS if name.startswith("fastdds"))
 """The names of the variants of Fast DDS."""
 
 
-def unpinned() -> tuple[Profile, ...]:
-    """Every known variant that takes documents from any signer that chains to the permissions CA."""
-    return tuple(profile for profile in VARIANTS.values() if not profile.trust.pins_signer)
+PINNED: Final = tuple(profile for profile in VARIANTS.values() if profile.trust.pins_signer)
+"""The variants that take documents from the permissions CA itself alone."""
 
-
-def pinned() -> tuple[Profile, ...]:
-    """Every known variant that takes documents from the permissions CA itself alone."""
-    return tuple(profile for profile in VARIANTS.values() if profile.trust.pins_signer)
+UNPINNED: Final = tuple(profile for profile in VARIANTS.values() if not profile.trust.pins_signer)
+"""Those that take them from any signer that chains to it."""
 
 
 def unread_authority(enclave: Enclave) -> bool:

@@ -10,7 +10,7 @@ from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.trust import is_authority
-from keystore_audit.rules.acceptance import pinned, unpinned
+from keystore_audit.rules.acceptance import PINNED, UNPINNED
 from keystore_audit.rules.certificate import RENEW_AUTHORITY, at, what
 from keystore_audit.rules.commands import MAKE_PERMISSIONS_CA, SIGN_GOVERNANCE, SIGN_PERMISSIONS, UNREVIEWED
 from keystore_audit.rules.context import Context
@@ -88,21 +88,19 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
             both = {c.key for c in identity.certificates} & {c.key for c in permissions.certificates}
             if both:
                 shared.setdefault(tuple(sorted(both)), (identity, permissions, []))[2].append(enclave)
-    bites = any(not profile.trust.pins_signer for profile in context.profiles)
     for keys, (identity, permissions, enclaves) in shared.items():
         every = [c for file in (identity, permissions) for c in file.certificates]
         of_both = [c for c in every if c.key in keys]
         alone = f"Leave in each CA file the authority of its role alone. Where one still has both roles: {_SEPARATE}"
         yield Violation(
             message=f"{quoted(of_both[0].subject)} issues the identities and signs the permissions of "
-            f"{paths(enclaves)}: "
-            f"an enclave can sign itself any right, which {implementations(unpinned())} accept; "
-            f"{implementations(pinned())} refuse.",
+            f"{paths(enclaves)}: an enclave can sign itself any right, which {implementations(UNPINNED)} accept; "
+            f"{implementations(PINNED)} refuse.",
             locations=places(located(c) for c in of_both),
             enclave=sole(enclaves),
-            severity=Severity.HIGH if bites else None,
+            severity=Severity.HIGH if context.chose(UNPINNED) else None,
             remedy=alone if len(of_both) < len(every) else None,
-            profiles=tuple(profile.name for profile in unpinned()),
+            profiles=tuple(profile.name for profile in UNPINNED),
             key=_trusting([("both", keys, enclaves)]),
         )
 

@@ -14,7 +14,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.rules import BY_CODE
-from keystore_audit.rules.acceptance import pinned, unpinned
+from keystore_audit.rules.acceptance import PINNED, UNPINNED
 from keystore_audit.rules.subjects import permissions_uses
 from tests.rules.evidence import (
     DAY,
@@ -147,8 +147,8 @@ def test_who_takes_what_an_identity_signed_for_itself() -> None:
     accepted, _, refused = found[0].message.partition("accepted by")[2].partition("; refused")
     assert "Cyclone DDS 0.10 (humble, jazzy, kilted)" in accepted
     assert "Cyclone DDS 11" in refused
-    assert all(profile.title in accepted for profile in unpinned())
-    assert all(profile.title in refused for profile in pinned())
+    assert all(profile.title in accepted for profile in UNPINNED)
+    assert all(profile.title in refused for profile in PINNED)
     assert codes(self_signed(healthy())) == ["KA222", "KA302"]
 
 
