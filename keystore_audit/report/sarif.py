@@ -150,12 +150,6 @@ def _worst(finding: Finding) -> tuple[str, Severity]:
     return finding.code, Severity.HIGH if undecided else severity
 
 
-@lru_cache(maxsize=1_000)
-def _described(rule: RuleEntry, worst: Severity) -> str:
-    """A rule. `worst`: the severity of its worst finding in the run, or its own: services take no result's."""
-    return encoded(_rule(rule, worst))
-
-
 def _fitting(results: Sequence[str], room: int) -> int:
     """How many of the results, from the first, take no more than so many bytes once they are compressed."""
     if sum(map(len, results)) <= room:
@@ -237,11 +231,13 @@ def _notification(level: str, text: str) -> dict[str, Any]:
     return {"level": level, "message": {"text": text}}
 
 
-def _rule(rule: RuleEntry, worst: Severity) -> dict[str, Any]:
+@lru_cache(maxsize=1_000)
+def _described(rule: RuleEntry, worst: Severity) -> str:
+    """A rule. `worst`: the severity of its worst finding in the run, or its own: services take no result's."""
     first, _, _ = rule.description.partition("\n\n")
     described = "\n".join(map(markdown, rule.description.split("\n")))
     help_text = f"{rule.description}\n\nWhat to do: {rule.remedy}\n\nClause: {rule.clause}"
-    return {
+    entry = {
         "id": rule.code,
         "name": "".join(word.capitalize() for word in rule.name.split("-")),
         "shortDescription": {"text": rule.name.replace("-", " ")},
@@ -259,6 +255,7 @@ def _rule(rule: RuleEntry, worst: Severity) -> dict[str, Any]:
             "problem.severity": "error" if worst.at_least(Severity.HIGH) else "warning",
         },
     }
+    return encoded(entry)
 
 
 def _result(finding: Finding, rule: int, base: _Base, paths: Sequence[Counterexample]) -> dict[str, Any]:

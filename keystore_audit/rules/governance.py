@@ -45,13 +45,9 @@ def in_document(use: DocumentUse, says: str, *kinds: Kind) -> Iterator[Violation
         yield from defective(found, use.enclaves, says, undecided=use.may_be_taken)
 
 
-def domain_rules(use: GovernanceUse) -> tuple[DomainRule, ...]:
-    """The domain rules that decide for some domain: the first that covers a domain is the one for it."""
-    return _deciding(use.document)
-
-
 @lru_cache(maxsize=256)  # a dozen rules ask, about the few documents of one audit
-def _deciding(file: GovernanceFile) -> tuple[DomainRule, ...]:
+def domain_rules(file: GovernanceFile) -> tuple[DomainRule, ...]:
+    """The domain rules that decide for some domain: the first that covers a domain is the one for it."""
     deciding: list[DomainRule] = []
     taken = 0  # domains of the rules so far, as bits: a hostile document has thousands of rules
     for domain_rule in file.domain_rules:
@@ -67,7 +63,7 @@ def topic_rules(use: GovernanceUse) -> Iterator[tuple[DomainRule, TopicRule]]:
 
     So it is everywhere but in OpenDDS, which lets any matching rule without access control allow (read in its source).
     """
-    for domain_rule in domain_rules(use):
+    for domain_rule in domain_rules(use.document):
         for topic_rule in domain_rule.topic_rules:
             yield domain_rule, topic_rule
             if topic_rule.expression.text and not topic_rule.expression.text.strip("*"):
@@ -171,7 +167,7 @@ def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) 
     On Cyclone DDS such a peer reads and writes even topics under access control, where every protection kind is NONE
     (measured); what it reaches beside that depends on the implementation.
     """
-    for domain_rule in domain_rules(use):
+    for domain_rule in domain_rules(use.document):
         if domain_rule.allow_unauthenticated_participants:
             message = (
                 "allow_unauthenticated_participants is true, expected false: whoever reaches the network is matched "
@@ -195,7 +191,7 @@ def join_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
 
     Fast DDS demands an allow rule of its own participant all the same (measured); what counts are the others.
     """
-    for domain_rule in domain_rules(use):
+    for domain_rule in domain_rules(use.document):
         if not domain_rule.enable_join_access_control:
             message = "enable_join_access_control is false, expected true: every identity joins, granted or not."
             yield violates(use, domain_rule, None, "enable_join_access_control", message)

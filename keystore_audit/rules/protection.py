@@ -57,7 +57,7 @@ def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
     Headers, time stamps and the submessages that belong to no topic can then be forged from outside, whatever protects
     the topics.
     """
-    for domain_rule in domain_rules(use):
+    for domain_rule in domain_rules(use.document):
         if domain_rule.rtps_protection_kind is ProtectionKind.NONE:
             message = (
                 "rtps_protection_kind is NONE, expected SIGN or more: message headers and time stamps can be forged "
@@ -78,7 +78,7 @@ def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
 )
 def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """Message headers are authenticated and readable: who talks to whom, when and how much. sros2 ships it so."""
-    for domain_rule in domain_rules(use):
+    for domain_rule in domain_rules(use.document):
         kind = domain_rule.rtps_protection_kind
         if kind.authenticates and not kind.encrypts:
             message = f"rtps_protection_kind is {kind.value}: who talks to whom is readable on the network."
@@ -101,7 +101,7 @@ def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vio
     SIGN hides nothing: only an encrypting kind does, or rtps_protection_kind where it encrypts. The handshake shows
     each permissions document in clear whatever is set here.
     """
-    for domain_rule in domain_rules(use):
+    for domain_rule in domain_rules(use.document):
         kind = domain_rule.discovery_protection_kind
         if not kind.encrypts and not domain_rule.rtps_protection_kind.encrypts:
             message = f"discovery_protection_kind is {kind.value}, expected ENCRYPT: topic names are readable."
@@ -128,7 +128,7 @@ def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vi
     By any participant of the domain, and from outside where rtps_protection_kind is NONE too. Documents of
     DDS-Security 1.0 have no such element for topics.
     """
-    for domain_rule in domain_rules(use):
+    for domain_rule in domain_rules(use.document):
         whom = _forger(domain_rule)
         if not domain_rule.liveliness_protection_kind.authenticates:
             message = f"liveliness_protection_kind is NONE, expected SIGN or more: {whom} can keep a dead writer alive."
@@ -282,7 +282,7 @@ def unauthenticated_with_rtps_protection(use: GovernanceUse, _context: Context) 
     Fast DDS from 2.6.5 and 2.10.2 on refuses to start with it; Cyclone DDS starts, and the plain peer gets no data
     (measured).
     """
-    for domain_rule in domain_rules(use):
+    for domain_rule in domain_rules(use.document):
         kind = domain_rule.rtps_protection_kind
         if domain_rule.allow_unauthenticated_participants and kind.authenticates:
             message = (

@@ -15,7 +15,6 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind
 from keystore_audit.model.meaning import UngovernedTopics
 from keystore_audit.rules.governance import domain_rules
-from keystore_audit.rules.subjects import governance_uses
 from tests.cli.keystores import AT, answer, rule
 from tests.cli.keystores import keystore as built
 from tests.keystore.builder import GOVERNANCE
@@ -170,13 +169,12 @@ def test_a_domain_rule_whose_domains_are_decided_before_decides_nothing() -> Non
 )
 def test_the_domain_rules_that_decide_are_those_that_come_first_somewhere(ranges: list[tuple[int, int]]) -> None:
     rules = [domain_rule(domains=[(low, max(low, high))]) for low, high in ranges]
-    use = next(iter(governance_uses(keystore(enclave("/talker", governance=governance(*rules))))))
     first = {
         next(n for n, (low, high) in enumerate(ranges) if low <= domain <= max(low, high))
         for domain in range(13)
         if any(low <= domain <= max(low, high) for low, high in ranges)
     }
-    found = [next(n for n, rule in enumerate(rules) if rule is alive) for alive in domain_rules(use)]
+    found = [next(n for n, rule in enumerate(rules) if rule is alive) for alive in domain_rules(governance(*rules))]
     assert found == sorted(first)
 
 
