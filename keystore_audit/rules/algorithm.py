@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.certificate import ISSUE_AGAIN, at, remedy, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.identity import is_identity
@@ -59,15 +60,16 @@ def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[
     High where a chosen profile of Cyclone DDS refuses the enclave.
     """
     for certificate in use.in_use[:1]:
-        if certificate.key_kind not in ("RSA 2048", "EC secp256r1") and not is_weak_kind(certificate.key_kind):
-            other_curve = certificate.key_kind.startswith("EC ") and "256" in certificate.key_kind
-            refused = "" if other_curve else " and Cyclone DDS refuses"
+        kind = certificate.key_kind
+        if kind not in ("RSA 2048", "EC secp256r1") and not is_weak_kind(kind):
+            taken = {name: profile.trust.identity_keys for name, profile in VARIANTS.items()}
+            refusing = [name for name, kinds in taken.items() if kinds is not None and kind not in kinds]
             yield at(
                 use,
                 certificate,
-                f"{what(use, certificate)} has a key that the specification does not name{refused}: got "
-                f"{certificate.key_kind}, expected EC secp256r1 or RSA 2048.",
-                profiles=("spec",) if other_curve else ("spec", "cyclonedds-0.10", "cyclonedds-11"),
+                f"{what(use, certificate)} has a key that the specification does not name"
+                f"{' and Cyclone DDS refuses' if refusing else ''}: got {kind}, expected EC secp256r1 or RSA 2048.",
+                profiles=("spec", *refusing),
                 severity=Severity.HIGH if context.refused(use.enclaves, "cyclonedds") else None,
             )
 
