@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.environment import Environment
@@ -18,6 +18,16 @@ from keystore_audit.suppressions import Acceptance
 if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs none of it
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
+
+
+_T = TypeVar("_T")
+
+
+def given(value: _T | None) -> _T:
+    """What an option gave; only rules that apply where it did ask for it."""
+    if value is None:
+        raise ValueError("a rule asks for what was not given")
+    return value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,13 +17,13 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.names import ros_name
 from keystore_audit.rules.commands import CREATE_ENCLAVE, CREATE_PERMISSION
-from keystore_audit.rules.context import Context
+from keystore_audit.rules.context import Context, given
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import MAX_QUOTED, VERBS, listed, places, quoted
 from keystore_audit.text import shorten
 
 if TYPE_CHECKING:  # an audit without a policy needs none of it
-    from keystore_audit.model.intended.drift import Drift, EnclaveDrift
+    from keystore_audit.model.intended.drift import EnclaveDrift
     from keystore_audit.model.intended.drift_rights import DriftedRight
 
 DESIGN: Final = "ROS 2 design, SROS2 access control policies; ros2/sros2, policy/templates/dds/permissions.xsl"
@@ -31,13 +31,6 @@ DESIGN: Final = "ROS 2 design, SROS2 access control policies; ros2/sros2, policy
 
 def _is_given(_keystore: Keystore, context: Context) -> bool:
     return context.drift is not None
-
-
-def _drift(context: Context) -> Drift:
-    """What was compared; only rules that apply ask for it."""
-    if context.drift is None:
-        raise ValueError("no policy was given")
-    return context.drift
 
 
 def _alike(rights: Iterable[DriftedRight]) -> Iterator[list[DriftedRight]]:
@@ -70,7 +63,7 @@ def policy_right_not_granted(_keystore: Keystore, context: Context) -> Iterator[
     names, in the domains that governance and grant have in common (or `--domain`); whether a node ever uses the name
     cannot be known.
     """
-    for found in _drift(context).enclaves:
+    for found in given(context.drift).enclaves:
         for rights in _alike(found.lacking.rights):
             yield Violation(
                 message=_lacking_message(found, rights),
@@ -123,7 +116,7 @@ def right_beyond_policy(_keystore: Keystore, context: Context) -> Iterator[Viola
     High where an expression gives infinitely many. Looked at are the enclave's own permissions and every other document
     in the keystore that names it and that a peer may take, since an enclave can present it.
     """
-    for found in _drift(context).enclaves:
+    for found in given(context.drift).enclaves:
         for rights in _alike(found.exceeding.rights):
             whose = "its permissions" if found.own else f"{quoted(found.document)}, which it can present,"
             verb = "let" if found.own else "lets"
@@ -164,7 +157,7 @@ def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Viol
     `ros2 security` makes a grant of each, all with one subject, and implementations ask the first that is in force; of
     several <enclave> elements with one path it translates the first alone. The nodes of the others have no rights.
     """
-    for enclave, lost in grouped(_drift(context).lost, lambda profiles: profiles.enclave).items():
+    for enclave, lost in grouped(given(context.drift).lost, lambda profiles: profiles.enclave).items():
         nodes = listed(dict.fromkeys(node.name for profiles in lost for node in profiles.nodes))
         yield Violation(
             message=f"What the policy says of {enclave} here is lost, and {nodes} with it: {lost[0].lost}.",
@@ -188,7 +181,7 @@ def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Vi
 
     A keystore of one robot of many, with the policy of all of them, has this finding rightly.
     """
-    missing = _drift(context).missing
+    missing = given(context.drift).missing
     if missing:
         yield Violation(
             message=f"The policy speaks of {listed(each.enclave for each in missing)}, expected in the keystore: "
@@ -214,7 +207,7 @@ def enclave_not_in_policy(_keystore: Keystore, context: Context) -> Iterator[Vio
     As severe as KA641 where it may do something: medium, and high where it may use infinitely many names, or its
     permissions cannot be read.
     """
-    for severity, unnamed in grouped(_drift(context).unnamed, _weight).items():
+    for severity, unnamed in grouped(given(context.drift).unnamed, _weight).items():
         yield Violation(
             severity=severity,
             message=f"The policy says nothing of {listed(enclave.path for enclave in unnamed)}.",
@@ -249,7 +242,7 @@ def _weight(enclave: Enclave) -> Severity:
 )
 def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """What an enclave is granted, or what the policy means, cannot be told: it may be more or less than was meant."""
-    for doubt in _drift(context).undecided:
+    for doubt in given(context.drift).undecided:
         yield Violation(
             message=f"Whether {doubt.enclave} is granted what the policy says cannot be told "
             f"({shorten(doubt.reason, MAX_QUOTED)}).",
@@ -275,7 +268,7 @@ def policy_not_enforced_by_permissions(_keystore: Keystore, context: Context) ->
     rmw_zenoh takes identities from the enclaves and never reads permissions; what its nodes may do stands in its own
     configuration, which is not in the keystore.
     """
-    drift = _drift(context)
+    drift = given(context.drift)
     if drift.unenforced:
         yield Violation(
             message="No enclave has a permissions.p7s, so nothing here enforces the policy, and it was not compared.",

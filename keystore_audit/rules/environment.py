@@ -20,19 +20,12 @@ from keystore_audit.intent.environment import (
 )
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.profiles import DISTRIBUTIONS, MIDDLEWARE, running
-from keystore_audit.rules.context import Context
+from keystore_audit.rules.context import Context, given
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import quoted
 
 RCL: Final = "rcl, security.c (read); ROS 2 design, DDS-Security integration"
 ZENOH: Final = "rmw_zenoh_cpp"
-
-
-def _of(context: Context) -> Environment:
-    """The environment; only rules that apply ask for it."""
-    if context.environment is None:
-        raise ValueError("no environment was given")
-    return context.environment
 
 
 def _given(_keystore: Keystore, context: Context) -> bool:
@@ -55,7 +48,7 @@ def _found(environment: Environment, variable: str, message: str, **more: Any) -
 )
 def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """ROS_SECURITY_ENABLE is not exactly `true`: processes start without any security, whatever the keystore says."""
-    environment = _of(context)
+    environment = given(context.environment)
     value = environment.value(ENABLE)
     if value != SECURE[ENABLE]:
         said = f"is {quoted(value)}, not exactly 'true'" if value else "is not set"
@@ -73,7 +66,7 @@ def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Viol
 )
 def security_not_enforced(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """ROS_SECURITY_STRATEGY is not exactly `Enforce`: a process whose enclave does not load starts without security."""
-    environment = _of(context)
+    environment = given(context.environment)
     value = environment.value(STRATEGY)
     if value != SECURE[STRATEGY]:
         said = f"is {quoted(value)}, not exactly 'Enforce'" if value else "is not set"
@@ -99,7 +92,7 @@ def override_names_no_enclave(keystore: Keystore, context: Context) -> Iterator[
     Under Enforce nothing starts then, otherwise everything starts unsecured. rcl does not check the name: with `..` it
     leaves the keystore.
     """
-    environment = _of(context)
+    environment = given(context.environment)
     name = environment.value(OVERRIDE)
     known = [enclave.path for enclave in keystore.enclaves]
     if name and name not in known:
@@ -126,7 +119,7 @@ def override_for_every_process(keystore: Keystore, context: Context) -> Iterator
 
     What separates the enclaves in this report does not separate those processes.
     """
-    environment = _of(context)
+    environment = given(context.environment)
     name = environment.value(OVERRIDE)
     if len(keystore.enclaves) > 1 and name in {enclave.path for enclave in keystore.enclaves}:
         yield _found(
@@ -151,7 +144,7 @@ def no_keystore_named(_keystore: Keystore, context: Context) -> Iterator[Violati
 
     Whether the directory that it names holds what was audited cannot be seen from here.
     """
-    environment = _of(context)
+    environment = given(context.environment)
     if not environment.value(KEYSTORE):
         yield _found(environment, KEYSTORE, f"{KEYSTORE} is not set: no enclave is found.")
 
@@ -170,7 +163,7 @@ def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violati
 
     What the enclaves may do is then worked out for every domain that the governance covers, as without the variable.
     """
-    environment = _of(context)
+    environment = given(context.environment)
     if environment.domain is None:
         value = quoted(environment.value(DOMAIN))
         yield _found(environment, DOMAIN, f"{DOMAIN} is {value}; expected a number from 0 to 232.")
@@ -191,7 +184,7 @@ def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[V
 
     rmw_zenoh_cpp takes its own access control file; it enforces neither governance.p7s nor permissions.p7s.
     """
-    environment = _of(context)
+    environment = given(context.environment)
     name = environment.value(RMW)
     if name and name not in MIDDLEWARE:
         why = "enforces neither governance.p7s nor permissions.p7s" if name == ZENOH else "is not known here"
@@ -218,7 +211,7 @@ def distribution_not_modelled(_keystore: Keystore, context: Context) -> Iterator
     Every variant of the middleware is judged then, old ones among them that take permissions which an enclave signed
     itself; whether the robot's is one of them stays open, unless profiles are chosen.
     """
-    environment = _of(context)
+    environment = given(context.environment)
     name = environment.value(DISTRIBUTION)
     if name and name not in DISTRIBUTIONS:
         assumed = running(name, environment.value(RMW))

@@ -19,7 +19,7 @@ from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import MIDDLEWARE
 from keystore_audit.rules.commands import CREATE_ENCLAVE
-from keystore_audit.rules.context import Context
+from keystore_audit.rules.context import Context, given
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sentence
@@ -40,13 +40,6 @@ _DOES: Final = {
     Action.CALL: "calls the action",
     Action.EXECUTE: "executes the action",
 }
-
-
-def _seen(context: Context) -> Observation:
-    """What was observed; only rules that apply ask for it."""
-    if context.observed is None:
-        raise ValueError("nothing was observed")
-    return context.observed
 
 
 def _observes(_keystore: Keystore, context: Context) -> bool:
@@ -74,13 +67,13 @@ def missing_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     (log, parameter events and services, ros_discovery_info) is one finding for an enclave; nodes that were started
     without parameter services or log do not need those. Graphs are of one moment: what a node does later is not seen.
     """
-    for missing in _seen(context).missing:
+    for missing in given(context.observed).missing:
         need = missing.need
         if not need.usual:
             who = f"The node {need.node}" if need.node else f"A node of {need.enclave}"
             message = f"{who} {_right(need)}, and its enclave {need.enclave} may not{_in(missing)}: {missing.reason}."
             yield _missing(message, [missing], context)
-    usual = (missing for missing in _seen(context).missing if missing.need.usual)
+    usual = (missing for missing in given(context.observed).missing if missing.need.usual)
     for enclave, group in grouped(usual, lambda missing: missing.need.enclave).items():
         what = listed(dict.fromkeys(_right(missing.need) for missing in group))
         first = group[0]
@@ -129,10 +122,10 @@ def excess_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     sros2's policies grant to every node. Nothing is concluded where part of the files could not be worked out, or
     where a launch file names nothing that an enclave's nodes use.
     """
-    for excess in _seen(context).excess:
+    for excess in given(context.observed).excess:
         names = [*excess.names, *filter(None, (excess.endless,))]
         yield Violation(
-            message=_excess(excess, _seen(context)),
+            message=_excess(excess, given(context.observed)),
             locations=places(each.location for each in names),
             enclave=excess.enclave,
             profiles=context.unless_all(excess.profiles),
@@ -176,7 +169,7 @@ def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Vi
     may be there all the same.
     """
     known = [enclave.path for enclave in keystore.enclaves]
-    for unknown in _seen(context).unknown:
+    for unknown in given(context.observed).unknown:
         nearest = get_close_matches(unknown.path, known, n=1)
         named = f"the enclave {quoted(unknown.path)}"
         named = f"{named}, having named none" if unknown.path == ROOT else named
@@ -204,7 +197,7 @@ def used_name_without_right(_keystore: Keystore, context: Context) -> Iterator[V
     Whether the node publishes, subscribes, asks or answers under the name the file does not say; whichever it is, it
     ends there under Enforce. A remapping of a name that the node does not use does no harm.
     """
-    found = grouped(_seen(context).denied, lambda denied: (denied.enclave, denied.used.name))
+    found = grouped(given(context.observed).denied, lambda denied: (denied.enclave, denied.used.name))
     for (enclave, name), group in found.items():
         nodes = listed(dict.fromkeys(denied.used.node or f"a node of {enclave}" for denied in group))
         yield Violation(
@@ -232,7 +225,7 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
     Nodes may need more than was found, so that no grant is called an excess. Launch files are read and never run:
     what only running them tells is not known. An enclave whose rights cannot be told leaves the audit incomplete.
     """
-    unresolved = (_beside(each.location, each.reason) for each in _seen(context).unresolved)
+    unresolved = (_beside(each.location, each.reason) for each in given(context.observed).unresolved)
     for path, found in grouped(unresolved, lambda place: place.path).items():
         yield Violation(
             message=f"{sentence(found[0].message)}{more_like(found)}. Nodes may need more than "
@@ -240,7 +233,7 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
             locations=places(found),
             key="\n".join(sorted({place.message for place in found})),
         )
-    for undecided in _seen(context).undecided:
+    for undecided in given(context.observed).undecided:
         yield Violation(
             message=f"What {undecided.enclave} may do cannot be told, so that it is not compared with what its nodes "
             f"need: {undecided.reason}.",
@@ -268,7 +261,7 @@ def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Vi
     the file leaves the audit open. A domain is high where no governance covers it, low where all do and every enclave
     is granted something there, else medium: rights in a domain are what `--domain` asks about.
     """
-    for variable in _seen(context).variables:
+    for variable in given(context.observed).variables:
         harm = _harm(variable, keystore, context)
         if harm is not None:
             severity, what = harm
