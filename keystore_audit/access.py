@@ -25,6 +25,7 @@ from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Answer, Question, Ruling, joint
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
+from keystore_audit.text import some
 
 if TYPE_CHECKING:
     from keystore_audit.model.access_table import AccessTable
@@ -139,8 +140,7 @@ class Access:
 def _unknown_enclave(path: str, known: Sequence[str]) -> str:
     nearest = get_close_matches(path, known, n=1)
     hint = f" Did you mean {nearest[0]}?" if nearest else ""
-    more = f" and {len(known) - MAX_KNOWN} more" if len(known) > MAX_KNOWN else ""
-    return f"There is no enclave {path!r}.{hint} Known: {', '.join(known[:MAX_KNOWN])}{more}."
+    return f"There is no enclave {path!r}.{hint} Known: {some(known, MAX_KNOWN)}."
 
 
 def read_access_table(

@@ -19,7 +19,7 @@ from keystore_audit.cli.progress import FleetWatch
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit
 from keystore_audit.report.summary import Row, Summary, render_json, render_text, row, without_report
-from keystore_audit.text import terminal
+from keystore_audit.text import some, terminal
 
 if TYPE_CHECKING:
     from keystore_audit.fleet.executor import Executor
@@ -308,7 +308,7 @@ class _Run:
         written = {places.own_file(wanted, self.reports[self.found.keystores[number]]).path for number in self.rows}
         older = [terminal(str(path)) for path in places.older_files(wanted, written)]
         if older:
-            named = ", ".join(older[:MAX_NAMED]) + (f" and {len(older) - MAX_NAMED} more" if older[MAX_NAMED:] else "")
+            named = some(older, MAX_NAMED)
             alone = len(older) == 1
             said = (
                 "1 report is not of this run, and stays"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import Enum
-from itertools import islice
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property, Status
+from keystore_audit.text import some
 
 ANYBODY: Final = "anybody on the network"
 """Among those who could forge: whoever has no key."""
@@ -136,15 +136,13 @@ class AssertedResult(PropertyResult):
     @property
     def _named(self) -> str:
         also = self.also_named or {}
-        told = ", ".join(f"{subject} by the grant of {text}" for text, subject in islice(also.items(), MAX_FORGERS))
-        more = f" and {len(also) - MAX_FORGERS} more" if len(also) > MAX_FORGERS else ""
-        return f"Cyclone DDS lets shorter subjects publish too, where there are such: {told}{more}." if told else ""
+        told = some((f"{subject} by the grant of {text}" for text, subject in also.items()), MAX_FORGERS)
+        return f"Cyclone DDS lets shorter subjects publish too, where there are such: {told}." if told else ""
 
     @property
     def _forging(self) -> str:
         named = [who for who in self.forgers or () if who != ANYBODY]
-        more = f" and {len(named) - MAX_FORGERS} more" if len(named) > MAX_FORGERS else ""
-        told = [f"{', '.join(named[:MAX_FORGERS])}{more}, with the keys they hold"] if named else []
+        told = [f"{some(named, MAX_FORGERS)}, with the keys they hold"] if named else []
         if self.forgers and ANYBODY in self.forgers:
             told.append(f"{ANYBODY}, without any key")
         return f"Could pass for a permitted publisher: {'; '.join(told)}." if told else ""

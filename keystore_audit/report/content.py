@@ -42,8 +42,8 @@ def assumed_of(profiles: Iterable[str]) -> Iterator[str]:
         yield (
             f"Under {', '.join(trusting)}, an attacker announces truthfully that its endpoints are under "
             "access control. Cyclone DDS asks for no permissions of an endpoint that is not announced so (measured "
-            "on 0.10.2): an enclave that was taken over publishes and subscribes whatever its peers use in domains "
-            "that it may join. No keystore prevents that."
+            "on 0.10.2): an enclave that was taken over can publish and subscribe whatever its peers use in the "
+            "domains that it may join. No keystore prevents that."
         )
 
 

@@ -110,9 +110,8 @@ def _head(report: Report) -> Iterator[str]:
     yield ""
     yield f"{markdown(shorten(report.keystore, MAX_NAME))} at {instant(report.at)}: {_counts(report)}."
     if report.weakened:
-        weakened = ", ".join(shorten(reason, MAX_NAME) for reason in report.weakened[:MAX_WEAKENED])
-        more = f" and {len(report.weakened) - MAX_WEAKENED} more" if len(report.weakened) > MAX_WEAKENED else ""
-        yield f"**This gate was weakened:** {markdown(weakened)}{more}."
+        weakened = some((shorten(reason, MAX_NAME) for reason in report.weakened), MAX_WEAKENED)
+        yield f"**This gate was weakened:** {markdown(weakened)}."
     for run in report.engines:
         if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
             yield f"**Engine {markdown(run.name)}:** {run.status.value}. {markdown(shorten(run.reason, MAX_NAME))}"

@@ -20,6 +20,7 @@ from keystore_audit.model.inventory import certified_again
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.stray_identity import Takers, admitted
 from keystore_audit.model.validity import SECOND
+from keystore_audit.text import some
 
 _Identity = tuple[str, str, str]
 """Subject and key; and which certificate, where they are too many to ask who takes each."""
@@ -54,11 +55,10 @@ class _Taken:
         known = sorted(self.periods.keys() & paths)
         if not known:
             return "by nobody"
-        more = f" and {len(known) - MAX_PATHS} more" if len(known) > MAX_PATHS else ""
         joined = _joined({period for path in known for period in self.periods[path]})
         words = [f"from {told(begin)} until {told(end)}" for begin, end in joined[:MAX_PERIODS]]
         times = f", and {len(joined) - MAX_PERIODS} times more" if len(joined) > MAX_PERIODS else ""
-        return f"by {', '.join(known[:MAX_PATHS])}{more}, {' and '.join(words)}{times}"
+        return f"by {some(known, MAX_PATHS)}, {' and '.join(words)}{times}"
 
     def beyond(self, other: _Taken, paths: Collection[str], at: datetime) -> frozenset[str]:
         """Those of the enclaves that take it, `at` an instant or later, when they do not take the other."""
