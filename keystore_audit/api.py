@@ -14,13 +14,12 @@ from keystore_audit.cli.formats import FORMATS
 from keystore_audit.cli.formats import render as _render
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import Finding, Location, Severity
-from keystore_audit.options import DEFAULT_NOTICE, Options
+from keystore_audit.options import DEFAULT_NOTICE, Options, user_files
 from keystore_audit.pipeline import audit as _audit
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
 
 if TYPE_CHECKING:
-    from keystore_audit.engine.alloy.user_file import UserFile
-    from keystore_audit.settings import Settings
+    pass
 
 __all__ = [
     "AuditError",
@@ -111,7 +110,7 @@ def audit(
         graphs=tuple(map(Path, graphs)),
         launches=tuple(map(Path, launches)),
         launch_arguments=dict(launch_arguments or {}),
-        alloy_properties=_user_files(path, alloy_properties, asserted),
+        alloy_properties=user_files(tuple(map(Path, alloy_properties)), asserted, (os.fspath(path),)),
         overview=pictures,
     )
     return _audit(path, options)
@@ -124,14 +123,6 @@ def render(report: Report, form: str = "json") -> str:
     if form not in FORMATS:
         raise UsageError(f"{form!r} is no format; there are {', '.join(FORMATS)}.")
     return _render(form, [report], View(), several=False)
-
-
-def _user_files(path: PathLike, given: Sequence[PathLike], asserted: Settings | None) -> tuple[UserFile, ...]:
-    if not given:
-        return ()
-    from keystore_audit.engine.alloy.user_file import read_user_files
-
-    return read_user_files(tuple(map(Path, given)), asserted.asserted if asserted else (), (os.fspath(path),))
 
 
 def _path(given: PathLike | None) -> Path | None:

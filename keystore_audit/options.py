@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -18,6 +18,15 @@ if TYPE_CHECKING:
 
 DEFAULT_NOTICE = timedelta(days=30)
 """How long before it ends a validity is a finding."""
+
+
+def user_files(paths: Sequence[Path], settings: Settings | None, keystores: Sequence[str]) -> tuple[UserFile, ...]:
+    """The users' files in Alloy, whose ids differ from those of the settings. Raises errors.UsageError."""
+    if not paths:
+        return ()
+    from keystore_audit.engine.alloy.user_file import read_user_files
+
+    return read_user_files(paths, settings.asserted if settings else (), keystores)
 
 
 class Progress(Protocol):

@@ -83,7 +83,7 @@ class Suggester:
         self._deciders = Deciders(profiles, at, accesses, domain)
         self._domain = domain
 
-    def suggestion(self, *, usual: bool = True) -> Suggestion:
+    def suggestion(self, *, usual: bool) -> Suggestion:
         """The least policy. `usual` False: without what every node does beside its work."""
         policy = least_policy(self._intents, self._keystore.layout.kind, self._usages, usual=usual)
         unknown = tuple(enclave.path for enclave in policy.enclaves if enclave.path not in self._enclaves)

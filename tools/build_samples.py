@@ -57,23 +57,23 @@ HAND_WRITTEN = ("alloy_properties", "environments", "graphs", "launch", "policie
 """Folders beside the keystores: what systems are meant to be, compared with the keystores by tests/intent."""
 
 
-def leftovers(samples: Path = SAMPLES) -> list[str]:
+def leftovers() -> list[str]:
     """Directories and descriptions that no story builds."""
-    known = {samples / story.directory for story in catalogue.stories()}
-    built = known | {description_of(sample) for sample in known} | {samples / "README.md"}
+    known = {SAMPLES / story.directory for story in catalogue.stories()}
+    built = known | {description_of(sample) for sample in known} | {SAMPLES / "README.md"}
     built |= {folder for sample in known for folder in sample.parents}
-    known |= {samples / folder for folder in HAND_WRITTEN}
+    known |= {SAMPLES / folder for folder in HAND_WRITTEN}
     built |= known
     return [
-        f"{place.relative_to(samples)}: no story builds it"
-        for place in sorted(samples.rglob("*"))
+        f"{place.relative_to(SAMPLES)}: no story builds it"
+        for place in sorted(SAMPLES.rglob("*"))
         if place not in built and known.isdisjoint(place.parents)
     ]
 
 
-def expect(story: Story, samples: Path = SAMPLES) -> None:
+def expect(story: Story) -> None:
     """Audit the sample of `story` and write the findings into its description."""
-    sample = samples / story.directory
+    sample = SAMPLES / story.directory
     description_of(sample).write_text(story.description(expectation.audit(sample)), "utf-8")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -20,9 +19,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
-    from keystore_audit.engine.alloy.user_file import UserFile
     from keystore_audit.options import Options
-    from keystore_audit.settings import Settings
 
 ENGINES: Final = ("auto", "both", "alloy", "native")
 SEVERITIES: Final = tuple(severity.value for severity in Severity)
@@ -144,7 +141,7 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
 
 def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
     """Return what the options mean, settings and baseline read. Raises errors.UsageError for files that are none."""
-    from keystore_audit.options import Options
+    from keystore_audit.options import Options, user_files
 
     opt.check_launch_arguments(given["launch_arguments"], given["launches"])
     at: datetime | None = given["at"]
@@ -174,19 +171,8 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         settings=asserted,
         settings_passed_over=settings.passed_over(given),
         baseline=settings.baseline(given, keystores),
-        alloy_properties=_alloy_properties(given["alloy_properties"], asserted, keystores),
+        alloy_properties=user_files(given["alloy_properties"], asserted, keystores),
     )
-
-
-def _alloy_properties(
-    paths: Sequence[Path], asserted: Settings | None, keystores: Sequence[str]
-) -> tuple[UserFile, ...]:
-    """Return the users' files in Alloy, whose ids differ from those of the settings."""
-    if not paths:
-        return ()
-    from keystore_audit.engine.alloy.user_file import read_user_files
-
-    return read_user_files(paths, asserted.asserted if asserted else (), keystores)
 
 
 def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int:

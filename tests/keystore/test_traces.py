@@ -130,8 +130,8 @@ def retagged(der: bytes, tag: bytes) -> bytes:
     return tag + der[1:]
 
 
-def sized(content: bytes, tag: bytes = b"\x30") -> bytes:
-    return tag + b"\x82" + len(content).to_bytes(2, "big") + content
+def sized(content: bytes) -> bytes:
+    return b"\x30\x82" + len(content).to_bytes(2, "big") + content
 
 
 def content_of(der: bytes) -> bytes:

@@ -104,9 +104,9 @@ def only(found: Drift) -> EnclaveDrift:
     return each
 
 
-def policy_of(folder: Path, profiles: str, *, version: str = "0.2.0") -> Policy:
+def policy_of(folder: Path, profiles: str) -> Policy:
     """A policy with these `<profiles>` for /talker."""
-    text = f'<policy version="{version}"><enclaves><enclave path="/talker">{profiles}</enclave></enclaves></policy>'
+    text = f'<policy version="0.2.0"><enclaves><enclave path="/talker">{profiles}</enclave></enclaves></policy>'
     file = folder / "a.policy.xml"
     file.write_text(text, "utf-8")
     return read_policy(file)

@@ -181,10 +181,9 @@ def read(
     return list(read_grant(made, SOME_DAY, SOME_DAY, VARIANTS[profile].access).rules)
 
 
-def found_in(rules: Sequence[ReadRule], *, default: bool, implied: frozenset[int] = frozenset()) -> list[RuleAnomaly]:
-    return list(
-        rule_anomalies(rules, default_allow=default, matcher=Matcher.POSIX, effort=Effort.of(1), implied=implied)
-    )
+def found_in(rules: Sequence[ReadRule], *, default: bool) -> list[RuleAnomaly]:
+    effort = Effort.of(1)
+    return list(rule_anomalies(rules, default_allow=default, matcher=Matcher.POSIX, effort=effort, implied=frozenset()))
 
 
 @settings(max_examples=120, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

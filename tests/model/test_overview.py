@@ -38,12 +38,12 @@ LOOKED_AT = (
 Drawn = set[tuple[str | None, int, str | None, bool]]
 
 
-def overview_of(root: Path, profiles: tuple[str, ...] = (), at: datetime = AT) -> tuple[Keystore, Overview]:
+def overview_of(root: Path, profiles: tuple[str, ...] = ()) -> tuple[Keystore, Overview]:
     read = read_keystore(root)
-    accesses = AccessViews(documents_of(read), at, None)
+    accesses = AccessViews(documents_of(read), AT, None)
     chosen = resolve(profiles)
-    systems = SystemBuilder(read, chosen, at, accesses).systems()
-    return read, overview(read, chosen, at, accesses, None, systems)
+    systems = SystemBuilder(read, chosen, AT, accesses).systems()
+    return read, overview(read, chosen, AT, accesses, None, systems)
 
 
 @cache

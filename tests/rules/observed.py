@@ -37,9 +37,9 @@ def node(enclave: str, name: str | None = None, line: int = 1) -> IntendedNode:
     return IntendedNode(enclave=enclave, name=name or enclave, location=place(line))
 
 
-def does(enclave: str, action: str, name: str, *, node: str | None = None, line: int = 2) -> IntendedRight:
+def does(enclave: str, action: str, name: str, *, line: int = 2) -> IntendedRight:
     return IntendedRight(
-        enclave=enclave, node=node or enclave, action=Action(action), name=name, allow=True, location=place(line)
+        enclave=enclave, node=enclave, action=Action(action), name=name, allow=True, location=place(line)
     )
 
 

@@ -88,14 +88,14 @@ def changed(file: CertificateFile, **fields: Any) -> CertificateFile:
     return replace(file, certificates=(replace(file.certificates[0], **fields), *file.certificates[1:]))
 
 
-def namesake(label: str, path: str = "/listener") -> Any:
+def namesake(label: str) -> Any:
     """An enclave whose identity says /talker, with the key `label`, and grants for that name."""
     content = pem("/talker", label=label)
     return enclave(
-        path,
-        certificate=certificates(f"enclaves{path}/cert.pem", content),
-        key=private_key(f"enclaves{path}/key.pem", label),
-        permissions=permissions(f"enclaves{path}/permissions.p7s", grant("/talker")),
+        "/listener",
+        certificate=certificates("enclaves/listener/cert.pem", content),
+        key=private_key("enclaves/listener/key.pem", label),
+        permissions=permissions("enclaves/listener/permissions.p7s", grant("/talker")),
     )
 
 

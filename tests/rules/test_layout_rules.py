@@ -60,8 +60,8 @@ def key_with(**more: object) -> Change:
     return talker(key=private_key(KEY, "/talker", **more))
 
 
-def folder(path: str, mode: int, *, shared_group: bool = True) -> File:
-    return File(path=path, resolved=None, status=Status.DIRECTORY, mode=mode, shared_group=shared_group)
+def folder(path: str, mode: int) -> File:
+    return File(path=path, resolved=None, status=Status.DIRECTORY, mode=mode, shared_group=True)
 
 
 CASES: dict[str, tuple[Change, list[str]]] = {

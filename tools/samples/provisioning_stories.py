@@ -45,9 +45,10 @@ def _with(path: str, content: bytes) -> Store:
     return replace(ONE, changes={path: content})
 
 
-def _kept(grant: Grant, path: str = "old/permissions-2023.p7s") -> Store:
+def _kept(grant: Grant) -> Store:
     """ONE with permissions that the permissions CA signed and no enclave carries."""
-    return _with(path, signed_by(PERMISSIONS_CA).smime(Permissions(grants=(grant,)).xml().encode()))
+    document = Permissions(grants=(grant,)).xml().encode()
+    return _with("old/permissions-2023.p7s", signed_by(PERMISSIONS_CA).smime(document))
 
 
 def _at_large() -> Iterator[Story]:

@@ -176,9 +176,9 @@ class Pairs:
                 seen = [process.look() if there else None for process, there in zip(processes, started, strict=True)]
         return Meeting(sides=(seen[0], seen[1]), complaints=(processes[0].complaints(), processes[1].complaints()))
 
-    def meet_all(self, sides: Sequence[tuple[Side, Side]], at_once: int = 10) -> list[Meeting]:
+    def meet_all(self, sides: Sequence[tuple[Side, Side]]) -> list[Meeting]:
         """Let many pairs meet; they mostly wait, so several run at a time."""
-        with ThreadPoolExecutor(at_once) as pool:
+        with ThreadPoolExecutor(10) as pool:
             return list(pool.map(lambda pair: self.meet(*pair), sides))
 
 

@@ -54,10 +54,10 @@ def _ruled(title: str, *rules: str, controls: bool = True, default: str = "DENY"
     return _presents(title, grant(_SUBJECT, *rules, controls=controls, default=default), **others)
 
 
-def _honest(title: str, *grants: str, endpoints: Sequence[Endpoint] = _AB) -> Case:
+def _honest(title: str, *grants: str) -> Case:
     """The second side keeps to its own document."""
     second = replace(plain("second"), permissions=CAS.sign(permissions(*grants)))
-    return Case(title=title, second=second, endpoints=tuple(endpoints))
+    return Case(title=title, second=second, endpoints=tuple(_AB))
 
 
 def _signers() -> list[Case]:

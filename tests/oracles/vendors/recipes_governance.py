@@ -72,13 +72,13 @@ RANGES = tuple(
 )
 
 
-def ids(title: str, text: str, *, domain: int = 0, both: bool = True) -> Recipe:
+def ids(title: str, text: str, *, domain: int = 0) -> Recipe:
     """A keystore with this set of domains."""
     where = f"<domains>{text}</domains>"
     return Recipe(
         title=f"domains {title}",
         governance=governance(domain_rule(where=where)),
-        permissions=of_rules(allow(pubsub("*"), where=where if both else domains((0, 230)))),
+        permissions=of_rules(allow(pubsub("*"), where=where)),
         domain=domain,
     )
 
