@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
 from keystore_audit.cli.arguments import check_arguments, check_ranges
@@ -14,7 +14,7 @@ from keystore_audit.cli.formats import FORMATS
 from keystore_audit.cli.formats import render as _render
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import Finding, Location, Severity
-from keystore_audit.options import DEFAULT_NOTICE, Options, user_files
+from keystore_audit.options import DEFAULT_NOTICE, ENGINES, Options, user_files
 from keystore_audit.pipeline import audit as _audit
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
 
@@ -34,8 +34,6 @@ __all__ = [
     "audit",
     "render",
 ]
-
-ENGINES: Final = ("auto", "both", "alloy", "native")
 
 PathLike = str | os.PathLike[str]
 

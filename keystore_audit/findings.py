@@ -37,6 +37,9 @@ class Severity(str, Enum):
 
 _RANK = {severity: rank for rank, severity in enumerate(Severity)}
 
+SEVERITIES: Final = tuple(severity.value for severity in Severity)
+"""Their names, the worst first."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Location:

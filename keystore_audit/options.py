@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Severity
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
     from keystore_audit.engine.alloy.user_file import UserFile
     from keystore_audit.settings import Baseline, Settings
+
+ENGINES: Final = ("auto", "both", "alloy", "native")
+"""Who may decide: `engine.engines`."""
 
 DEFAULT_NOTICE = timedelta(days=30)
 """How long before it ends a validity is a finding."""

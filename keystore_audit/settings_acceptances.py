@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from keystore_audit.findings import Severity
+from keystore_audit.findings import SEVERITIES, Severity
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.settings_table import Table
 from keystore_audit.suppressions import ALL, NEVER, Acceptance
@@ -16,7 +16,6 @@ MAX_OWNER: Final = 200
 
 _CODE: Final = re.compile(r"KA[0-9]{3}")
 _FINGERPRINT: Final = re.compile(r"[0-9a-f]{64}")
-_SEVERITIES: Final = tuple(severity.value for severity in Severity)
 
 
 def read_suppressions(root: Table) -> tuple[Acceptance, ...]:
@@ -35,7 +34,7 @@ def _suppression(table: Table) -> Acceptance:
         table,
         where=_where(table) if by_place else (),
         fingerprint=None if by_place else _fingerprint(table),
-        severity=Severity(table.choice("severity", _SEVERITIES)) if "severity" in table.values else None,
+        severity=Severity(table.choice("severity", SEVERITIES)) if "severity" in table.values else None,
         profiles=_profiles(table),
         causes=None if by_place else frozenset(_causes(table)),
     )
@@ -57,11 +56,11 @@ def read_accepted(root: Table) -> tuple[Acceptance, ...]:
 def _accepted(table: Table) -> Acceptance:
     table.only("code", "fingerprint", "severity", "profiles", "causes", "finding", "reason", "owner", "until")
     if "severity" not in table.values:
-        table.wrong(None, f"expected severity = one of {', '.join(_SEVERITIES)}, the worst that is accepted")
+        table.wrong(None, f"expected severity = one of {', '.join(SEVERITIES)}, the worst that is accepted")
     return _acceptance(
         table,
         fingerprint=_fingerprint(table),
-        severity=Severity(table.choice("severity", _SEVERITIES)),
+        severity=Severity(table.choice("severity", SEVERITIES)),
         profiles=_profiles(table),
         causes=frozenset(_causes(table)),
         finding=table.text("finding") if "finding" in table.values else "",

@@ -15,14 +15,13 @@ from keystore_audit.cli.places import executor_address
 from keystore_audit.cli.progress import Watch
 from keystore_audit.dataclass import replace
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
-from keystore_audit.findings import Severity
+from keystore_audit.findings import SEVERITIES, Severity
+from keystore_audit.options import ENGINES
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
     from keystore_audit.options import Options
 
-ENGINES: Final = ("auto", "both", "alloy", "native")
-SEVERITIES: Final = tuple(severity.value for severity in Severity)
 NEVER: Final = "never"
 COLORS: Final = ("auto", "always", "never")
 

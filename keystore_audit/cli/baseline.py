@@ -14,6 +14,7 @@ from keystore_audit.cli import audit, once, output
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import EXIT_INCOMPLETE
+from keystore_audit.findings import SEVERITIES
 from keystore_audit.text import counted, terminal
 
 if TYPE_CHECKING:
@@ -79,9 +80,7 @@ def command(ctx: click.Context) -> None:
 @click.option("--reason", type=_words(MAX_REASON), required=True, metavar="TEXT", help="Why they are accepted.")
 @click.option("--owner", type=_words(MAX_OWNER), required=True, metavar="NAME", help="Who answers for that.")
 @click.option("--until", type=_day, required=True, metavar="DAY", help="Their last day (UTC), 180 days off at most.")
-@opt.choice(
-    "--min-severity", "least", words=audit.SEVERITIES, default="info", help="The least severity that is accepted."
-)
+@opt.choice("--min-severity", "least", words=SEVERITIES, default="info", help="The least severity that is accepted.")
 @audit_options
 @opt.verbose_option()
 def create_command(keystore: str, file: Path, reason: str, owner: str, until: date, least: str, **given: Any) -> int:

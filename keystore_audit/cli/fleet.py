@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
 """How exit codes of several keystores combine: the first of these that occurs."""
 
-FEW: Final = 7
+MAX_IN_TURN: Final = 7
 """So many keystores are audited in this process: others take longer to start."""
 
 ENGINE_WITHOUT_JAVA: Final = "native"
@@ -239,7 +239,7 @@ class _Run:
         if jobs is None:
             # Two Analyzers run side by side for one keystore.
             cores = processors() if self.options.engine == ENGINE_WITHOUT_JAVA else processors() // 2
-            jobs = max(1, cores) if len(self.found.keystores) > FEW else 1
+            jobs = max(1, cores) if len(self.found.keystores) > MAX_IN_TURN else 1
         return Processes(jobs) if jobs > 1 else InTurn()
 
     def _take(self, number: int, audited: Audited, fleet: Fleet) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.findings import Severity
+from keystore_audit.findings import SEVERITIES, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.html.blast_radius import blast_radius
@@ -204,7 +204,7 @@ def _several(sheets: Sequence[Sheet]) -> Html:
         )
         for each in sheets
     ]
-    heads = ("verdict", "keystore", *(severity.value for severity in Severity))
+    heads = ("verdict", "keystore", *SEVERITIES)
     return _listed(f"{len(sheets)} keystores: {words}", heads, rows)
 
 
