@@ -8,9 +8,10 @@ from typing import Final, NoReturn
 
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
-from keystore_audit.intent.located_json import Malformed, Value, parse
+from keystore_audit.intent.located_json import Value, parse
 from keystore_audit.intent.ros_names import is_node_name, is_path, is_ros_name, joined
 from keystore_audit.intent.source import Source, read_source, shown
+from keystore_audit.keystore.defect import Malformed
 
 SCHEMA_VERSION: Final = 1
 """The form that is read; another number is another form."""

@@ -8,7 +8,8 @@ from lxml import etree
 
 from keystore_audit.intent.launch_entities import Entity
 from keystore_audit.intent.source import Source, shown
-from keystore_audit.keystore.xml import Malformed, parse_unsigned, source_line
+from keystore_audit.keystore.defect import Malformed
+from keystore_audit.keystore.xml import parse_unsigned, source_line
 
 MAX_CHARACTERS: Final = 1 << 18
 """Length of a launch file in XML: the largest are a tenth."""

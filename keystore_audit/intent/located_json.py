@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.keystore.defect import Malformed
 
 MAX_DEPTH: Final = 32
 """Arrays and objects within each other: a graph has four."""
@@ -28,16 +29,6 @@ _NUMBER: Final = re.compile(r"-?(?:0|[1-9][0-9]{0,14})(?![0-9.eE])")
 _WORDS: Final[Mapping[str, bool | None]] = {"true": True, "false": False, "null": None}
 _BEGINNING: Final = re.compile(r'[\[{"0-9-]|true|false|null')
 _WORD: Final = re.compile(r"[A-Za-z]{1,10}")
-
-
-class Malformed(ValueError):
-    """The text is no JSON that is read: `line`, and `detail`, a sentence without its end."""
-
-    def __init__(self, line: int, detail: str) -> None:
-        """Keep both."""
-        super().__init__(detail)
-        self.line = line
-        self.detail = detail
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,9 +20,10 @@ from lxml import etree
 from keystore_audit.errors import NothingToAudit, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
+from keystore_audit.keystore.defect import Malformed
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.root import MAX_FILE_BYTES, Root
-from keystore_audit.keystore.xml import Malformed, parse_unsigned, source_line
+from keystore_audit.keystore.xml import parse_unsigned, source_line
 from keystore_audit.text import percent_path, shorten
 
 MAX_INCLUDES: Final = 20_000

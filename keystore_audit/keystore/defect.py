@@ -84,3 +84,13 @@ class Defect:
     path: str
     line: int | None
     detail: str
+
+
+class Malformed(ValueError):
+    """A text that the user names is none of its form: `line` and `detail`, a sentence without its end."""
+
+    def __init__(self, line: int, detail: str) -> None:
+        """Keep both."""
+        super().__init__(detail)
+        self.line = line
+        self.detail = detail

@@ -14,7 +14,7 @@ from typing import Final
 
 from lxml import etree
 
-from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.defect import Defect, Kind, Malformed
 from keystore_audit.keystore.skeleton import Skeleton
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.text import shorten, terminal
@@ -90,16 +90,6 @@ def read_xml(signed: SignedDocument) -> tuple[etree._Element | None, tuple[Defec
         return None, reading.found()
     reading.nodes(root)
     return root, reading.found()
-
-
-class Malformed(ValueError):
-    """A text is no XML that is read: `line` and `detail`, words to go behind "expected XML"."""
-
-    def __init__(self, line: int, detail: str) -> None:
-        """Keep both."""
-        super().__init__(detail)
-        self.line = line
-        self.detail = detail
 
 
 def parse_unsigned(content: bytes) -> etree._Element:
