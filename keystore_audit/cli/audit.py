@@ -186,7 +186,7 @@ def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int
         raise
     except AuditError as error:
         hint = places.command_meant(keystore) if isinstance(error, NothingToAudit) else ""
-        click.echo(f"keystore-audit: {terminal(error.message)}{hint}", err=True)
+        output.say(f"{error.message}{hint}")
         delivery.say_not_written(given["targets"])
         return error.exit_code
     for stage, seconds in watch.durations if given["verbose"] else ():

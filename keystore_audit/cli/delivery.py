@@ -6,12 +6,9 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-import click
-
 from keystore_audit.cli import formats, output
 from keystore_audit.cli import options as opt
 from keystore_audit.findings import Severity
-from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
     from keystore_audit.report.content import NoReport, Report
@@ -53,7 +50,7 @@ def deliver(
 def say_not_written(targets: Sequence[output.Target]) -> None:
     """Say of each file that it is not there, or is an older one."""
     for wanted in targets:
-        click.echo(f"keystore-audit: No report was written to {terminal(str(wanted.path))}.", err=True)
+        output.say(f"No report was written to {wanted.path}.")
 
 
 def view(given: Mapping[str, Any], *, stdout: bool) -> View:

@@ -19,7 +19,7 @@ from keystore_audit.cli.progress import FleetWatch
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit
 from keystore_audit.report.summary import Row, Summary, render_json, render_text, row, without_report
-from keystore_audit.text import some, terminal
+from keystore_audit.text import some
 
 if TYPE_CHECKING:
     from keystore_audit.fleet.executor import Executor
@@ -91,7 +91,7 @@ def run(named: Sequence[str], given: Mapping[str, Any], chosen: Callable[[Sequen
     """
     found = places.found(named, recursive=given["recursive"])
     for path, reason in found.unseen:
-        click.echo(f"keystore-audit: {terminal(path)}: not looked into: {terminal(reason)}.", err=True)
+        output.say(f"{path}: not looked into: {reason}.")
     if not found.keystores:
         sentence = f"There is no keystore below {', '.join(named)}"
         if any(path not in named for path, _reason in found.unseen):
@@ -247,7 +247,7 @@ class _Run:
         path = self.found.keystores[number]
         if audited.made is None:
             hint = places.command_meant(path) if audited.exit_code == EXIT_NOTHING_TO_AUDIT else ""
-            click.echo(f"keystore-audit: {terminal(audited.error)}{hint}", err=True)
+            output.say(f"{audited.error}{hint}")
             for wanted in self._each:  # that of an earlier run would look like one of this
                 output.remove(places.own_file(wanted, self.reports[path]))
             self.rows[number] = without_report(path, audited.exit_code, audited.error)
@@ -297,7 +297,7 @@ class _Run:
         reports = [self.whole[number] for number in sorted(self.whole)]
         if interrupted:
             delivery.say_not_written(self._together)
-            click.echo("keystore-audit: Interrupted.", err=True)
+            output.say("Interrupted.")
         else:
             stdout = self.given["kind"] != "text"
             delivery.deliver(reports, self.given, several=self.several, stdout=stdout, missing=self._missing())
@@ -306,7 +306,7 @@ class _Run:
     def _say_older(self, wanted: output.Target) -> None:
         """Say which reports there are of an earlier run: somebody might take them for those of this one."""
         written = {places.own_file(wanted, self.reports[self.found.keystores[number]]).path for number in self.rows}
-        older = [terminal(str(path)) for path in places.older_files(wanted, written)]
+        older = [str(path) for path in places.older_files(wanted, written)]
         if older:
             named = some(older, MAX_NAMED)
             alone = len(older) == 1
@@ -315,7 +315,7 @@ class _Run:
                 if alone
                 else f"{len(older)} reports are not of this run, and stay"
             )
-            click.echo(f"keystore-audit: {said}: {named}.", err=True)
+            output.say(f"{said}: {named}.")
 
     def _show_summary(self, summary: Summary) -> None:
         view = delivery.view(self.given, stdout=True)

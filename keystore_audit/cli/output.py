@@ -14,6 +14,7 @@ import click
 
 from keystore_audit.cli.formats import FORMATS
 from keystore_audit.dataclass import dataclass
+from keystore_audit.text import terminal
 
 
 class Unwritable(click.ClickException):
@@ -110,6 +111,11 @@ def remove(wanted: Target) -> None:
         raise Unwritable(_reason(wanted, error)) from error
 
 
+def say(sentence: str) -> None:
+    """Write a sentence about the run to standard error."""
+    click.echo(f"keystore-audit: {terminal(sentence)}", err=True)
+
+
 def write_stdout(text: str) -> None:
     """Write the report to standard output; a reader that has gone away (`| head`) is no error.
 
@@ -126,12 +132,8 @@ def write_stdout(text: str) -> None:
         # Python flushes once more at exit, and would complain there.
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     except OSError as error:
-        _forget_stdout()
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - open until the process ends
         raise Unwritable(f"Cannot write the report to standard output: {error.strerror}.") from error
-
-
-def _forget_stdout() -> None:
-    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - open until the process ends
 
 
 def _resolved(path: Path) -> Path:

@@ -11,7 +11,6 @@ import click
 from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
 from keystore_audit.errors import EXIT_INCOMPLETE, UsageError
-from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
     from keystore_audit.model.intended.least_policy import EnclavePolicy
@@ -72,7 +71,8 @@ def command(keystore: str, **given: Any) -> int:
         _write_policy(keystore, suggestion, enclaves, given["place"])
     else:
         _write_permissions(keystore, suggester, suggestion, enclaves, given["place"])
-    _say(_notes(suggestion, enclaves))
+    for note in _notes(suggestion, enclaves):
+        output.say(note)
     left_out = given["form"] == PERMISSIONS and any(enclave.path in suggestion.unknown for enclave in enclaves)
     return EXIT_INCOMPLETE if suggestion.doubts or left_out else 0
 
@@ -177,8 +177,3 @@ def _notes(suggestion: Suggestion, enclaves: Iterable[EnclavePolicy]) -> Iterato
             yield f"The keystore has no enclave {path}."
     for name in suggestion.policy.wildcards:
         yield f"{name} is an expression of the policy and is kept: what it allows is unbounded."
-
-
-def _say(notes: Iterable[str]) -> None:
-    for note in notes:
-        click.echo(f"keystore-audit: {terminal(note)}", err=True)

@@ -9,7 +9,7 @@ from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, UsageError
 from keystore_audit.fleet.executor import Executor, Lost
 from keystore_audit.fleet.shared import Identities
-from keystore_audit.fleet.task import Audited, Known, Task, carry_out, identify
+from keystore_audit.fleet.task import Audited, Task, carry_out, identify
 from keystore_audit.keystore.identity import Beside
 
 Step = Callable[[str, int], None]
@@ -59,12 +59,9 @@ class Fleet:
             elif known.error:
                 lost[number] = Audited(exit_code=EXIT_INCOMPLETE, error=known.error)
             else:
-                self._know(number, known)
+                self.identities.add(number, known.place, known.compared, known.named)
             self.step(COMPARING, done)
         return lost
-
-    def _know(self, number: int, known: Known) -> None:
-        self.identities.add(number, known.place, known.compared, known.named)
 
     def _task(self, number: int) -> Task:
         if len(self.tasks) == 1:

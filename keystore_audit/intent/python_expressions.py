@@ -35,6 +35,8 @@ MAX_PAIRS: Final = 1_000
 """Entries of a dictionary, those of dictionaries in it counted."""
 
 _SPREAD: Final = "a list that only running the file works out"
+"""What stands for any number of values, or arguments."""
+
 _LAUNCH: Final = frozenset({"launch", "launch_ros", "launch_xml", "launch_yaml"})
 _SAME: Final = frozenset(
     {"str", "os.fspath", "os.path.abspath", "os.path.realpath", "os.path.normpath", "pathlib.Path"}
@@ -184,7 +186,7 @@ class Expressions:
         if path.split(".", 1)[0] in _LAUNCH:
             if name in RUN:
                 return TextValue(text=(Unknown(reason=RUN[name]),), plain=False)
-            if name in CLASSES and not any(isinstance(item, Opaque) and _spread(item) for item in positional):
+            if name in CLASSES and not any(isinstance(item, Opaque) and item.reason == _SPREAD for item in positional):
                 return CLASSES[name](Call(line=node.lineno, name=name, positional=positional, keywords=keywords))
         elif name in _SHARE:
             return TextValue(text=(Unknown(reason="where a package is installed"),))
@@ -198,11 +200,6 @@ class Expressions:
         elif path in _SAME and len(positional) == 1 and isinstance(positional[0], (TextValue, Plain)):
             return TextValue(text=text_of(positional[0]))
         return _opaque(node, f"the result of {_called(node)}, which is not called")
-
-
-def _spread(value: Opaque) -> bool:
-    """Whether it stands for any number of arguments."""
-    return value.reason == _SPREAD
 
 
 def _opaque(node: ast.expr, reason: str) -> Opaque:
