@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from itertools import groupby
+from operator import attrgetter
 from typing import Final
 from weakref import WeakKeyDictionary
 
@@ -105,8 +106,8 @@ class Decisions:
         self.channels_in = [0] * len(system.domains)
         """By domain class: its channels, which mostly stand together."""
         start = 0
-        for domain, together in groupby(channel.domain for channel in system.channels):
-            stop = start + sum(1 for _ in together)
+        for domain, together in groupby(map(attrgetter("domain"), system.channels)):
+            stop = start + len([*together])
             self.channels_in[domain] |= (1 << stop) - (1 << start)
             start = stop
         self._within: dict[frozenset[int], int] = {}

@@ -321,8 +321,8 @@ def signers_taken(signed: SignedDocument, trust: Trust) -> tuple[Certificate, ..
     signers = envelope(signed).signers
     if trust.pins_signer:
         return signers
-    found = ((signer, _first_embedded(signer, signed)) for signer in signers)
-    return tuple(first if first is not None and first.key == signer.key else signer for signer, first in found)
+    found = [(signer, _first_embedded(signer, signed)) for signer in signers]
+    return tuple([first if first is not None and first.key == signer.key else signer for signer, first in found])
 
 
 def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
@@ -333,9 +333,12 @@ def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
 
 def _first_embedded(signer: Certificate, signed: SignedDocument) -> Certificate | None:
     """Issuers are compared by meaning (X509_NAME_cmp)."""
-    named = (c for c in signed.embedded if c.serial == signer.serial)
-    issued = (c for c in named if c.issuer_der == signer.issuer_der or same_name(c.issuer_name, signer.issuer_name))
-    return next(issued, None)
+    for each in signed.embedded:
+        if each.serial == signer.serial and (
+            each.issuer_der == signer.issuer_der or same_name(each.issuer_name, signer.issuer_name)
+        ):
+            return each
+    return None
 
 
 def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
