@@ -261,7 +261,8 @@ def _about_place(system: System, chance: random.Random, identity: int, permissio
     last = len(system.enclaves) - 1
     kind = chance.randrange(5)
     if kind == 0:
-        return replace(system, channels=_last(system.channels, domain=chance.randrange(len(system.domains))))
+        *others, channel = system.channels
+        return replace(system, channels=(*others, channel._replace(domain=chance.randrange(len(system.domains)))))
     if kind == 1 and system.topic_rules:
         number = chance.randrange(len(system.topic_rules))
         channels = system.topic_rules[number].channels ^ {len(system.channels) - 1}
