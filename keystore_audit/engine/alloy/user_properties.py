@@ -35,10 +35,10 @@ MAIN: Final = "user_properties.als"
 """What a user's file is called where the Analyzer reads it."""
 
 _COMPLAINT: Final = re.compile(
-    r"(?:\w+ error in (?:.*[/\\])?user_properties\.als at line (\d+) column (\d+):\s*([^\n]*))"
+    r"(?:\w+ error in (?:.*[/\\])?user_properties\.als at line (\d+) column (\d+):\s*([^\n]*(?:(?<=:)\n[^\n]*)?))"
     r"|(?:\d+\. line (\d+), column (\d+) .*?filename=(?:.*[/\\])?user_properties\.als ([^\n]*))"
 )
-"""An error, or a warning, about the user's file."""
+"""An error, or a warning, about the user's file; what could stand there instead is on a line of its own."""
 
 _WARNINGS: Final = re.compile(r"^Warnings?$", re.MULTILINE)
 
@@ -140,7 +140,7 @@ def _checked(file: UserFile, output: Output) -> Output:
     complaint = _COMPLAINT.search(output.diagnostics) or _COMPLAINT.search(output.messages)
     if complaint is not None:
         line, column, message = (complaint[1], complaint[2], complaint[3]) if complaint[1] else complaint.groups()[3:]
-        raise UsageError(f"{file.path}:{line}:{column}: Alloy says: {shorten(message.strip(), 300)}")
+        raise UsageError(f"{file.path}:{line}:{column}: Alloy says: {shorten(' '.join(message.split()), 300)}")
     return replace(output, diagnostics=_WARNINGS.split(output.diagnostics)[0])
 
 

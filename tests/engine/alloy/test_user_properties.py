@@ -105,6 +105,8 @@ def test_what_alloy_refuses_is_said_where_it_is_in_the_users_file(analyzer: Engi
     assert complaint(missing, analyzer).startswith("asked.als:3:1: Alloy says: The assertion")
     grammar = HEAD + "check A { some some } for 0\n"
     assert complaint(grammar, analyzer).startswith("asked.als:3:")
+    unclosed = HEAD + "check A { some (Realm } for 0\n"
+    assert complaint(unclosed, analyzer).endswith(" possible tokens that can appear here: )"), "which, not only that"
 
 
 @pytest.mark.usefixtures("resident_analyzer")
