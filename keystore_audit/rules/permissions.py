@@ -31,7 +31,10 @@ WRITE_AGAIN: Final = (
     f"correct the policy and run {CREATE_PERMISSION}, or correct permissions.xml and sign it with the permissions CA, "
     f"in the keystore's root: {SIGN_PERMISSIONS}."
 )
-ALLOW_DOMAINS: Final = f"Give the grant an allow rule for every domain that the governance covers: {WRITE_AGAIN}"
+ALLOW_DOMAINS: Final = (
+    "Give the grant an allow rule for every domain that the governance covers (sros2 writes that of ROS_DOMAIN_ID, set "
+    f"as on the robots): {WRITE_AGAIN}"
+)
 SIGN_AGAIN: Final = f"To mend it, {WRITE_AGAIN}"
 
 

@@ -282,7 +282,7 @@ def test_an_enclave_that_does_not_start_is_no_pass() -> None:
 @pytest.mark.parametrize(
     ("reasons", "told"),
     [
-        (("the governance does not cover domain 7",), "ROS_DOMAIN_ID"),
+        (("the governance does not cover domain 7",), "let it cover"),
         (("the grant allows nothing in domain 7",), "allow rule"),
         (("the governance does not cover domain 7", *REFUSED.reasons), "prime256v1"),
     ],
@@ -291,7 +291,7 @@ def test_where_it_is_the_domain_no_certificates_are_made_anew(reasons: tuple[str
     """Cyclone DDS and a ROS_DOMAIN_ID that sros2 was not told of: the usual reason of all."""
     uncovered = Usability(usable=False, reasons=reasons)
     (found,) = findings("KA117", judged(meaning=meaning(usability={("enclaves/talker", "cyclonedds-11"): uncovered})))
-    assert [each for each in ("prime256v1", "ROS_DOMAIN_ID", "allow rule") if each in found.remedy] == [told]
+    assert [each for each in ("prime256v1", "let it cover", "allow rule") if each in found.remedy] == [told]
 
 
 def test_a_finding_that_is_no_reason_does_not_speak_for_it() -> None:
