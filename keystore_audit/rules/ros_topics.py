@@ -74,8 +74,8 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
     of them is taken to hold such nodes: log, parameter events, the six parameter services, and since Iron the service
     get_type_description, which sros2's own policies leave out, so that no node of Jazzy starts by them unless its
     parameter start_type_description_service is false. The last is asked of nodes whose parameter services are granted
-    by name, under implementations that only distributions since Iron ship. /clock is read by nodes with simulated time
-    alone.
+    by name, where an implementation is asked about that only distributions since Iron ship. /clock is read by nodes
+    with simulated time alone.
     """
     ros = context.meaning.ros
     if ros is None:
@@ -99,7 +99,6 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
             "fail unless they are told to do without (start_type_description_service false).",
             locations=places(each.location for each in ros.undescribed),
             enclave=ros.undescribed[0].enclave if len(ros.undescribed) == 1 else None,
-            profiles=ros.since_iron,
             key="\n".join(nodes),
         )
 

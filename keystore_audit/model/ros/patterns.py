@@ -36,8 +36,8 @@ class RosPatterns:
     """`reaches`, `rivals`: each with the chosen profiles that it holds for, empty for all.
 
     `unknown`: why services could not be compared. `actions`: patterns for topics that take in actions. `unusual`:
-    enclaves that lack some of what every node uses; `undescribed`: those that lack what nodes use since Iron, under the
-    profiles `since_iron`.
+    enclaves that lack some of what every node uses; `undescribed`: those that lack what nodes use since Iron, where
+    a distribution since then is asked about.
     """
 
     halves: Halves
@@ -47,7 +47,6 @@ class RosPatterns:
     actions: tuple[ActionPattern, ...] = ()
     unusual: tuple[Unusual, ...] = ()
     undescribed: tuple[Undescribed, ...] = ()
-    since_iron: tuple[str, ...] = ()
 
 
 def ros_patterns(
@@ -90,7 +89,6 @@ def ros_patterns(
         for group in known[key][1]:
             rivals.setdefault(group, []).extend(system.profiles)
     discovers = keystore.layout.kind not in _BEFORE_FOXY
-    iron = since_iron(profiles) if discovers else ()
     return RosPatterns(
         halves=halves(keystore, profiles, at, accesses, usability),
         reaches=tuple((reach, () if names <= {*held} else tuple(held)) for reach, held in reaches.items()),
@@ -98,6 +96,5 @@ def ros_patterns(
         unknown=unknown,
         actions=action_patterns(keystore.enclaves),
         unusual=tuple(unusual(keystore.enclaves, profiles, accesses, at, discovers=discovers)),
-        undescribed=tuple(undescribed(keystore.enclaves)) if iron else (),
-        since_iron=() if len(iron) == len(profiles) else iron,
+        undescribed=tuple(undescribed(keystore.enclaves)) if discovers and since_iron(profiles) else (),
     )

@@ -103,9 +103,9 @@ class Undescribed:
     location: Location
 
 
-def since_iron(profiles: Iterable[Profile]) -> tuple[str, ...]:
-    """The profiles that only distributions since Iron ship; Cyclone DDS 0.10 is Humble's too."""
-    return tuple(each.name for each in profiles if each.distributions and _SINCE_IRON.issuperset(each.distributions))
+def since_iron(profiles: Iterable[Profile]) -> bool:
+    """Whether one is of distributions since Iron alone; Cyclone DDS 0.10 is Humble's too."""
+    return any(each.distributions and _SINCE_IRON.issuperset(each.distributions) for each in profiles)
 
 
 def undescribed(enclaves: Iterable[Enclave]) -> Iterator[Undescribed]:
