@@ -8,6 +8,9 @@ from pathlib import Path
 from keystore_audit.model.names import PARAMETER_SERVICES
 from tests.cli.keystores import keystore, rule
 
+SERVICES = (*PARAMETER_SERVICES, "get_type_description")
+"""Of every node, since Iron (KA636)."""
+
 ROLES = ("camera", "planner", "base", "arm", "gateway")
 
 
@@ -18,9 +21,9 @@ def robots(root: Path, enclaves: int) -> Path:
         role, robot = ROLES[number % 5], f"/robot_{number // 5:02}"
         path = f"{robot}/{role}"
         publish = ["rt/rosout", "rt/parameter_events", "ros_discovery_info", f"rt{path}/status"]
-        publish += [f"rr{path}/{service}Reply" for service in PARAMETER_SERVICES]
+        publish += [f"rr{path}/{service}Reply" for service in SERVICES]
         subscribe = ["rt/parameter_events", "ros_discovery_info", "rt/clock", "rt/fleet/command"]
-        subscribe += [f"rq{path}/{service}Request" for service in PARAMETER_SERVICES]
+        subscribe += [f"rq{path}/{service}Request" for service in SERVICES]
         writes, reads = {
             "camera": (["image"], []),
             "planner": (["cmd_vel"], ["image"]),

@@ -262,7 +262,7 @@ class TestWhatIsSaid:
 
 
 class TestSize:
-    @pytest.mark.parametrize(("enclaves", "elements", "size"), [(4, 1240, 90_000), (50, 9_000, 450_000)])
+    @pytest.mark.parametrize(("enclaves", "elements", "size"), [(4, 1300, 90_000), (50, 9_000, 450_000)])
     def test_it_grows_with_the_keystore(self, enclaves: int, elements: int, size: int, tmp_path: Path) -> None:
         page = page_of(robots(tmp_path, enclaves))
         assert len(page.encode()) < size
