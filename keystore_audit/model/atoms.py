@@ -158,12 +158,9 @@ class _Verifier:
 
     def verify(self, name: str, expected: _Set) -> None:
         """Raise AuditError unless exactly the patterns `expected` match `name`; only those that may are asked."""
-        matching = set()
-        for number, pattern in self._patterns.candidates(name):
-            if len(pattern.pieces) > _PIECES_PER_UNIT:  # hundreds of stars, in hundreds of expressions
-                self._budget.spend(len(pattern.pieces) // _PIECES_PER_UNIT)
-            if pattern.matches(name):
-                matching.add(number)
+        asked = list(self._patterns.candidates(name))
+        self._budget.spend(sum(len(pattern.pieces) for _, pattern in asked) // _PIECES_PER_UNIT)
+        matching = {number for number, pattern in asked if pattern.matches(name)}
         if matching != expected:
             raise AuditError(
                 f"keystore-audit contradicts itself about which expressions match {name!r}; please report this"

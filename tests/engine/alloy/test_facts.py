@@ -55,7 +55,7 @@ def renamed(system: System, name: str) -> System:
         documents=tuple(replace(d, label=name, location=location) for d in system.documents),
         enclaves=tuple(replace(e, label=name, location=location) for e in system.enclaves),
         domains=tuple(replace(d, label=name) for d in system.domains),
-        channels=tuple(replace(c, topic=name, partition=name) for c in system.channels),
+        channels=tuple(c._replace(topic=name, partition=name) for c in system.channels),
         grants=tuple(replace(g, location=location) for g in system.grants),
         rules=tuple(replace(r, location=location) for r in system.rules),
     )
