@@ -38,6 +38,7 @@ class Kind(str, Enum):
     XML_AMBIGUOUS = "xml-ambiguous"
     SCHEMA_INVALID = "schema-invalid"
     VALUE_INVALID = "value-invalid"
+    BEYOND_LIMIT = "beyond-limit"
     EMPTY_TOPIC = "empty-topic"
     RULE_WITHOUT_DOMAINS = "rule-without-domains"
     EMPTY_ELEMENT = "empty-element"
@@ -66,6 +67,7 @@ _OPAQUE = frozenset(
         Kind.XML_AMBIGUOUS,
         Kind.SCHEMA_INVALID,
         Kind.VALUE_INVALID,
+        Kind.BEYOND_LIMIT,
         Kind.EMPTY_TOPIC,
         Kind.RULE_WITHOUT_DOMAINS,
         Kind.EMPTY_ELEMENT,

@@ -90,7 +90,7 @@ class Document:
                 counts[words] += more
                 most = _MOST.get(words, MAX_RULES)
                 if counts[words] > most:
-                    self.invalid(element, f"more than {most} {words}, which are not read here", Kind.XML_MALFORMED)
+                    self.invalid(element, f"more than {most} {words}, which are not read here", Kind.BEYOND_LIMIT)
                     return True
         return False
 

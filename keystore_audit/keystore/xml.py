@@ -67,7 +67,7 @@ def read_xml(signed: SignedDocument) -> tuple[etree._Element | None, tuple[Defec
         return None, ()
     reading = _Reading(signed)
     if len(content) > MAX_BYTES or content.count(b"<") > MAX_TAGS:
-        reading.add(Kind.XML_MALFORMED, 1, f"more than {MAX_BYTES} bytes or {MAX_TAGS} tags, which are not read")
+        reading.add(Kind.BEYOND_LIMIT, 1, f"more than {MAX_BYTES} bytes or {MAX_TAGS} tags, which are not read here")
         return None, reading.found()
     if not content.strip():
         reading.add(Kind.EMPTY_ELEMENT, 1, "the document is empty")

@@ -36,13 +36,14 @@ COVER_DOMAIN: Final = (
 
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
 DIFFER: Final = "implementations differ in what they make of it."
+UNREAD: Final = "what a robot makes of the document is unknown."
 
 
-def in_document(use: DocumentUse, says: str, *kinds: Kind) -> Iterator[Violation]:
+def in_document(use: DocumentUse, says: str, *kinds: Kind, remedy: str | None = None) -> Iterator[Violation]:
     """A violation for the defects of each of these kinds in the XML; undecided as long as somebody may take it."""
     for kind in kinds if use.document.defects else ():
         found = of_kinds(use.document.defects, kind)
-        yield from defective(found, use.enclaves, says, undecided=use.may_be_taken)
+        yield from defective(found, use.enclaves, says, undecided=use.may_be_taken, remedy=remedy)
 
 
 @lru_cache(maxsize=256)  # a dozen rules ask, about the few documents of one audit
@@ -141,10 +142,12 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
     Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently (measured), so
-    that one signed file has several meanings. Which of them a robot takes is not guessed here. Nor is what it
-    makes of more rules than are read (docs/security-model.md).
+    that one signed file has several meanings. Which of them a robot takes is not guessed here. Nor is what it makes of
+    a document that is too large to be read here: docs/security-model.md has the limits.
     """
     yield from in_document(use, DIFFER, *AMBIGUOUS)
+    remedy = f"Write fewer rules, and fewer expressions with wildcards, {CORRECT}"
+    yield from in_document(use, UNREAD, Kind.BEYOND_LIMIT, remedy=remedy)
 
 
 @rule(

@@ -21,7 +21,7 @@ from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_
 from keystore_audit.rules.contents import dated
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
-from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, in_document
+from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.unnamed import unnamed
@@ -91,10 +91,15 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
     Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently, and dates beyond
-    four-digit years (measured), so that one signed file has several meanings. What a robot makes of more
-    grants or rules than are read is unknown, too (docs/security-model.md).
+    four-digit years (measured), so that one signed file has several meanings. What a robot makes of a document that
+    is too large to be read here is unknown, too: docs/security-model.md has the limits.
     """
     yield from in_document(use, DIFFER, *AMBIGUOUS)
+    remedy = (
+        "Split a document for several enclaves into one for each, or write fewer rules, and fewer names with "
+        f"wildcards: {WRITE_AGAIN}"
+    )
+    yield from in_document(use, UNREAD, Kind.BEYOND_LIMIT, remedy=remedy)
     dates = (date for grant in use.document.grants for date in (grant.not_before, grant.not_after))
     odd = (
         Defect(

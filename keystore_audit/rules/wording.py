@@ -72,6 +72,7 @@ def defective(
     *,
     undecided: bool = False,
     severity: Severity | None = None,
+    remedy: str | None = None,
 ) -> Iterator[Violation]:
     """One violation for all defects of one kind in one file, each of them a location of it; `says` what follows.
 
@@ -89,6 +90,7 @@ def defective(
         undecided=undecided,
         severity=severity,
         key=first.kind.value,
+        remedy=remedy,
     )
 
 

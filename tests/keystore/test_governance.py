@@ -262,6 +262,7 @@ def test_a_document_of_more_rules_than_are_read_has_no_meaning(
     file = read(content)
     (defect,) = file.defects
     assert (file.governance, defect.detail) == (None, f"more than 1 {words}, which are not read here")
+    assert defect.kind is Kind.BEYOND_LIMIT
 
 
 # --- anything at all

@@ -239,7 +239,7 @@ def test_a_document_of_more_rules_than_are_read_has_no_meaning(
     (defect,) = file.defects
     before = signed_document(content, CA).partition(last)[0]
     assert (file.permissions, defect.line) == (None, before.count(b"\n") + 1)
-    assert defect.detail == f"more than {most} {words}, which are not read here"
+    assert (defect.kind, defect.detail) == (Kind.BEYOND_LIMIT, f"more than {most} {words}, which are not read here")
 
 
 @given(st.data())

@@ -86,6 +86,18 @@ CASES: dict[str, tuple[Change, list[str]]] = {
 }
 
 
+@pytest.mark.parametrize(
+    ("kind", "says", "remedy"),
+    [
+        (Kind.BEYOND_LIMIT, "what a robot makes of the document is unknown.", "Write fewer rules"),
+        (Kind.XML_AMBIGUOUS, "implementations differ in what they make of it.", "Write plain XML"),
+    ],
+)
+def test_what_is_beyond_a_limit_is_said_to_be_that(kind: Kind, says: str, remedy: str) -> None:
+    (found,) = findings("KA402", judged(unread(kind)(healthy())))
+    assert (found.undecided, found.message.endswith(says), found.remedy.startswith(remedy)) == (True, True, True)
+
+
 @pytest.mark.parametrize("code", CASES)
 def test_one_change_makes_a_rule_speak(code: str) -> None:
     change, expected = CASES[code]
