@@ -6,9 +6,8 @@ import base64
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tools.samples.certificates import day
-
 from .base import IDENTITY_CA, ONE, TALKER_CERTIFICATE, with_talker
+from .certificates import day
 from .keys import Key
 from .story import Case, Story, pair
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tools.samples.base import with_rules
-
-from .base import LISTENER_GRANT, ONE, QUIET, TALKER, TWO, governed, listener, with_grant
+from .base import LISTENER_GRANT, ONE, QUIET, TALKER, TWO, governed, listener, with_grant, with_rules
 from .documents import DISCOVERY, Criterion, Permissions, Rule, TopicRule
 from .store import Store
 from .story import Case, Story, pair

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tools.samples.base import with_rules
-
-from .base import LISTENER, ONE, TALKER, TALKER_GRANT, TALKING, TWO, with_grant, with_talker
+from .base import LISTENER, ONE, TALKER, TALKER_GRANT, TALKING, TWO, with_grant, with_rules, with_talker
 from .documents import DISCOVERY, Permissions, edited
 from .story import Case, Story, pair
 

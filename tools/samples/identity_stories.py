@@ -10,8 +10,6 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tools.samples.certificates import day
-
 from .base import (
     IDENTITY_CA,
     LISTENER,
@@ -26,7 +24,7 @@ from .base import (
     with_listener,
     with_talker,
 )
-from .certificates import Certificate
+from .certificates import Certificate, day
 from .documents import Permissions
 from .keys import Key
 from .smime import signed_by

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tools.samples.base import with_rules
-
-from .base import LISTENER, with_talker
+from .base import LISTENER, with_rules, with_talker
 from .documents import Permissions, Rule
 from .policy import Node, grant
 from .store import Store

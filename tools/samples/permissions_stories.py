@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tools.samples.base import with_rules
-from tools.samples.certificates import day
-
 from .base import (
     LISTENER,
     LISTENER_CERTIFICATE,
@@ -20,8 +17,10 @@ from .base import (
     talker,
     with_grant,
     with_listener,
+    with_rules,
     with_talker,
 )
+from .certificates import day
 from .documents import DISCOVERY, Permissions, Rule, edited
 from .policy import Node, grant
 from .store import Store

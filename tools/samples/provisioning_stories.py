@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tools.samples.certificates import day
-
 from .base import (
     LISTENER,
     LISTENER_CERTIFICATE,
@@ -20,7 +18,7 @@ from .base import (
     talker,
     with_talker,
 )
-from .certificates import Certificate
+from .certificates import Certificate, day
 from .cms import SignedData, Signer
 from .documents import DISCOVERY, Governance, Grant, Permissions, Rule, edited
 from .keys import Key

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tools.samples.certificates import day
-
 from .base import ONE, PERMISSIONS_CA, TALKER_CERTIFICATE, with_talker
+from .certificates import day
 from .cms import SignedData, Signer
 from .documents import edited
 from .keys import Key

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from tools.samples.certificates import day
-
 from .base import TALKER_CERTIFICATE, with_talker
+from .certificates import day
 from .story import Story
 
 STORE = with_talker(
