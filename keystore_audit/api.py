@@ -6,7 +6,6 @@ import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
 from keystore_audit.cli.arguments import check_arguments, check_ranges
@@ -17,9 +16,6 @@ from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.options import DEFAULT_NOTICE, ENGINES, Options, user_files
 from keystore_audit.pipeline import audit as _audit
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = [
     "AuditError",
@@ -84,6 +80,8 @@ def audit(
     if at is not None and at.tzinfo is None:
         raise UsageError(f"The instant {at} has no time zone: give it one, e.g. timezone.utc.")
     check_ranges(at, timeout, expires_within)
+    if policy_include is not None and policy is None:
+        raise UsageError("policy_include is for the files that a policy includes, and there is no policy.")
     asserted = None if settings is None else read_settings(Path(settings), (os.fspath(path),))
     options = Options(
         at=(at or datetime.now(timezone.utc)).astimezone(timezone.utc).replace(microsecond=0),

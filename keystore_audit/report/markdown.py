@@ -9,6 +9,7 @@ from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import RUNNING_SESSIONS, WORST_FIRST, NoReport, Report, Verdict
+from keystore_audit.report.engine_words import sentence
 from keystore_audit.text import instant, markdown, shorten, some
 
 MAX_LENGTH: Final = 60_000
@@ -157,7 +158,9 @@ def _rest(report: Report, budget: int) -> Iterator[str]:
     yield "<details><summary>What this rests on</summary>"
     yield ""
     until = "never" if report.safe_until is None else instant(report.safe_until)
-    why = report.safe_until_why if report.safe_until is None else f"{report.safe_until_why}. {RUNNING_SESSIONS}"
+    why = report.safe_until_why
+    if report.safe_until is not None:
+        why = f"{sentence(why)} {RUNNING_SESSIONS}"
     yield f"- Safe until: {until}. {markdown(why)}".rstrip()
     yield from _items("Assumed", report.assumptions)
     yield from _items("Not checked", report.scope.not_checked)

@@ -63,6 +63,8 @@ def test_files_are_taken(samples: Path, tmp_path: Path) -> None:
     moved.write_text(policy.read_text().replace("common/", "../shared/common/"))
     with pytest.raises(api.UsageError, match="leads out of"):
         api.audit(samples / "healthy/turtlesim", engine="native", at=AT, policy=moved)
+    with pytest.raises(api.UsageError, match="there is no policy"):
+        api.audit(samples / "healthy/turtlesim", engine="native", at=AT, policy_include=tmp_path)
     shared = api.audit(samples / "healthy/turtlesim", engine="native", at=AT, policy=moved, policy_include=tmp_path)
     assert [each.code for each in shared.findings if each.code.startswith("KA64")] == []
 

@@ -182,6 +182,8 @@ def test_safe_until_is_about_new_sessions_and_says_so(make_report: MakeReport) -
     ):
         assert "ends none when a grant ends" in flat(form(until))
         assert "ends none when a grant ends" not in flat(form(never))
+        ended = make_report(safe_until_why="no grant in force names CN=/a,O=Robots Ltd.")
+        assert "Ltd. Sessions" in flat(form(ended)).replace("\\", "")
 
 
 def test_several_keystores_end_in_one_line(make_report: MakeReport) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.report.content import RUNNING_SESSIONS, Report, Verdict
-from keystore_audit.report.engine_words import engine, warnings
+from keystore_audit.report.engine_words import engine, sentence, warnings
 from keystore_audit.report.html.element import NOTHING, Html, digest, element, items, joined, lines, name
 from keystore_audit.report.html.sheet import Sheet, severity
 from keystore_audit.text import counted, instant, shorten
@@ -63,7 +63,7 @@ def _sentences(report: Report) -> Iterator[Html]:
     elif report.safe_until <= report.at:
         until = f"Nothing can be said of the future{_why(report)}."
     else:
-        until = f"This answer holds until {instant(report.safe_until)}{_why(report)}. {RUNNING_SESSIONS}"
+        until = sentence(f"This answer holds until {instant(report.safe_until)}{_why(report)}") + f" {RUNNING_SESSIONS}"
     yield element("p", until, class_="soft")
 
 
