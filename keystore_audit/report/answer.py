@@ -8,6 +8,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.domains import Interval, describe
 from keystore_audit.model.question import Answer, Ruling
+from keystore_audit.report.content import assumed_of
 from keystore_audit.report.encoded import encoded
 from keystore_audit.report.paragraph import by_answer, profiles, wrapped
 from keystore_audit.text import terminal
@@ -83,6 +84,9 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
         lines.append("  No endpoint is made for relaying: this is what the rules say.")
     for answer, names in sorted(by_answer(answers).items(), key=lambda group: len(group[1])):
         lines += ["", *_answer(answer, profiles(names, answers))]
+    refused = (name for name, answer in answers.items() if answer.effective is not Ruling.ALLOW)
+    for assumption in assumed_of(refused):
+        lines += ["", wrapped(f"Assumed: {assumption}")]
     return "\n".join(lines) + "\n"
 
 

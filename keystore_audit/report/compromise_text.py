@@ -9,6 +9,7 @@ from keystore_audit.model.blast_radius import BlastRadius, Ground
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.property import Status
 from keystore_audit.report.compromise_words import MAX_LISTED, topic_words
+from keystore_audit.report.content import assumed_of
 from keystore_audit.report.paragraph import by_answer, profiles, rests_on, wrapped
 from keystore_audit.text import counted, some
 
@@ -28,6 +29,8 @@ def text(answer: CompromiseAnswer) -> str:
         lines += [wrapped("No certificate of such an authority could be read: what its key opens is unknown."), ""]
     if not answer.include_ambient:
         lines.append(wrapped("Flows are apart from /clock, /parameter_events, /rosout and ros_discovery_info."))
+    asked = dict.fromkeys(name for key in answer.keys for name in key.alone)
+    lines += [wrapped(f"Assumed: {assumption}") for assumption in assumed_of(asked)]
     if answer.status is Status.UNKNOWN and answer.doubts:
         lines.append(wrapped(rests_on(answer.doubts)))
     return "\n".join(lines).rstrip("\n") + "\n"

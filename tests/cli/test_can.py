@@ -163,6 +163,23 @@ def test_a_part_that_is_allowed_is_named(tmp_path: Path) -> None:
     assert "no peer accepts any of it." in flat
 
 
+@pytest.mark.parametrize(
+    ("profile", "topic", "told"),
+    [
+        ("cyclonedds-11", "/x", True),
+        ("cyclonedds-11", "/chatter", False),
+        ("fastdds-3.6", "/x", False),
+    ],
+)
+def test_what_peers_refuse_is_said_to_rest_on_what_attackers_announce(
+    profile: str, topic: str, told: bool, tmp_path: Path
+) -> None:
+    """Cyclone DDS asks for no permissions of an endpoint that is not announced as under access control."""
+    store = keystore(tmp_path / "k", {"/c": (rule(publish=("rt/chatter",)),)})
+    _code, out = answer("can", store, "/c", "publish", topic, "--at", AT, "--profile", profile)
+    assert (f"Assumed: Under {profile}, an attacker announces truthfully" in out) == told
+
+
 def test_what_is_unknown_of_a_service_is_no_denial() -> None:
     for expected in (ALLOW, DENY):
         assert decisions(UNREADABLE, "/listener", "request", "/add", "--expect", expected)[0] == 4
