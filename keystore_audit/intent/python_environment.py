@@ -44,7 +44,11 @@ def changes(module: ast.Module, skipped: Iterable[ast.stmt]) -> Iterator[AssignE
     parents = {child: node for node in ast.walk(module) for child in ast.iter_child_nodes(node)}
     found: dict[str, list[tuple[int, str | None]]] = {}
     unread = [*skipped, *(node for node in ast.walk(module) if isinstance(node, _NOT_FOLLOWED)), *_spread(module)]
-    for node in (inner for each in unread for inner in ast.walk(each)):
+    inside: dict[ast.AST, None] = {}
+    for each in unread:
+        if each not in inside:  # they stand in each other, a thousand deep in hostile files
+            inside |= dict.fromkeys(ast.walk(each))
+    for node in inside:
         if name := _mentioned(node, parents):
             found.setdefault(name, []).append((getattr(node, "lineno", 1), None))
     for node in ast.walk(module):
