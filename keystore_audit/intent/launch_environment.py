@@ -54,11 +54,13 @@ _DEBUGGING: Final = re.compile(
 _LATER: Final = re.compile(r"""sleep [0-9.]+ ?(?:;|&&) ?(?:exec )?(["']?)\$0\1 (["']?)\$@\2""")
 """What a shell does in the usual prefix of a node that starts later, `bash -c 'sleep 5; $0 $@'`."""
 
-_UNSET: Final = r"(?:\bunset\b|(?:^|\s)-u|--unset)[^;&|]*"
+_END: Final = re.compile("[;&|]")
+
+_UNSET: Final = re.compile(r"\bunset\b|(?:^|\s)-u|--unset")
 """What takes back the variables that are named behind it: a shell's own word, and options of env."""
 
-_TOUCHED: Final = r"\b(?:declare|export|for|printf|read|typeset)\s[^;&|]*(?<![$A-Za-z0-9_{])%s\b|\b%s\+="
-"""What a shell may change a variable by, to whatever: `export -n NAME`, `read NAME`, `NAME+=value`."""
+_TOUCHED: Final = re.compile(r"\b(?:declare|export|for|printf|read|typeset)\s")
+"""What a shell may change a variable by, to whatever: `export -n NAME`, `read NAME`."""
 
 _CLEAN: Final = re.compile(
     r"\benv\s+(?:(?:-[0v]*[uC]|--unset|--chdir)\s+\S+\s+|-(?![0v]*[uC]\s|-unset\s|-chdir\s)\S+\s+){0,9}?"
@@ -107,11 +109,22 @@ def set_by_command(command: str) -> dict[str, str | Unknown]:
             value = values.pop()
             told = not values and not re.search(r"[$`]", value)
             found[name] = value if told else Unknown(reason=f"{shown(command)}, which sets {name}")
-        elif re.search(_UNSET + name, plain):
+        elif _behind(_UNSET, name, plain):
             found[name] = ""
-        elif re.search(_TOUCHED.replace("%s", name), plain):
+        elif re.search(rf"\b{name}\+=", plain) or _behind(_TOUCHED, rf"(?<![$A-Za-z0-9_{{]){name}\b", plain):
             found[name] = Unknown(reason=f"{shown(command)}, which names {name}")
     return found
+
+
+def _behind(word: re.Pattern[str], name: str, command: str) -> bool:
+    """Whether the name stands behind such a word in the same command; what is behind the first is looked at once."""
+    at = 0
+    while match := word.search(command, at):
+        end = _END.search(command, match.end())
+        at = len(command) if end is None else end.start()
+        if re.compile(name).search(command, match.end(), at):
+            return True
+    return False
 
 
 def started_with(action: StartProcess, scope: Scope, source: Source) -> dict[str, str | Unknown]:
