@@ -26,7 +26,6 @@ from tests.hostile.names import MARK, NAMES
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 HEALTHY = SAMPLES / "healthy/talker_listener"
-TURTLE = SAMPLES / "flows/turtlesim_healthy"
 VEHICLE = SAMPLES / "flows/vehicle_healthy"
 WEAKER = SAMPLES / "flows/vehicle_governance_flag"
 WIDER = SAMPLES / "flows/vehicle_plain_grant"

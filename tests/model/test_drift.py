@@ -138,8 +138,6 @@ NAMES = (
     *("rq/sRequest", "rq/tRequest", "rq/a", "rr/sReply", "rr/tReply"),
 )
 ROS_NAMES = ("/a", "/b", "/aa", "/a*", "/*", "/?", "a", "~a")
-MEANT = {"publish": ("rt{}",), "request": ("rq{}Request", "rr{}Reply")}
-
 texts = st.lists(st.sampled_from(EXPRESSIONS), max_size=3).map(tuple)
 some_rules = st.lists(st.builds(Listed, st.booleans(), texts, texts), max_size=4)
 some_rights = st.lists(
