@@ -223,8 +223,7 @@ class TestWhatIsSaid:
         )[0]
         heads = [words(head) for head in section.xpath(".//table/thead//th")]
         assert heads == [
-            "spec fastdds-2.6",
-            "fastdds-2.14 fastdds-3.2 fastdds-3.6 cyclonedds-11",  # KA636: since Iron nodes ask for one service more
+            "spec fastdds-2.6 fastdds-2.14 fastdds-3.2 fastdds-3.6 cyclonedds-11",
             "cyclonedds-0.10",
         ]
         assert "peers accept besides from every enclave: publish, subscribe, relay every topic." in words(section)
