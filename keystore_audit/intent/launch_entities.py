@@ -31,7 +31,7 @@ from keystore_audit.intent.launch_actions import (
     Unknown,
     Unread,
 )
-from keystore_audit.intent.launch_environment import named, replaced
+from keystore_audit.intent.launch_environment import replaced, touched
 from keystore_audit.intent.source import Source, shown
 from keystore_audit.intent.substitution import SubstitutionError, parse
 
@@ -90,7 +90,7 @@ class _Entities:
         """An element that is not known, as a loop; variables of security that are named in it may be set."""
         said = f"the element {shown(entity.kind)} is not read; it may start nodes or change their names"
         unread = Unread(line=entity.line, reason=said)
-        names = dict.fromkeys(filter(None, map(named, entity.texts())))
+        names = dict.fromkeys(name for text in entity.texts() for name in touched(text))
         value = (Unknown(reason=f"what is in the element {shown(entity.kind)}"),)
         changed = (AssignEnvironment(line=entity.line, name=(name,), value=value) for name in names)
         return Group(**self._where(entity), actions=(*changed, unread), scoped=False)

@@ -70,15 +70,6 @@ _CLEAN: Final = re.compile(
 """What takes back all, env or a shell: options of one letter may stand together, and long ones may be cut short."""
 
 
-_NAMED: Final = re.compile(rf"({'|'.join(NAMES)})(?:=.*)?|.*\s({'|'.join(NAMES)})=.*", re.DOTALL)
-
-
-def named(text: str) -> str | None:
-    """The variable of `NAMES` that a text is, alone or set as in `env NAME=VALUE`."""
-    match = _NAMED.fullmatch(text)
-    return None if match is None else match[1] or match[2]
-
-
 def replaced(
     values: Iterable[tuple[Text, Text]],
     *,
@@ -125,6 +116,11 @@ def _behind(word: re.Pattern[str], name: str, command: str) -> bool:
         if re.compile(name).search(command, match.end(), at):
             return True
     return False
+
+
+def touched(text: str) -> tuple[str, ...]:
+    """The variables of `NAMES` that a text is the name of, or that it sets or takes back as part of a command."""
+    return (text,) if text in NAMES else tuple(set_by_command(f"{text} "))
 
 
 def started_with(action: StartProcess, scope: Scope, source: Source) -> dict[str, str | Unknown]:

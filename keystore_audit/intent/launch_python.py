@@ -46,25 +46,31 @@ def read(source: Source) -> tuple[Action, ...]:
     called = names.get(ENTRY)  # what the name means at last: it may have been given to something else
     if outer.entry is None or not isinstance(called, Opaque) or called.line != outer.entry.lineno:
         none = Unread(line=1, reason=f"no function {ENTRY} is defined here, which may start nodes")
-        return (*changes(module, [*outer.skipped, *module.body]), *outer.unread, none)
+        return (*changes(module, module.body), *outer.unread, none)
     inner = _Statements(source, dict(names))
     inner.follow(outer.entry.body)
-    skipped = (*outer.skipped, *inner.skipped)
-    return (*changes(module, skipped), *outer.unread, *inner.unread, *inner.returned(outer.entry))
+    returned = tuple(inner.returned(outer.entry))
+    return (*changes(module, (*outer.skipped, *inner.skipped)), *outer.unread, *inner.unread, *returned)
 
 
 class _Statements:
-    """Statements in order; `unread` collects what is not followed, `skipped` those statements."""
+    """Statements in order; `unread` collects what is not followed."""
 
     def __init__(self, source: Source, names: dict[str, Value]) -> None:
         self.unread: list[Action] = []
-        self.skipped: list[ast.stmt] = []
+        self._skipped: list[ast.stmt] = []
         self.entry: ast.FunctionDef | None = None
         self._names = names
         self._expressions = Expressions(source, names)
         self._functions: set[str] = set()
         self._returned: Value | None = None
         self._ended = False
+
+    @property
+    def skipped(self) -> Iterator[ast.AST]:
+        """What is not followed: statements, and expressions within those that are."""
+        yield from self._skipped
+        yield from self._expressions.opaque
 
     def returned(self, function: ast.FunctionDef) -> Iterator[Action]:
         """The actions of the launch description that is returned."""
@@ -120,7 +126,7 @@ class _Statements:
             plain = isinstance(statement, ast.FunctionDef) and not statement.decorator_list
             self.entry = statement if plain and isinstance(statement, ast.FunctionDef) else None
         if statement is not self.entry:
-            self.skipped.append(statement)
+            self._skipped.append(statement)
         self._functions.add(statement.name)
         self._names[statement.name] = Opaque(line=statement.lineno, reason=f"the function {shown(statement.name)}")
 
@@ -172,7 +178,7 @@ class _Statements:
 
     def _not_followed(self, statement: ast.stmt) -> None:
         """Note a statement; nothing that it may set or change is known from here on."""
-        self.skipped.append(statement)
+        self._skipped.append(statement)
         said = "a statement that is not followed; it may start nodes or change their names"
         self.unread.append(Unread(line=statement.lineno, reason=said))
         lost = Opaque(line=statement.lineno, reason=f"what the statement in line {statement.lineno} sets")

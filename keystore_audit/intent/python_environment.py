@@ -7,11 +7,12 @@ followed or not; one where it is only read is none of these.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Final
 
-from keystore_audit.intent.launch_actions import AssignEnvironment, Unknown
-from keystore_audit.intent.launch_environment import NAMES, named
+from keystore_audit.intent.environment import ENABLE, SECURE, STRATEGY
+from keystore_audit.intent.launch_actions import Action, AssignEnvironment, Unknown, Unread
+from keystore_audit.intent.launch_environment import NAMES, touched
 
 _ENVIRON: Final = frozenset({"environ", "environb"})
 _FUNCTIONS: Final = frozenset({"putenv", "unsetenv"})
@@ -33,23 +34,28 @@ _FIRST: Final = frozenset({"__delitem__", "__setitem__", "pop", "setdefault", *_
 _LOOKING: Final = frozenset({"get", "getenv", "EnvironmentVariable"})
 """What is called with the name of a variable to look it up."""
 
+_SETTERS: Final = frozenset({"AppendEnvironmentVariable", "SetEnvironmentVariable", "UnsetEnvironmentVariable"})
+"""Actions whose first argument is the name of a variable."""
+
 _NOT_FOLLOWED: Final = (ast.Lambda, ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.DictComp, ast.IfExp)
 
 
-def changes(module: ast.Module, skipped: Iterable[ast.stmt]) -> Iterator[AssignEnvironment]:
+def changes(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[Action]:
     """The variables of `NAMES` that the file may set or take away: to what is known where that is said once.
 
-    In statements that are `skipped`, and in expressions that nobody works out, to name a variable is enough.
+    In what is `skipped`, and what that takes from elsewhere in the file, to name a variable is enough. Processes that
+    start there have what is said here, whatever the file sets later.
     """
     parents = {child: node for node in ast.walk(module) for child in ast.iter_child_nodes(node)}
     found: dict[str, list[tuple[int, str | None]]] = {}
-    unread = [*skipped, *(node for node in ast.walk(module) if isinstance(node, _NOT_FOLLOWED)), *_spread(module)]
-    inside: dict[ast.AST, None] = {}
-    for each in unread:
-        if each not in inside:  # they stand in each other, a thousand deep in hostile files
-            inside |= dict.fromkeys(ast.walk(each))
-    for node in inside:
-        if name := _mentioned(node, parents):
+    whole = {
+        name
+        for node in ast.walk(module)
+        if isinstance(node, ast.Assign) and _has_all(node.value, ())
+        for name in _named_in(node.targets)
+    }
+    for node in _unread(module, skipped):
+        for name in _mentioned(node, parents, whole):
             found.setdefault(name, []).append((getattr(node, "lineno", 1), None))
     for node in ast.walk(module):
         for names, value in _changed(node, parents):
@@ -60,29 +66,89 @@ def changes(module: ast.Module, skipped: Iterable[ast.stmt]) -> Iterator[AssignE
         line, value = found[name][0]
         told = value if len(values) == 1 and value is not None else Unknown(reason=f"what line {line} makes of {name}")
         yield AssignEnvironment(line=line, name=(name,), value=(told,))
+    for name in filter(found.__contains__, NAMES):
+        yield Unread(line=found[name][0][0], reason=f"what is done with {name} is not followed; it may start nodes")
+        return
 
 
-def _spread(module: ast.Module) -> Iterator[ast.AST]:
-    """Dictionaries that calls take their arguments from, `Node(**these)`, and whatever is assigned to or in them."""
-    given = [node for node in ast.walk(module) if isinstance(node, ast.keyword) and node.arg is None]
-    names = {node.id for each in given for node in ast.walk(each) if isinstance(node, ast.Name)}
+def _unread(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[ast.AST]:
+    """All within what is skipped, and within the statements that make what it takes, as `k` of `Node(**k)`."""
+    made: dict[str, list[ast.stmt]] = {}
+    kept = set()  # descriptions grow wherever they stand, and are followed
     for node in ast.walk(module):
         if isinstance(node, (ast.Assign, ast.AnnAssign, ast.AugAssign)):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-            held = {inner.id for target in targets for inner in ast.walk(target) if isinstance(inner, ast.Name)}
-            if held & names:
-                yield node
-    yield from given
+            names = _named_in(targets)
+            if isinstance(node.value, ast.Call) and _called(node.value.func) == "LaunchDescription":
+                kept |= names
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+            names = _named_in([node.value.func])  # x.append(...)
+        else:
+            continue
+        for name in names:
+            made.setdefault(name, []).append(node)
+    waiting = [*skipped, *(node for node in ast.walk(module) if isinstance(node, _NOT_FOLLOWED))]
+    waiting += [node for node in ast.walk(module) if isinstance(node, ast.keyword) and node.arg is None]
+    seen: set[ast.AST] = set()
+    while waiting:
+        node = waiting.pop()
+        if node not in seen:
+            seen.add(node)
+            waiting += ast.iter_child_nodes(node)
+            if isinstance(node, ast.Name) and (node.id not in kept or not isinstance(node.ctx, ast.Load)):
+                waiting += made.get(node.id, ())
+    return (node for node in ast.walk(module) if node in seen)
 
 
-def _mentioned(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> str | None:
-    """The variable that is named here, unless it is only looked up, or `_changed` speaks of it."""
+def _named_in(nodes: Iterable[ast.AST]) -> set[str]:
+    return {inner.id for node in nodes for inner in ast.walk(node) if isinstance(inner, ast.Name)}
+
+
+def _mentioned(node: ast.AST, parents: dict[ast.AST, ast.AST], whole: Collection[str]) -> Iterable[str]:
+    """The variables that are named here, unless they are only looked up, set to what they ought to be, or `_changed`
+    speaks of them; and where all are replaced, those that decide whether there is security.
+    """
+    if isinstance(node, ast.keyword) and node.arg == "env" and not _has_all(node.value, whole):
+        return (ENABLE, STRATEGY)
+    if isinstance(node, ast.Call) and _called(node.func) in _SETTERS and _named_later(node):
+        return NAMES
     text = node.arg if isinstance(node, ast.keyword) else _text(node)
-    name = named(text) if text is not None else None
     parent = parents[node]
-    looking = isinstance(parent, ast.Call) and _called(parent.func) in _LOOKING
+    call = parents[parent] if isinstance(parent, ast.keyword) else parent
+    looking = isinstance(call, ast.Call) and _called(call.func) in _LOOKING
     subscript = isinstance(parent, ast.Subscript) and (isinstance(parent.ctx, ast.Load) or _is_environ(parent.value))
-    return None if looking or subscript or isinstance(parent, (ast.Compare, ast.Expr)) else name
+    if text is None or looking or subscript or isinstance(parent, (ast.Compare, ast.Expr)):
+        return ()
+    return () if text in SECURE and _text(_value(node, parents)) == SECURE[text] else touched(text)
+
+
+def _has_all(value: ast.expr, whole: Collection[str]) -> bool:
+    """Whether a dictionary holds all variables that there were, as those called `whole` do, or there is none."""
+    if isinstance(value, ast.Constant) and value.value is None:
+        return True
+    if isinstance(value, ast.Call) and _called(value.func) in _READING - {"copy"}:
+        return False
+    return any(_is_environ(node) or getattr(node, "id", None) in whole for node in ast.walk(value))
+
+
+def _named_later(call: ast.Call) -> bool:
+    """Whether the variable that an action sets is neither a text nor a name, whose text is read apart."""
+    given = [*call.args[:1], *(each.value for each in call.keywords if each.arg == "name")]
+    return not all(isinstance(each, (ast.Constant, ast.Name)) for each in given)
+
+
+def _value(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> ast.expr | None:
+    """What the variable that `node` names is set to."""
+    parent = parents[node]
+    if isinstance(node, ast.keyword):
+        return node.value
+    if isinstance(parent, ast.Dict) and node in parent.keys:
+        return parent.values[parent.keys.index(node)]
+    if isinstance(parent, ast.Subscript) and isinstance(assigned := parents[parent], ast.Assign):
+        return assigned.value
+    if isinstance(parent, ast.Call) and len(parent.args) == 2 and parent.args[0] is node:
+        return parent.args[1]
+    return None
 
 
 def _called(node: ast.AST) -> str | None:

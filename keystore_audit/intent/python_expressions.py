@@ -53,6 +53,8 @@ class Expressions:
         self._source = source
         self._names = names
         self._values = 0
+        self.opaque: list[ast.expr] = []
+        """The expressions that only running the file works out."""
 
     def part(self, value: Value, line: int) -> Value:
         """The value as part of another. Raises UsageError if that was done too often."""
@@ -70,7 +72,14 @@ class Expressions:
     def value(self, node: ast.expr, depth: int = 0) -> Value:
         """What the expression stands for. Raises UsageError only where lists become too many."""
         if depth > MAX_DEPTH:
-            return _opaque(node, f"an expression more than {MAX_DEPTH} deep")
+            value: Value = _opaque(node, f"an expression more than {MAX_DEPTH} deep")
+        else:
+            value = self._worked_out(node, depth)
+        if isinstance(value, Opaque):
+            self.opaque.append(node)
+        return value
+
+    def _worked_out(self, node: ast.expr, depth: int) -> Value:
         if isinstance(node, ast.Constant):
             return _constant(node)
         if isinstance(node, ast.Name):

@@ -316,6 +316,17 @@ NO = f"Node(executable='e', additional_env={{{ENABLE}: 'no'}})"
         ("", f"Node(executable='e', **{{'additional_env': {{{ENABLE}: 'no'}}}})", True),
         (f"k = {{'additional_env': {{{ENABLE}: 'no'}}}}", "Node(executable='e', **{})", False),
         ("", "*[Node(executable='e', prefix='env ROS_SECURITY_ENABLE=no') for i in range(2)]", True),
+        ("", "*[Node(executable='e', prefix='env -u ROS_SECURITY_ENABLE') for i in range(2)]", True),
+        ("", "*[Node(executable='e', prefix='nice') for i in range(2)]", False),
+        (f"k = {{{ENABLE}: 'no'}}\ndef other(c):\n    return [Node(additional_env=k)]", "", True),
+        (f"k = {{{ENABLE}: 'no'}}\nother = Node(additional_env=k)", "", False),
+        (f"k = {ENABLE}\ndef other(c):\n    return [SetEnvironmentVariable(k, 'no')]", "", True),
+        ("", "ExecuteProcess(cmd='env ROS_SECURITY_ENABLE=no e'.split())", True),
+        ("", "ExecuteProcess(cmd=['env', 'ROS_SECURITY_ENABLE=no', 'e'] + other)", True),
+        ("", f"Other(additional_env={{{ENABLE}: 'no'}})", True),
+        ("", f"Other(additional_env={{{ENABLE}: 'true'}})", False),
+        ("", "Other(EnvironmentVariable(name='ROS_SECURITY_ENABLE'))", False),
+        (f"k = other({NO})", "", True),
         (f"def other(context):\n    'As ROS_SECURITY_ENABLE=no.'\n    return os.environ.get({ENABLE})", "", False),
         (f"def other(context):\n    return os.environ[{ENABLE}] == {ENABLE} != os.getenv({ENABLE})", "", False),
         ("def other(context):\n    raise ValueError('ROS_SECURITY_ENABLE has to be true')", "", False),
@@ -335,9 +346,36 @@ def test_what_stands_in_each_other_is_looked_at_once(
 ) -> None:
     """2,000 functions in each other took 13 seconds, all inner ones being looked at again for each."""
     looked: list[ast.AST] = []
-    monkeypatch.setattr(python_environment, "_mentioned", lambda node, _parents: looked.append(node))
+    monkeypatch.setattr(python_environment, "_mentioned", lambda node, *_: looked.append(node) or ())
     launch(tmp_path, function(f"return LaunchDescription([{PLAIN}])", f"x = {unit * 50}0"), "py")
     assert len(looked) == len(set(looked)) > 50
+
+
+SURE = f"SetEnvironmentVariable({ENABLE}, 'true')"
+LATER = "def other(context):\n    "
+
+
+@pytest.mark.parametrize(
+    ("before", "statements", "told"),
+    [
+        (f"{LATER}return [{NO}]", f"return LaunchDescription([{SURE}, OpaqueFunction(function=other)])", {None}),
+        (f"{LATER}os.environ[{ENABLE}] = 'no'", f"return LaunchDescription([{SURE}, {PLAIN}])", {"no"}),
+        (f"{LATER}os.environ[{ENABLE}] = 'true'", f"return LaunchDescription([{SURE}, {PLAIN}])", set()),
+        ("", f"a = [{NO}]\nfor i in k:\n    a.append({PLAIN})\nreturn LaunchDescription(a)", {None}),
+        ("", f"a = []\na.append({NO})\nfor i in k:\n    a.append({PLAIN})\nreturn LaunchDescription(a)", {None}),
+        ("", f"a = {NO}\nd = LaunchDescription()\nif k:\n    d.add_action(a)\nreturn d", {None}),
+        ("", f"d = LaunchDescription([{SURE}])\nfor i in k:\n    d.add_action({PLAIN})\nreturn d", set()),
+        (f"{LATER}return [Node(executable='e', env={{'A': 'b'}})]", "return LaunchDescription()", {None}),
+        (f"{LATER}return [Node(executable='e', env=None)]", "return LaunchDescription()", set()),
+        (f"{LATER}e = os.environ.copy()\n    return Node(executable='e', env=e)", "return LaunchDescription()", set()),
+    ],
+)
+def test_what_is_not_followed_may_start_with_what_is_named_there_whatever_is_set_first(
+    before: str, statements: str, told: set[str | None], tmp_path: Path
+) -> None:
+    intent = launch(tmp_path, function(statements, before), "py")
+    found = {each.value for each in intent.variables if each.name == ENABLE.strip("'")}
+    assert found - {"true"} == told
 
 
 def test_processes_without_a_name_are_told_apart_by_what_they_run(tmp_path: Path) -> None:
