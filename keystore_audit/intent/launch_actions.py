@@ -157,13 +157,15 @@ class NodeNames:
 class StartProcess(Action):
     """A process, of which it is not known whether it is a node.
 
-    `clean`: it has `environment` alone. `prefix`: what stands before the program, None: what is set for all.
+    `clean`: it has `environment` alone; `earlier`: beside it what there was when launch read the file. `prefix`:
+    what stands before the program, None: what is set for all.
     `command`: what is run, in pieces; of a node, its package and program.
     """
 
     command: tuple[Text, ...] = ()
     environment: tuple[tuple[Text, Text], ...] = ()
     clean: bool = False
+    earlier: bool = False
     prefix: Text | None = None
 
 

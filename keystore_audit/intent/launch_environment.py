@@ -126,6 +126,8 @@ def touched(text: str) -> tuple[str, ...]:
 def started_with(action: StartProcess, scope: Scope, source: Source) -> dict[str, str | Unknown]:
     """The values of those of `NAMES` that the launch file sets for a process; the rest come from its own start."""
     found = {name: scope.environment[name] for name in NAMES if name in scope.environment}
+    if action.earlier:
+        found = dict.fromkeys(found, Unknown(reason="an earlier environment"))
     if action.clean:
         found = dict.fromkeys(NAMES, "")
     for name, value in action.environment:

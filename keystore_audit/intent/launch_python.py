@@ -16,7 +16,7 @@ from keystore_audit.intent.launch_actions import Action, Unread
 from keystore_audit.intent.python_actions import actions_of
 from keystore_audit.intent.python_environment import changes
 from keystore_audit.intent.python_expressions import Expressions
-from keystore_audit.intent.python_values import Growing, Imported, Items, Opaque, Pairs, Value
+from keystore_audit.intent.python_values import Growing, Imported, Items, Opaque, Pairs, Value, with_entries
 from keystore_audit.intent.source import Source, shown
 
 MAX_CHARACTERS: Final = 1 << 17
@@ -134,16 +134,31 @@ class _Statements:
         if isinstance(target, ast.Name):
             self._names[target.id] = self._value(value, statement)
         else:
-            self._not_followed(statement)
+            self._enter(statement, target, value)
+
+    def _enter(self, statement: ast.stmt, target: ast.expr, value: ast.expr) -> None:
+        """An entry of a dictionary that has one name: by another it would be changed, too."""
+        match target:
+            case ast.Subscript(ast.Name(name), ast.Constant(str(key))):
+                held = self._names.get(name)
+                if isinstance(held, Pairs) and sum(each is held for each in self._names.values()) == 1:
+                    entry = self._expressions.part(self._value(value, statement), statement.lineno)
+                    self._names[name] = with_entries(held, {key: entry})
+                    return
+        self._not_followed(statement)
 
     def _value(self, node: ast.expr, statement: ast.stmt) -> Value:
         """The value of an expression; a call that is not followed may add to lists that it gets or knows."""
         value = self._expressions.value(node)
         if isinstance(value, Opaque):
             names = [found.id for found in ast.walk(node) if isinstance(found, ast.Name)]
-            if any(name in self._functions or isinstance(self._names.get(name), Growing) for name in names):
+            if any(name in self._functions or self._may_change(name) for name in names):
                 self._not_followed(statement)
         return value
+
+    def _may_change(self, name: str) -> bool:
+        held = self._names.get(name)
+        return isinstance(held, Growing) or (isinstance(held, Pairs) and held.inherited)
 
     def _grow(self, statement: ast.AugAssign) -> None:
         target = statement.target
@@ -188,8 +203,10 @@ class _Statements:
             if isinstance(node, ast.Name):
                 held = self._names.get(node.id)
                 changed = isinstance(held, Growing) and not held.description
-                if not isinstance(node.ctx, ast.Load) or changed or isinstance(held, Pairs):
+                if not isinstance(node.ctx, ast.Load) or changed:
                     self._names[node.id] = lost
+                if isinstance(held, Pairs):
+                    self._names |= {name: lost for name, each in self._names.items() if each is held}
             elif isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
                 self._names[node.name] = lost
                 self.entry = None if node.name == ENTRY else self.entry

@@ -44,6 +44,7 @@ from keystore_audit.intent.python_values import (
     TextValue,
     Value,
     bounded,
+    dictionary,
     text_of,
 )
 
@@ -230,8 +231,11 @@ def _node(call: Call) -> Value:
 
 
 def _environment_of(call: Call) -> dict[str, Any]:
-    variables = (*_mapping(call.get("env")), *_mapping(call.get("additional_env")))
-    return {"environment": variables, "clean": call.get("env") != NONE, "prefix": call.optional("prefix")}
+    given = [dictionary(call.get("env")), dictionary(call.get("additional_env"))]
+    inherited = [isinstance(each, Pairs) and each.inherited for each in given]
+    clean = given[0] != NONE and not inherited[0]
+    variables = (*_mapping(given[0]), *_mapping(given[1]))
+    return {"environment": variables, "clean": clean, "earlier": any(inherited), "prefix": call.optional("prefix")}
 
 
 def _with(action: Action, more: tuple[Action, ...]) -> Action:
@@ -324,8 +328,9 @@ def _set(call: Call) -> Value:
 
 def _environment(call: Call) -> Value:
     """All variables are replaced, by those that are named or by earlier ones."""
-    earlier = call.name != "ReplaceEnvironmentVariables"
-    values = _mapping(call.get("environment", 0))
+    given = dictionary(call.get("environment", 0))
+    earlier = call.name != "ReplaceEnvironmentVariables" or (isinstance(given, Pairs) and given.inherited)
+    values = _mapping(given)
     return ActionValue(action=replaced(values, **call.where, earlier=earlier))
 
 

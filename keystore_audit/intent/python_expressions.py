@@ -19,9 +19,11 @@ from keystore_audit.intent.python_values import (
     TextValue,
     Value,
     bounded,
+    dictionary,
     frozen,
     sequence,
     text_of,
+    with_entries,
 )
 from keystore_audit.intent.source import Source, shown
 
@@ -104,8 +106,8 @@ class Expressions:
         if node.id == "__file__":
             own = posixpath.basename(self._source.real)
             return TextValue(text=(Reference(variable=Variable.DIRECTORY), f"/{own}"))
-        if node.id == "str":
-            return Imported(path="str")
+        if node.id in ("dict", "str"):
+            return Imported(path=node.id)
         return _opaque(node, f"the name {shown(node.id)}, which nothing here sets")
 
     def _attribute(self, node: ast.Attribute, depth: int) -> Value:
@@ -129,15 +131,19 @@ class Expressions:
 
     def _dictionary(self, node: ast.Dict, depth: int) -> Value:
         pairs: list[tuple[Value, Value]] = []
+        inherited = False
         for key, entry in zip(node.keys, node.values, strict=True):
             value = self.part(self.value(entry, depth + 1), entry.lineno)
             if key is not None:
                 pairs.append((self.part(self.value(key, depth + 1), entry.lineno), value))
-            elif isinstance(value, Pairs):
+            elif isinstance(value := dictionary(value), Pairs) and not (value.inherited and pairs):
                 pairs += value.pairs
+                inherited = inherited or value.inherited
             else:
                 return _opaque(node, "a dictionary that only running the file works out")
-        return Pairs(pairs=tuple(pairs)) if len(pairs) <= MAX_PAIRS else _opaque(node, "a dictionary that is too long")
+        if len(pairs) > MAX_PAIRS:
+            return _opaque(node, "a dictionary that is too long")
+        return Pairs(pairs=tuple(pairs), inherited=inherited)
 
     def _formatted(self, node: ast.JoinedStr, depth: int) -> Value:
         parts: list[Part] = []
@@ -206,6 +212,12 @@ class Expressions:
             return TextValue(text=joined)
         elif path == "os.path.dirname" and len(positional) == 1:
             return TextValue(text=_parent(text_of(positional[0])))
+        elif path == "os.environ.copy":
+            return Pairs(pairs=(), inherited=True)
+        elif path == "dict" and len(positional) <= 1:
+            held = dictionary(positional[0]) if positional else Pairs(pairs=())
+            if isinstance(held, Pairs):
+                return with_entries(held, keywords)
         elif path in _SAME and len(positional) == 1 and isinstance(positional[0], (TextValue, Plain)):
             return TextValue(text=text_of(positional[0]))
         return _opaque(node, f"the result of {_called(node)}, which is not called")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.intent.launch_actions import Action, Comparison, Condition, NodeNames, Part, Text, Unknown
 
 MAX_PARTS: Final = 256
@@ -62,9 +62,10 @@ class Growing:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pairs:
-    """A dictionary."""
+    """A dictionary. `inherited`: with all variables that there were when launch read the file, unless it has others."""
 
     pairs: tuple[tuple[Value, Value], ...]
+    inherited: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,6 +120,17 @@ Value = (
 )
 
 NONE: Final = Plain(value=None)
+
+
+def dictionary(value: Value) -> Value:
+    """The value, `os.environ` as the dictionary that it is."""
+    is_environ = isinstance(value, Imported) and value.path == "os.environ"
+    return Pairs(pairs=(), inherited=True) if is_environ else value
+
+
+def with_entries(held: Pairs, entries: Mapping[str, Value]) -> Pairs:
+    """A dictionary with these entries, too."""
+    return replace(held, pairs=(*held.pairs, *((TextValue(text=(key,)), value) for key, value in entries.items())))
 
 
 def frozen(value: Value, line: int) -> Value:

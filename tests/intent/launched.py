@@ -47,6 +47,16 @@ from launch_ros.substitutions import FindPackageShare
 """
 
 
+NODE = 'Node(package="p", executable="e", name="{}", ros_arguments=["-e", "/x"]{})'
+PLAIN = NODE.format("n", "")
+
+
+def function(body: str, before: str = "") -> str:
+    """A launch file whose function has these statements."""
+    lines = "\n".join(f"    {line}" for line in body.strip().splitlines())
+    return f"{IMPORTS}\n{before}\n\ndef generate_launch_description():\n{lines}\n"
+
+
 def nodes(intent: Intent) -> set[tuple[str, str]]:
     """(enclave, full name) of each node."""
     return {(node.enclave, node.name) for node in intent.nodes}

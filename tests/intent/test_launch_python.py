@@ -2,28 +2,15 @@
 
 from __future__ import annotations
 
-import ast
 import sys
 from pathlib import Path
 
 import pytest
 
 from keystore_audit.errors import UsageError
-from keystore_audit.intent import python_environment
 from keystore_audit.intent.launch import read_launch
-from keystore_audit.intent.launch_environment import NAMES, OVERRIDE
 from keystore_audit.intent.launch_python import MAX_CHARACTERS
-from tests.intent.launched import IMPORTS, described, launch, names, nodes, unresolved
-
-NODE = 'Node(package="p", executable="e", name="{}", ros_arguments=["-e", "/x"]{})'
-PLAIN = NODE.format("n", "")
-
-
-def function(body: str, before: str = "") -> str:
-    """A launch file whose function has these statements."""
-    lines = "\n".join(f"    {line}" for line in body.strip().splitlines())
-    return f"{IMPORTS}\n{before}\n\ndef generate_launch_description():\n{lines}\n"
-
+from tests.intent.launched import NODE, PLAIN, described, function, launch, names, nodes, unresolved
 
 RUNNING = {
     "at import": ("{run}", "", "return LaunchDescription([{node}])"),
@@ -262,132 +249,6 @@ def test_what_is_not_followed_is_said(body: str, tmp_path: Path) -> None:
     intent = launch(tmp_path, function(body), "py")
     assert intent.unresolved != ()
     assert all(line is not None for line, _reason in unresolved(intent))
-
-
-ENABLE = "'ROS_SECURITY_ENABLE'"
-ANY = dict.fromkeys(set(NAMES) - {OVERRIDE})
-
-
-@pytest.mark.parametrize(
-    ("statement", "expected"),
-    [
-        (f"os.environ[{ENABLE}] = 'no'", {ENABLE: "no"}),
-        (f"os.environ[{ENABLE}] = 'no'\nos.environ[{ENABLE}] = 'true'", {ENABLE: None}),
-        (f"if other():\n    os.environ[{ENABLE}] = other()", {ENABLE: None}),
-        (f"def later(context):\n    context.environment[{ENABLE}] = 'no'", {ENABLE: "no"}),
-        (f"del os.environ[{ENABLE}]", {ENABLE: None}),
-        (f"os.environ.pop({ENABLE}, None)", {ENABLE: None}),
-        (f"x = os.environ.setdefault({ENABLE}, 'no')", {ENABLE: None}),
-        (f"os.environ.update({{{ENABLE}: 'no', 'A': 'b'}}, C='d')", {ENABLE: None}),
-        ("os.environ.update(ROS_SECURITY_ENABLE='no')", {ENABLE: None}),
-        (f"os.putenv({ENABLE}, 'no')", {ENABLE: None}),
-        ("from os import environ\nenviron.update(other)", ANY),
-        ("from os import environ as e", ANY),
-        ("e = os.environ", ANY),
-        ("os.environ.clear()", ANY),
-        ("os.environ[other] = 'x'", ANY),
-        ("os.environ |= {'A': 'b'}", ANY),
-        ("os.environ['A'] = 'b'\nos.environ.update({'A': 'b'})\nos.environ.pop('A')\nos.unsetenv('A')", {}),
-        (f"x = os.environ[{ENABLE}] + os.environ.get({ENABLE}) + os.getenv({ENABLE})", {}),
-        (f"x = {{**os.environ, 'A': 'b'}}\ny = dict(os.environ)\nz = {ENABLE} in os.environ", {}),
-    ],
-)
-def test_what_a_file_makes_of_its_environment_every_process_has(
-    statement: str, expected: dict[str, str | None], tmp_path: Path
-) -> None:
-    intent = launch(tmp_path, function(f"{statement}\nreturn LaunchDescription([{PLAIN}])"), "py")
-    found = {each.name: each.value for each in intent.variables if each.node == "/n"}
-    assert found == {name.strip("'"): value for name, value in expected.items()}
-
-
-NO = f"Node(executable='e', additional_env={{{ENABLE}: 'no'}})"
-
-
-@pytest.mark.parametrize(
-    ("before", "more", "named"),
-    [
-        (f"def other(context):\n    return [{NO}]", "OpaqueFunction(function=other)", True),
-        (f"def other(context):\n    e = {{}}\n    e[{ENABLE}] = 'no'", "OpaqueFunction(function=other)", True),
-        ("def other(context):\n    return dict(ROS_SECURITY_ENABLE='no')", "Node(additional_env=other())", True),
-        ("", f"OpaqueFunction(function=lambda c: [SetEnvironmentVariable({ENABLE}, 'no')])", True),
-        ("", f"*[{NO} for i in range(2)]", True),
-        (f"k = {{'additional_env': {{{ENABLE}: 'no'}}}}", "Node(executable='e', **k)", True),
-        (f"k = {{}}\nk['additional_env'] = {{{ENABLE}: 'no'}}", "Node(executable='e', **k)", True),
-        ("", f"Node(executable='e', **{{'additional_env': {{{ENABLE}: 'no'}}}})", True),
-        (f"k = {{'additional_env': {{{ENABLE}: 'no'}}}}", "Node(executable='e', **{})", False),
-        ("", "*[Node(executable='e', prefix='env ROS_SECURITY_ENABLE=no') for i in range(2)]", True),
-        ("", "*[Node(executable='e', prefix='env -u ROS_SECURITY_ENABLE') for i in range(2)]", True),
-        ("", "*[Node(executable='e', prefix='nice') for i in range(2)]", False),
-        (f"k = {{{ENABLE}: 'no'}}\ndef other(c):\n    return [Node(additional_env=k)]", "", True),
-        (f"k = {{{ENABLE}: 'no'}}\nother = Node(additional_env=k)", "", False),
-        (f"k = {ENABLE}\ndef other(c):\n    return [SetEnvironmentVariable(k, 'no')]", "", True),
-        ("", "ExecuteProcess(cmd='env ROS_SECURITY_ENABLE=no e'.split())", True),
-        ("", "ExecuteProcess(cmd=['env', 'ROS_SECURITY_ENABLE=no', 'e'] + other)", True),
-        ("", f"Other(additional_env={{{ENABLE}: 'no'}})", True),
-        ("", f"Other(additional_env={{{ENABLE}: 'true'}})", False),
-        ("", "Other(EnvironmentVariable(name='ROS_SECURITY_ENABLE'))", False),
-        (f"k = other({NO})", "", True),
-        (f"def other(context):\n    'As ROS_SECURITY_ENABLE=no.'\n    return os.environ.get({ENABLE})", "", False),
-        (f"def other(context):\n    return os.environ[{ENABLE}] == {ENABLE} != os.getenv({ENABLE})", "", False),
-        ("def other(context):\n    raise ValueError('ROS_SECURITY_ENABLE has to be true')", "", False),
-    ],
-)
-def test_a_variable_that_is_named_where_nothing_is_followed_is_not_known(
-    before: str, more: str, named: bool, tmp_path: Path
-) -> None:
-    intent = launch(tmp_path, function(f"return LaunchDescription([{PLAIN}, {more}])", before), "py")
-    found = {each.name: each.value for each in intent.variables if each.node == "/n"}
-    assert found == ({ENABLE.strip("'"): None} if named else {})
-
-
-@pytest.mark.parametrize("unit", ["lambda: ", "1 if x else "])
-def test_what_stands_in_each_other_is_looked_at_once(
-    unit: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """2,000 functions in each other took 13 seconds, all inner ones being looked at again for each."""
-    looked: list[ast.AST] = []
-    monkeypatch.setattr(python_environment, "_mentioned", lambda node, *_: looked.append(node) or ())
-    launch(tmp_path, function(f"return LaunchDescription([{PLAIN}])", f"x = {unit * 50}0"), "py")
-    assert len(looked) == len(set(looked)) > 50
-
-
-SURE = f"SetEnvironmentVariable({ENABLE}, 'true')"
-LATER = "def other(context):\n    "
-
-
-@pytest.mark.parametrize(
-    ("before", "statements", "told"),
-    [
-        (f"{LATER}return [{NO}]", f"return LaunchDescription([{SURE}, OpaqueFunction(function=other)])", {None}),
-        (f"{LATER}os.environ[{ENABLE}] = 'no'", f"return LaunchDescription([{SURE}, {PLAIN}])", {"no"}),
-        (f"{LATER}os.environ[{ENABLE}] = 'true'", f"return LaunchDescription([{SURE}, {PLAIN}])", set()),
-        ("", f"a = [{NO}]\nfor i in k:\n    a.append({PLAIN})\nreturn LaunchDescription(a)", {None}),
-        ("", f"a = []\na.append({NO})\nfor i in k:\n    a.append({PLAIN})\nreturn LaunchDescription(a)", {None}),
-        ("", f"a = {NO}\nd = LaunchDescription()\nif k:\n    d.add_action(a)\nreturn d", {None}),
-        ("", f"d = LaunchDescription([{SURE}])\nfor i in k:\n    d.add_action({PLAIN})\nreturn d", set()),
-        (f"{LATER}return [Node(executable='e', env={{'A': 'b'}})]", "return LaunchDescription()", {None}),
-        (f"{LATER}return [Node(executable='e', env=None)]", "return LaunchDescription()", set()),
-        (f"{LATER}e = os.environ.copy()\n    return Node(executable='e', env=e)", "return LaunchDescription()", set()),
-    ],
-)
-def test_what_is_not_followed_may_start_with_what_is_named_there_whatever_is_set_first(
-    before: str, statements: str, told: set[str | None], tmp_path: Path
-) -> None:
-    intent = launch(tmp_path, function(statements, before), "py")
-    found = {each.value for each in intent.variables if each.name == ENABLE.strip("'")}
-    assert found - {"true"} == told
-
-
-def test_processes_without_a_name_are_told_apart_by_what_they_run(tmp_path: Path) -> None:
-    off = "additional_env={'ROS_SECURITY_ENABLE': 'no'}"
-
-    def started(action: str) -> set[str]:
-        return {each.started for each in launch(tmp_path, described(action), "py").variables}
-
-    one, other = (started(f"ExecuteProcess(cmd=['{run}'], {off})") for run in ("date", "talker"))
-    assert len(one) == len(other) == len(one | other) - 1 == 1
-    one, other = (started(f"Node(package='p', executable='{run}', {off})") for run in ("date", "talker"))
-    assert len(one) == len(other) == len(one | other) - 1 == 1
 
 
 @pytest.mark.parametrize(
