@@ -251,6 +251,7 @@ def test_what_is_not_read_may_set_what_is_named_in_it(tmp_path: Path) -> None:
         '<node pkg="p" exec="e"><env name="ROS_SECURITY_ENABLE" value="no"/></node>',
         '<node pkg="p" exec="e" launch-prefix="env ROS_SECURITY_ENABLE=no"/>',
         '<set_env name="ROS_SECURITY_ENABLE" value="no"/>',
+        '<executable cmd="env -u ROS_SECURITY_ENABLE e"/>',
     ):
         assert variables(launch(tmp_path, f"<for_each>{inside}</for_each>{node}")) == {"SECURITY_ENABLE": None}
     about = '<brand_new message="About ROS_SECURITY_ENABLE"/>'
