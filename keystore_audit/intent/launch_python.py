@@ -15,7 +15,7 @@ from typing import Final
 from keystore_audit.intent.launch_actions import Action, Unread
 from keystore_audit.intent.python_actions import actions_of
 from keystore_audit.intent.python_environment import changes
-from keystore_audit.intent.python_expressions import Expressions
+from keystore_audit.intent.python_expressions import MAX_PAIRS, Expressions
 from keystore_audit.intent.python_values import Growing, Imported, Items, Opaque, Pairs, Value, with_entries
 from keystore_audit.intent.source import Source, shown
 
@@ -141,7 +141,8 @@ class _Statements:
         match target:
             case ast.Subscript(ast.Name(name), ast.Constant(str(key))):
                 held = self._names.get(name)
-                if isinstance(held, Pairs) and sum(each is held for each in self._names.values()) == 1:
+                alone = sum(each is held for each in self._names.values()) == 1
+                if isinstance(held, Pairs) and alone and len(held.pairs) < MAX_PAIRS:
                     entry = self._expressions.part(self._value(value, statement), statement.lineno)
                     self._names[name] = with_entries(held, {key: entry})
                     return

@@ -96,7 +96,7 @@ def _unread(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[ast.AST]
             seen.add(node)
             waiting += ast.iter_child_nodes(node)
             if isinstance(node, ast.Name) and (node.id not in kept or not isinstance(node.ctx, ast.Load)):
-                waiting += made.get(node.id, ())
+                waiting += made.pop(node.id, ())
     return (node for node in ast.walk(module) if node in seen)
 
 
