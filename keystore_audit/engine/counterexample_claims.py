@@ -23,7 +23,7 @@ from keystore_audit.model.system import DocumentAtom, System
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Answer, Hop, Role
 from keystore_audit.properties.result import ANYBODY
-from keystore_audit.text import instant, shorten
+from keystore_audit.text import instant, shorten, some
 
 _UNDER: Final = {
     Attacker.HONEST: "even if nobody attacks",
@@ -59,11 +59,12 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
 def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Counterexample:
     """Between which places, and what may keep it from them beside rights."""
     asked = claims_at(system, 2 * system.now if answer.moment is None else answer.moment, Decisions(system))
-    ending = sorted(system.enclaves[number].label for number in asked.ending(claim))
-    more = f" and {len(ending) - 1} more" if ending[1:] else ""
-    but = f": {ending[0]}{more} can start now, and not at every instant until then" if ending else ""
+    ending = some(sorted(system.enclaves[number].label for number in asked.ending(claim)), 1)
+    but = ""
     if any(enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves):
         but = ", some of which their own implementations refuse them (`can` says why)"
+    if ending:
+        but += f": {ending} can start now, and not at every instant until then"
     if len({realm.told for realm in system.realms} - {None}) > 1:
         but += (
             "; enclaves refuse each other whose permissions CA files begin with certificates of different names, "

@@ -31,12 +31,12 @@ def forever(issuer: Signed) -> bytes:
     return crl(issuer, end=END).public_bytes(Encoding.PEM)
 
 
-def written(root: Path, motors_authorities: bytes, motors_list: bytes) -> Path:
-    """The identity of the button is of the authority B, that of the motor of A."""
+def written(root: Path, motors_authorities: bytes, motors_list: bytes, *rules: str) -> Path:
+    """The identity of the button is of the authority B, that of the motor of A. `rules`: before those of both."""
     permissions = authority("permissionsCA")
     for path, own in (("/button", B), ("/motor", A)):
         folder = root / "enclaves" / path[1:]
-        document = document_of(grant_of(path, rule(("rt/stop",), ("rt/stop",))))
+        document = document_of(grant_of(path, *rules, rule(("rt/stop",), ("rt/stop",))))
         write_enclave(folder, certificate(path, own), document, own, permissions, GOVERNANCE)
         (folder / "identity_ca.cert.pem").write_bytes(B.pem + A.pem)
     motor = root / "enclaves/motor"
@@ -106,6 +106,14 @@ def test_who_does_not_start_until_then_is_told(tmp_path: Path) -> None:
         each["id"]: each["profiles"]["fastdds-3.6"]["counterexample"] for each in audited(listed, AT)["properties"]
     }
     assert "can start now" not in found["later"]["text"], "its peers refuse it, which is told"
+
+
+def test_who_ends_is_told_beside_what_implementations_refuse(tmp_path: Path) -> None:
+    """Fast DDS applies a denial of domain 5 to its own endpoints in domain 0."""
+    denied = rule(("rt/other",), allow=False).replace("<id>0</id>", "<id>5</id>")
+    own_gap = A.pem + B.pem + lists(A, gap=True) + forever(B)
+    told = why_later(audited(written(tmp_path / "keys", own_gap, b"", denied, rule(("rt/other",))), AT))
+    assert ", some of which their own implementations refuse them (`can` says why): /motor can start now" in told
 
 
 @pytest.mark.alloy
