@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from itertools import takewhile
-from typing import Final
+from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
@@ -50,6 +50,9 @@ _SINCE_IRON: Final = frozenset({"jazzy", "kilted", "lyrical", "rolling"})
 
 _ANSWERS: Final = tuple(f"/{service}{REPLY_SUFFIX}" for service in PARAMETER_SERVICES)
 """How the names of the DDS topics end on which a node answers for its parameters."""
+
+MAX_NODES: Final = 250
+"""Nodes of an enclave that are asked about: up to a second with 1,500 expressions. A real enclave has some dozens."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,8 +117,9 @@ def undescribed(enclaves: Iterable[Enclave]) -> Iterator[Undescribed]:
         answers = set(_listed(grant, PUBLISH))
         ends = [text[len(REPLY_PREFIX) : -len(_ANSWERS[0])] for text in sorted(answers) if text.endswith(_ANSWERS[0])]
         named = [node for node in ends if answers.issuperset(f"{REPLY_PREFIX}{node}{answer}" for answer in _ANSWERS)]
-        uses = {node: dds_expressions("reply", f"{node}/{TYPE_DESCRIPTION}") for node in named}
-        nodes = tuple(node for node in named if any(_controls(enclave, *use) for use in missing(grant, uses[node])))
+        uses = {node: dds_expressions("reply", f"{node}/{TYPE_DESCRIPTION}") for node in named[:MAX_NODES]}
+        lacks = set(missing(grant, [use for each in uses.values() for use in each]))
+        nodes = tuple(n for n in uses if any(use in lacks and _controls(enclave, *use) for use in uses[n]))
         if nodes:
             yield Undescribed(enclave=enclave.path, nodes=nodes, location=place)
 
@@ -175,7 +179,8 @@ def missing(grant: Grant, uses: Sequence[Use]) -> tuple[Use, ...]:
     if all(rule.allow for rule in grant.rules):
         listed = {each: set(_listed(grant, each)) for each in DIRECTIONS}
         uses = [(operation, topic) for operation, topic in uses if topic not in listed[operation]]
-    return tuple(use for use in uses if not _allows(grant, *use))
+    lists = list(_lists(grant)) if uses else []
+    return tuple(use for use in uses if not _allows(lists, *use))
 
 
 def _is_of_ros(grant: Grant) -> bool:
@@ -200,21 +205,37 @@ def _agree(head: str, start: str) -> bool:
     return head.startswith(start) or start.startswith(head)
 
 
-def _allows(grant: Grant, operation: Operation, topic: str) -> bool:
-    """Whether the first rule that matches the topic, in the default partition, allows it."""
+class _List(NamedTuple):
+    """The topics of a criterion that counts in the default partition: names, and expressions with wildcards."""
+
+    operation: Operation
+    allow: bool
+    names: frozenset[str]
+    wild: tuple[str, ...]
+
+
+def _lists(grant: Grant) -> Iterator[_List]:
     for rule in grant.rules:
         for criterion in rule.criteria:
-            here = criterion.partitions is None or _matched(criterion.partitions, "")
-            if criterion.operation is operation and here and _matched(criterion.topics, topic):
-                return rule.allow
+            if criterion.partitions is None or _matched(criterion.partitions, ""):
+                names = frozenset(text.text for text in criterion.topics)
+                yield _List(criterion.operation, rule.allow, names, tuple(filter(has_wildcard, names)))
+
+
+def _allows(lists: Iterable[_List], operation: Operation, topic: str) -> bool:
+    """Whether the first rule that matches the topic allows it."""
+    for each in lists:
+        if each.operation is operation and (topic in each.names or any(_matches(text, topic) for text in each.wild)):
+            return each.allow
     return False
 
 
 def _matched(texts: Iterable[Text], name: str) -> bool:
-    return any(
-        text.text == name or (has_wildcard(text.text) and parse(text.text, Matcher.POSIX).matches(name))
-        for text in texts
-    )
+    return any(text.text == name or (has_wildcard(text.text) and _matches(text.text, name)) for text in texts)
+
+
+def _matches(expression: str, name: str) -> bool:
+    return parse(expression, Matcher.POSIX).matches(name)
 
 
 def _listed(grant: Grant, operation: Operation) -> Iterator[str]:
