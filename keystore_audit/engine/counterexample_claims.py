@@ -370,8 +370,8 @@ def _with_its_key(system: System, enclave: int, among: frozenset[int]) -> str:
     if key is None:
         return atom.label
     others = [system.enclaves[each].label for each in sorted(among - {enclave}) if system.key_of(each) == key]
-    more = f" and {len(others) - 1} more" if len(others) > 1 else ""
-    return f"{atom.label}, whose key {others[0]}{more} {'have' if more else 'has'} too," if others else atom.label
+    have = "have" if len(others) > 1 else "has"
+    return f"{atom.label}, whose key {some(others, 1)} {have} too," if others else atom.label
 
 
 def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:

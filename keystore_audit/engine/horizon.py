@@ -17,6 +17,7 @@ from keystore_audit.model.system import System
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 from keystore_audit.properties import Answer, Status
+from keystore_audit.text import some
 
 MAX_MOMENTS = 64
 """Validity boundaries that are looked at.
@@ -129,8 +130,7 @@ def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mappin
         if reason not in before[key].reasons
     )
     reason = next(fresh, "it can start")
-    more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
-    return f"{changed[0]}{more}: {reason}"
+    return f"{some(changed, 1)}: {reason}"
 
 
 def _status_change(before: Mapping[str, Answer], after: Mapping[str, Status]) -> str:
