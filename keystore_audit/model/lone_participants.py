@@ -38,13 +38,14 @@ def starts_alone(
     by_path = {enclave.path: enclave for enclave in keystore.enclaves}
     now = system.instants[system.now]
     last = now if until is None else max(now, until)
+    dated = [each for each in system.instants if now < each <= last]
     found = set()
     for number in enclaves:
         enclave = by_path.get(system.enclaves[number].label)
         if enclave is None:
             continue
         lists = {date for profile in profiles for date in ends_of_lists(enclave, profile.trust, now)}
-        moments = [now, *_later({*system.instants, *lists}, now, last)]
+        moments = [now, *_later({*dated, *lists}, now, last)]
         everywhere = permissions.all_domains
         for view in views:
             everywhere &= view.joined(number)
