@@ -27,7 +27,7 @@ from keystore_audit.cli import audit as command_line
 from keystore_audit.cli.formats import FORMATS, render, rule_entries
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.sarif import _rule
+from keystore_audit.report.sarif import _described
 from keystore_audit.report.text import View
 from tests.report.sarif_schema import schema
 from tests.test_samples import EXPECTATIONS, SAMPLES, as_built, name
@@ -120,7 +120,7 @@ def _sarif(text: str, report: Report, keystore: Path) -> None:
 
 @cache
 def _rules() -> list[dict[str, Any]]:
-    return [_rule(entry, entry.severity) for entry in rule_entries()]
+    return [json.loads(_described(entry, entry.severity)) for entry in rule_entries()]
 
 
 def _places(result: dict[str, Any]) -> Iterator[dict[str, Any]]:
