@@ -7,7 +7,7 @@ followed or not; one where it is only read is none of these.
 from __future__ import annotations
 
 import ast
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.intent.environment import ENABLE, SECURE, STRATEGY
@@ -46,36 +46,39 @@ def changes(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[Action]:
     In what is `skipped`, and what that takes from elsewhere in the file, to name a variable is enough. Processes that
     start there have what is said here, whatever the file sets later.
     """
-    parents = {child: node for node in ast.walk(module) for child in ast.iter_child_nodes(node)}
+    nodes = list(ast.walk(module))
+    parents = {child: node for node in nodes for child in ast.iter_child_nodes(node)}
     found: dict[str, list[tuple[int, str | None]]] = {}
     whole = {
         name
-        for node in ast.walk(module)
+        for node in nodes
         if isinstance(node, ast.Assign) and _has_all(node.value, ())
         for name in _named_in(node.targets)
     }
-    for node in _unread(module, skipped):
+    for node in _unread(nodes, skipped):
         for name in _mentioned(node, parents, whole):
             found.setdefault(name, []).append((getattr(node, "lineno", 1), None))
-    for node in ast.walk(module):
+    for node in nodes:
         for names, value in _changed(node, parents):
             for name in NAMES if names is None else names:
                 found.setdefault(name, []).append((getattr(node, "lineno", 1), value))
-    for name in filter(found.__contains__, NAMES):
+    named = [name for name in NAMES if name in found]
+    for name in named:
         values = {value for _line, value in found[name]}
         line, value = found[name][0]
         told = value if len(values) == 1 and value is not None else Unknown(reason=f"what line {line} makes of {name}")
         yield AssignEnvironment(line=line, name=(name,), value=(told,))
-    for name in filter(found.__contains__, NAMES):
-        yield Unread(line=found[name][0][0], reason=f"what is done with {name} is not followed; it may start nodes")
-        return
+    if named:
+        yield Unread(
+            line=found[named[0]][0][0], reason=f"what is done with {named[0]} is not followed; it may start nodes"
+        )
 
 
-def _unread(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[ast.AST]:
+def _unread(nodes: Sequence[ast.AST], skipped: Iterable[ast.AST]) -> Iterator[ast.AST]:
     """All within what is skipped, and within the statements that make what it takes, as `k` of `Node(**k)`."""
     made: dict[str, list[ast.stmt]] = {}
     kept = set()  # descriptions grow wherever they stand, and are followed
-    for node in ast.walk(module):
+    for node in nodes:
         if isinstance(node, (ast.Assign, ast.AnnAssign, ast.AugAssign)):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             names = _named_in(targets)
@@ -87,8 +90,8 @@ def _unread(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[ast.AST]
             continue
         for name in names:
             made.setdefault(name, []).append(node)
-    waiting = [*skipped, *(node for node in ast.walk(module) if isinstance(node, _NOT_FOLLOWED))]
-    waiting += [node for node in ast.walk(module) if isinstance(node, ast.keyword) and node.arg is None]
+    waiting = [*skipped, *(node for node in nodes if isinstance(node, _NOT_FOLLOWED))]
+    waiting += [node for node in nodes if isinstance(node, ast.keyword) and node.arg is None]
     seen: set[ast.AST] = set()
     while waiting:
         node = waiting.pop()
@@ -97,7 +100,7 @@ def _unread(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[ast.AST]
             waiting += ast.iter_child_nodes(node)
             if isinstance(node, ast.Name) and (node.id not in kept or not isinstance(node.ctx, ast.Load)):
                 waiting += made.pop(node.id, ())
-    return (node for node in ast.walk(module) if node in seen)
+    return (node for node in nodes if node in seen)
 
 
 def _named_in(nodes: Iterable[ast.AST]) -> set[str]:

@@ -80,9 +80,9 @@ def unusual(
     An enclave with none of the `USUAL` is taken to do without, as nodes can be told to.
     """
     for enclave, grant, place in _granted(enclaves):
-        lacks = missing(grant, (*DISCOVERY, *USUAL))
         if not _is_of_ros(grant):
             continue
+        lacks = missing(grant, (*DISCOVERY, *USUAL))
         undiscovered = tuple(use for use in lacks if use in DISCOVERY) if discovers else ()
         refusing = _undiscovering(enclave, profiles, accesses, at) if undiscovered else ()
         if refusing:
