@@ -6,15 +6,14 @@ keeps a place of its own.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import MAX_CELLS
-from keystore_audit.model.expression import Matcher, Pattern, parse
-from keystore_audit.model.matching.patterns import classes_of
-from keystore_audit.model.semantics import Area
+from keystore_audit.model.expression import Matcher
+from keystore_audit.model.matching.patterns import Patterns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,20 +44,24 @@ def names_of(read: Iterable[tuple[Matcher, ReadDocument]], most: int = MAX_CELLS
 
     `most`: pairs of both, those of the default partition apart. Raises errors.BudgetExceeded where they are more.
     """
-    topics, partitions = _Expressions(), _Expressions()
+    topics, partitions = Patterns(), Patterns(topics=False)
+    granted: dict[int, str] = {}
     for matcher, document in read:
         for domain_rule in document.domain_rules or ():
             for topic_rule in domain_rule.topic_rules:
-                for area in topic_rule.region:
-                    topics.add(area.topics, matcher, granted=False)
+                for text in (text for area in topic_rule.region for text in area.topics):
+                    topics.number(text, matcher)
         for grant in document.grants or ():
-            for rule in grant.rules:
-                for area in (*rule.publish, *rule.subscribe, *rule.relay):
-                    _add(area, matcher, topics, partitions)
-    classes = classes_of(topics.patterns)
+            for area in (area for rule in grant.rules for area in (*rule.publish, *rule.subscribe, *rule.relay)):
+                for text in area.topics:
+                    granted.setdefault(topics.number(text, matcher), text)
+                for text in area.partitions or ():
+                    partitions.number(text, matcher)
+    classes = topics.classes()
+    wildcards = {number: text for number, text in granted.items() if topics.patterns[number].literal is None}
     others: list[str] = []
     if any(pattern.literal != "" for pattern in partitions.patterns):
-        others = [each.witness for each in classes_of(partitions.patterns, topics=False)]
+        others = [each.witness for each in partitions.classes()]
     if len(classes) * (1 + len(others)) > MAX_CELLS or len(classes) * len(others) > most:
         message = f"{len(classes)} topic classes in {1 + len(others)} partition classes are more than can be shown."
         raise BudgetExceeded(message)
@@ -68,43 +71,12 @@ def names_of(read: Iterable[tuple[Matcher, ReadDocument]], most: int = MAX_CELLS
             partition=partition,
             ros=each.ros,
             several=all(topics.patterns[member].literal is None for member in each.members),
-            expressions=topics.wildcards(each.members),
+            expressions=tuple(
+                sorted({wildcards[n] for n in each.members if n in wildcards}, key=lambda text: (-len(text), text))
+            ),
         )
         for partition in ("", *others)
         for each in classes
     )
     rest = min(range(len(classes)), key=lambda n: (not classes[n].infinite, len(classes[n].members), n))
     return Names(names=names, rest=rest)
-
-
-def _add(area: Area, matcher: Matcher, topics: _Expressions, partitions: _Expressions) -> None:
-    topics.add(area.topics, matcher, granted=True)
-    partitions.add(area.partitions or (), matcher, granted=True)
-
-
-class _Expressions:
-    """Expressions of one sort of name, each meaning once."""
-
-    def __init__(self) -> None:
-        self.patterns: list[Pattern] = []
-        self._numbers: dict[object, int] = {}
-        self._known: dict[tuple[str, Matcher], int] = {}
-        self._granted: dict[int, str] = {}
-
-    def add(self, texts: Iterable[str], matcher: Matcher, *, granted: bool) -> None:
-        """Expressions of permissions (`granted`) or of a governance."""
-        for text in texts:
-            number = self._known.get((text, matcher))
-            if number is None:
-                pattern = parse(text, matcher)
-                number = self._numbers.setdefault(pattern.meaning, len(self.patterns))
-                if number == len(self.patterns):
-                    self.patterns.append(pattern)
-                self._known[text, matcher] = number
-            if granted and self.patterns[number].literal is None:
-                self._granted.setdefault(number, text)
-
-    def wildcards(self, members: Sequence[int] | frozenset[int]) -> tuple[str, ...]:
-        """The texts of those among the numbers that are expressions of permissions with wildcards."""
-        found = {self._granted[number] for number in members if number in self._granted}
-        return tuple(sorted(found, key=lambda text: (-len(text), text)))

@@ -11,7 +11,8 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels, ReadRegion, domain_covers
 from keystore_audit.model.domains import contains, domain_classes
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.patterns import Patterns
 from keystore_audit.model.permission import bits
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.ros.classes import Affix, RosClass, classify_ros_names
@@ -71,7 +72,8 @@ def ros_channels(
 
     `marks`: POSIX expressions for topics with the first affix. Raises errors.BudgetExceeded where there are too many.
     """
-    expressions = _Expressions(marks)
+    patterns = Patterns()
+    marking = {patterns.number(mark, Matcher.POSIX) for mark in marks}
     regions: dict[ReadRegion, None] = {}
     for access, documents in read.items():
         for document in documents:
@@ -80,8 +82,10 @@ def ros_channels(
             for rule in (rule for grant in document.grants or () for rule in grant.rules):
                 for region in (rule.publish, rule.subscribe, rule.listed):
                     regions[access.matcher, region] = None
-    expressions.add(regions)
-    classes = classify_ros_names(expressions.patterns, affixes)
+    for matcher, region in regions:
+        for text in (text for area in region for text in area.topics):
+            patterns.number(text, matcher)
+    classes = classify_ros_names(patterns.patterns, affixes)
     governed, ruled = domain_covers(read)
     domains = domain_classes([*governed, *ruled])
     covered = [n for n, atom in enumerate(domains) if any(contains(each, atom.intervals[0][0]) for each in governed)]
@@ -93,7 +97,7 @@ def ros_channels(
         start = in_domain[-1].stop if in_domain else 0
         in_domain.append(range(start, start + (len(topics) if number in covered else 0)))
     starts = tuple(here.start for here in in_domain if here)
-    marked = bits(n for n, each in enumerate(classes) if each.members and each.members[0] & expressions.marks)
+    marked = bits(n for n, each in enumerate(classes) if not marking.isdisjoint(each.members[0]))
     return RosChannels(
         channels=Channels(
             domains=domains,
@@ -102,7 +106,7 @@ def ros_channels(
                 for domain in covered
                 for topic, _affix in topics
             ),
-            regions=expressions.found(regions, classes, affixes, starts),
+            regions=_found(regions, patterns, classes, affixes, starts),
             in_domain=tuple(in_domain),
         ),
         classes=classes,
@@ -111,7 +115,7 @@ def ros_channels(
         unmarked=(1 << len(classes)) - 1 & ~marked,
         literals={each: frozenset(text for text, _matcher in _allowed(read, each)) for each in DIRECTIONS},
         numbers={
-            each: frozenset((text, expressions.numbers[text, matcher]) for text, matcher in _allowed(read, each))
+            each: frozenset((text, patterns.number(text, matcher)) for text, matcher in _allowed(read, each))
             for each in DIRECTIONS
         },
     )
@@ -125,51 +129,28 @@ def _allowed(read: Mapping[Access, Sequence[ReadDocument]], operation: Operation
                 yield from ((text, access.matcher) for text in rule.texts(operation))
 
 
-class _Expressions:
-    """The expressions of all regions, each meaning once; the first of them are the marks."""
-
-    def __init__(self, marks: Iterable[str]) -> None:
-        self.patterns: list[Pattern] = [parse(mark, Matcher.POSIX) for mark in marks]
-        self.marks = frozenset(range(len(self.patterns)))
-        self.numbers: dict[tuple[str, Matcher], int] = {}
-        self._meanings: dict[object, int] = {}
-
-    def add(self, regions: Iterable[ReadRegion]) -> None:
-        """Numbers the expressions of these regions."""
-        for matcher, region in regions:
-            for area in region:
-                for text in area.topics:
-                    if (text, matcher) not in self.numbers:
-                        self.numbers[text, matcher] = self._number(parse(text, matcher))
-
-    def _number(self, pattern: Pattern) -> int:
-        number = self._meanings.setdefault(pattern.meaning, len(self.patterns))
-        if number == len(self.patterns):
-            self.patterns.append(pattern)
-        return number
-
-    def found(
-        self,
-        regions: Iterable[ReadRegion],
-        classes: Sequence[RosClass],
-        affixes: Sequence[Affix],
-        starts: Sequence[int],
-    ) -> dict[ReadRegion, frozenset[int]]:
-        """The channels of each region: those in the default partition."""
-        places: list[list[int]] = [[] for _ in self.patterns]
-        for at, each in enumerate(classes):
-            for affix in range(len(affixes)):
-                for pattern in each.members[affix]:
-                    places[pattern].append(affix * len(classes) + at)
-        found = {}
-        for named in regions:
-            matcher, region = named
-            matched = {
-                place
-                for area in region
-                if area.partitions is None or any(parse(text, matcher).matches("") for text in area.partitions)
-                for text in area.topics
-                for place in places[self.numbers[text, matcher]]
-            }
-            found[named] = frozenset(start + place for start in starts for place in matched)
-        return found
+def _found(
+    regions: Iterable[ReadRegion],
+    patterns: Patterns,
+    classes: Sequence[RosClass],
+    affixes: Sequence[Affix],
+    starts: Sequence[int],
+) -> dict[ReadRegion, frozenset[int]]:
+    """The channels of each region: those in the default partition."""
+    places: list[list[int]] = [[] for _ in patterns.patterns]
+    for at, each in enumerate(classes):
+        for affix in range(len(affixes)):
+            for pattern in each.members[affix]:
+                places[pattern].append(affix * len(classes) + at)
+    found = {}
+    for named in regions:
+        matcher, region = named
+        matched = {
+            place
+            for area in region
+            if area.partitions is None or any(parse(text, matcher).matches("") for text in area.partitions)
+            for text in area.topics
+            for place in places[patterns.number(text, matcher)]
+        }
+        found[named] = frozenset(start + place for start in starts for place in matched)
+    return found
