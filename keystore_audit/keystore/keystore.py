@@ -19,7 +19,7 @@ from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.governance import GovernanceFile, read_governance
 from keystore_audit.keystore.issuer import may_issue
 from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role, discover
-from keystore_audit.keystore.permissions import PermissionsFile, read_permissions
+from keystore_audit.keystore.permissions import Grant, PermissionsFile, read_permissions
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
@@ -52,6 +52,11 @@ class Enclave:
     def identity(self) -> Certificate | None:
         """The certificate that it goes by: the first of its file."""
         return None if self.certificate is None else self.certificate.first
+
+    @property
+    def grants(self) -> tuple[Grant, ...]:
+        """Those of its permissions as they are written; none where they have no single meaning."""
+        return () if self.permissions is None else self.permissions.grants
 
     def trusts(self, role: Role) -> tuple[Certificate, ...]:
         """The certificates in its file of this authority."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from enum import Enum
 from typing import Final
 
@@ -66,6 +66,15 @@ class Grant:
     default_allow: bool
     default_line: int | None
     line: int | None
+
+    @property
+    def allowed(self) -> Iterator[Criterion]:
+        """What its allow rules are about, in order."""
+        return (criterion for rule in self.rules if rule.allow for criterion in rule.criteria)
+
+    def listed(self, operation: Operation) -> Iterator[Text]:
+        """The expressions for topics of its allow rules for an operation, in any domain and partition."""
+        return (text for criterion in self.allowed if criterion.operation is operation for text in criterion.topics)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

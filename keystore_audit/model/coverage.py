@@ -100,22 +100,10 @@ def has_wildcard(text: str) -> bool:
     return "*" in text or "?" in text or "[" in text or "\\" in text
 
 
-def allowed_expressions(grant: Grant, operation: Operation) -> frozenset[str]:
-    """The expressions of the grant's allow rules for an operation, in any domain and partition."""
-    return frozenset(
-        text.text
-        for rule in grant.rules
-        if rule.allow
-        for criterion in rule.criteria
-        if criterion.operation is operation
-        for text in criterion.topics
-    )
-
-
 def allows_everything(grant: Grant) -> bool:
     """Whether its allow rules cover every ROS 2 topic and service both ways; deny rules are not weighed."""
-    published = allowed_expressions(grant, Operation.PUBLISH)
+    published = frozenset(text.text for text in grant.listed(Operation.PUBLISH))
     if not any(map(has_wildcard, published)):
         return False
-    subscribed = allowed_expressions(grant, Operation.SUBSCRIBE)
+    subscribed = frozenset(text.text for text in grant.listed(Operation.SUBSCRIBE))
     return all(covering(expressions, wanted) for expressions in (published, subscribed) for wanted in EVERYTHING)

@@ -93,12 +93,7 @@ def divergences(
 
 def _presenting(keystore: Keystore, odd: Collection[Typed]) -> Iterator[Enclave]:
     """The enclaves whose rights with peers hang on one of the documents."""
-    subjects = {
-        grant.subject_name.text
-        for file in odd
-        if isinstance(file, PermissionsFile) and file.permissions is not None
-        for grant in file.permissions.grants
-    }
+    subjects = {grant.subject_name.text for file in odd if isinstance(file, PermissionsFile) for grant in file.grants}
     everybody = any(isinstance(file, GovernanceFile) for file in odd)
     for enclave in keystore.enclaves:
         certificate = enclave.identity

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from keystore_audit.findings import Severity
-from keystore_audit.keystore.governance import Text
-from keystore_audit.keystore.permissions import Grant, Operation
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.coverage import TOPICS, WILDCARDS, allows_everything, covering, has_wildcard
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.profiles import VARIANTS
@@ -15,18 +14,6 @@ from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import either, listed, places, quoted, sole
-
-
-def _allowed(grant: Grant, operation: Operation) -> tuple[Text, ...]:
-    """The expressions of the grant's allow rules for an operation, in any domain and partition."""
-    return tuple(
-        text
-        for permission_rule in grant.rules
-        if permission_rule.allow
-        for criterion in permission_rule.criteria
-        if criterion.operation is operation
-        for text in criterion.topics
-    )
 
 
 @rule(
@@ -73,7 +60,7 @@ def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation
     """
     for grant in use.document.grants:
         for operation in Operation:
-            found = [text for text in _allowed(grant, operation) if _is_pattern(text.text)]
+            found = [text for text in grant.listed(operation) if _is_pattern(text.text)]
             if not found or allows_everything(grant):
                 continue
             names = list(dict.fromkeys(text.text for text in found))

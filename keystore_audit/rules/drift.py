@@ -225,7 +225,7 @@ def _weight(enclave: Enclave) -> Severity:
     if file.permissions is None:
         return Severity.HIGH
     grants = file.permissions.grants
-    topics = [t for g in grants for rule in g.rules if rule.allow for c in rule.criteria for t in c.topics]
+    topics = [topic for grant in grants for criterion in grant.allowed for topic in criterion.topics]
     if any(grant.default_allow for grant in grants) or any(has_wildcard(topic.text) for topic in topics):
         return Severity.HIGH
     return Severity.MEDIUM if topics else Severity.LOW

@@ -289,12 +289,7 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
 
     Peers take whatever validly signed document an enclave presents (measured), so that both have the rights of both.
     """
-    granted = {
-        grant.subject_name.text
-        for enclave in keystore.enclaves
-        if enclave.permissions is not None
-        for grant in enclave.permissions.grants
-    }
+    granted = {grant.subject_name.text for enclave in keystore.enclaves for grant in enclave.grants}
     holders: dict[str, dict[str, tuple[Enclave, Certificate]]] = {}
     for enclave in keystore.enclaves:
         first = enclave.identity

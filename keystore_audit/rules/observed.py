@@ -326,8 +326,7 @@ def _covers(rules: Iterable[DomainRule | PermissionsRule], domain: int, context:
 
 def _is_granted(enclave: Enclave, domain: int, context: Context) -> bool:
     """Whether the enclave's own permissions allow something in the domain, to whomever."""
-    permissions = enclave.permissions.permissions if enclave.permissions is not None else None
-    return permissions is not None and any(
+    return any(
         grant.default_allow or _covers([rule for rule in grant.rules if rule.allow], domain, context)
-        for grant in permissions.grants
+        for grant in enclave.grants
     )

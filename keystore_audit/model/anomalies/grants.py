@@ -239,8 +239,7 @@ def counterpart_anomalies(grant: ReadGrant, missing: Iterable[tuple[Operation, s
 def _lines(grant: ReadGrant) -> dict[tuple[Operation, str], int | None]:
     """The first line of each expression of its allow rules."""
     lines: dict[tuple[Operation, str], int | None] = {}
-    for rule in grant.grant.rules:
-        for criterion in rule.criteria if rule.allow else ():
-            for text in criterion.topics:
-                lines.setdefault((criterion.operation, text.text), text.line)
+    for criterion in grant.grant.allowed:
+        for text in criterion.topics:
+            lines.setdefault((criterion.operation, text.text), text.line)
     return lines

@@ -314,16 +314,15 @@ class _Comparison:
 def _listed(file: PermissionsFile, grants: Iterable[Grant]) -> Iterator[GrantedName]:
     """The single names in allow rules of the grants."""
     for grant in grants:
-        for rule in grant.rules:
-            for criterion in rule.criteria if rule.allow else ():
-                for topic in filter(_is_name, criterion.topics):
-                    for partition in _partitions(criterion.partitions):
-                        yield GrantedName(
-                            operation=criterion.operation,
-                            topic=topic.text,
-                            partition=partition,
-                            location=Location(path=file.signed.file.place, line=topic.line),
-                        )
+        for criterion in grant.allowed:
+            for topic in filter(_is_name, criterion.topics):
+                for partition in _partitions(criterion.partitions):
+                    yield GrantedName(
+                        operation=criterion.operation,
+                        topic=topic.text,
+                        partition=partition,
+                        location=Location(path=file.signed.file.place, line=topic.line),
+                    )
 
 
 def _partitions(partitions: Sequence[Text] | None) -> Sequence[str]:
@@ -338,8 +337,6 @@ def _is_name(text: Text) -> bool:
 def _has_expressions(grant: Grant) -> bool:
     return any(
         not _is_name(text)
-        for rule in grant.rules
-        if rule.allow
-        for criterion in rule.criteria
+        for criterion in grant.allowed
         for text in (*criterion.topics, *(each for each in criterion.partitions or () if each.text))
     )

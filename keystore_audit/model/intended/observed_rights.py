@@ -236,10 +236,8 @@ def listed_usages(enclave: Enclave, name: str, deciders: Deciders) -> tuple[Acti
     """
     listed = {
         (criterion.operation, topic.text)
-        for grant in (enclave.permissions.grants if enclave.permissions else ())
-        for rule in grant.rules
-        if rule.allow
-        for criterion in rule.criteria
+        for grant in enclave.grants
+        for criterion in grant.allowed
         for topic in criterion.topics
     }
     wanted = {action: dds_channels(action.value, name) for action in Action}

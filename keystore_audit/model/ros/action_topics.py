@@ -71,7 +71,7 @@ def action_patterns(enclaves: Iterable[Enclave]) -> tuple[ActionPattern, ...]:
     wild = [
         (enclave, grant, found)
         for enclave in every
-        for grant in _grants(enclave)
+        for grant in enclave.grants
         if (found := _patterns(grant, effort)) and not allows_everything(grant)
     ]
     if not wild:
@@ -120,18 +120,11 @@ class _Named:
                 yield name
 
 
-def _grants(enclave: Enclave) -> tuple[Grant, ...]:
-    document = enclave.permissions.permissions if enclave.permissions else None
-    return document.grants if document is not None else ()
-
-
 def _patterns(grant: Grant, effort: _Effort) -> list[tuple[Operation, Text]]:
     """Patterns of its allow rules for some topics, not by their text about actions; those for publishing first."""
     found = [
         (criterion.operation, text)
-        for rule in grant.rules
-        if rule.allow
-        for criterion in rule.criteria
+        for criterion in grant.allowed
         if criterion.operation is not Operation.RELAY
         for text in criterion.topics
         if has_wildcard(text.text) and ACTION_PART not in text.text and text.text[:2] not in ("rq", "rr")
@@ -148,13 +141,10 @@ def _patterns(grant: Grant, effort: _Effort) -> list[tuple[Operation, Text]]:
 def _named(enclaves: Iterable[Enclave]) -> Iterator[tuple[str, str]]:
     """Actions whose status an enclave publishes by name."""
     for enclave in enclaves:
-        for grant in _grants(enclave):
-            for rule in grant.rules:
-                for criterion in rule.criteria if rule.allow else ():
-                    for text in criterion.topics if criterion.operation is Operation.PUBLISH else ():
-                        action = STATUS.name(text.text) if text.text.endswith(STATUS.suffix) else None
-                        if action is not None:
-                            yield action, enclave.path
+        for text in (text for grant in enclave.grants for text in grant.listed(Operation.PUBLISH)):
+            action = STATUS.name(text.text) if text.text.endswith(STATUS.suffix) else None
+            if action is not None:
+                yield action, enclave.path
 
 
 def _pattern(

@@ -131,8 +131,7 @@ class _Search:
         found: list[Half] = []
         unknown: list[tuple[Enclave, str]] = []
         for enclave in enclaves:
-            document = enclave.permissions.permissions if enclave.permissions else None
-            if document is None or all(is_surely_whole(grant, rewinds=self._rewinds) for grant in document.grants):
+            if all(is_surely_whole(grant, rewinds=self._rewinds) for grant in enclave.grants):
                 continue
             readers = [reader for reader in self._readers if self._starts(enclave, reader)]
             try:

@@ -28,10 +28,8 @@ class Lines:
         listed: dict[Operation, tuple[dict[str, Text], PatternIndex, list[Text]]] = {}
         for operation in Operation:
             first: dict[str, Text] = {}
-            for rule in self._grant.rules:
-                for criterion in rule.criteria if rule.allow else ():
-                    for text in criterion.topics if criterion.operation is operation else ():
-                        first.setdefault(text.text, text)
+            for text in self._grant.listed(operation):
+                first.setdefault(text.text, text)
             patterns = ((number, parse(text, Matcher.POSIX)) for number, text in enumerate(first))
             listed[operation] = first, PatternIndex(patterns), list(first.values())
         return listed
@@ -51,8 +49,7 @@ class DocumentLines:
     def __init__(self, enclave: Enclave) -> None:
         file = enclave.permissions
         self._path = enclave.files.directory if file is None else file.signed.file.place
-        grants = file.permissions.grants if file is not None and file.permissions is not None else ()
-        self._grants = [Lines(grant) for grant in grants]
+        self._grants = [Lines(grant) for grant in enclave.grants]
 
     def of(self, operation: Operation, topic: str) -> Location:
         """The first line that lists the topic; else the document."""

@@ -140,10 +140,8 @@ def _controls(enclave: Enclave, operation: Operation, topic: str) -> bool:
 def _granted(enclaves: Iterable[Enclave]) -> Iterator[tuple[Enclave, Grant, Location]]:
     """Enclaves with the grant of theirs, where it allows anything, and its place."""
     for enclave in enclaves:
-        document = enclave.permissions.permissions if enclave.permissions else None
-        first = enclave.identity
-        grants = document.grants if document is not None and first is not None else ()
-        grant = next((each for each in grants if first is not None and each.subject_name.text == first.subject), None)
+        subject = None if enclave.identity is None else enclave.identity.subject
+        grant = next((each for each in enclave.grants if each.subject_name.text == subject), None)
         if grant is not None and enclave.permissions is not None and any(rule.allow for rule in grant.rules):
             yield enclave, grant, Location(path=enclave.permissions.signed.file.place, line=grant.line)
 
@@ -242,9 +240,7 @@ def _listed(grant: Grant, operation: Operation) -> Iterator[str]:
     """What its allow rules list in the default partition alone; other partitions take a closer look."""
     return (
         text.text
-        for rule in grant.rules
-        if rule.allow
-        for criterion in rule.criteria
+        for criterion in grant.allowed
         if criterion.operation is operation and criterion.partitions is None
         for text in criterion.topics
     )
