@@ -14,11 +14,10 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.channels import Point
+from keystore_audit.model.channels import Point, governed_domains
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.effective import EffectiveRights
-from keystore_audit.model.governed_domains import governed_domains
 from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import Profile
@@ -74,8 +73,7 @@ class Access:
 
     def governed(self, path: str) -> tuple[Interval, ...]:
         """The domains that the enclave's governance covers; none where it was not read."""
-        governance = self.enclave(path).governance
-        return governed_domains([governance] if governance else [], self._profiles, self._accesses)
+        return governed_domains(self._accesses.by_row(self._profiles, [self.enclave(path).governance]))
 
     def answers(self, question: Question) -> Mapping[str, Answer]:
         """By profile. Raises UsageError for an unknown enclave."""

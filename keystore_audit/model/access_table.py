@@ -13,9 +13,9 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import governed_domains
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.effective import EffectiveRights
-from keystore_audit.model.governed_domains import default_domain, governed_domains
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.named import Named, names_of
 from keystore_audit.model.permission import bits, members, union
@@ -127,11 +127,9 @@ def access_table(
 
     Raises errors.BudgetExceeded where the names are of too many classes.
     """
-    rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
-    files = [document.file for document in documents_of(keystore) if document.file is not None]
-    read = [(row.matcher, accesses.read(file, row)) for row in rows for file in files]
+    read = accesses.by_row(profiles, (document.file for document in documents_of(keystore)))
     if domain is None:
-        domain = default_domain(governed_domains(files, profiles, accesses))
+        domain = next((lowest for lowest, _highest in governed_domains(read)), 0)
     found = names_of(read)
     table = _Table(keystore, profiles, at, accesses, domain, found.names)
     groups = sorted(table.groups(), key=lambda group: len(group.profiles))

@@ -87,6 +87,15 @@ class AccessViews:
             found = self._read[access, file] = self._document(file, row) if row is access else self.read(file, row)
         return found
 
+    def rows(self, profiles: Iterable[Profile]) -> tuple[Access, ...]:
+        """Those of the profiles."""
+        return tuple(dict.fromkeys(self.row(profile.access) for profile in profiles))
+
+    def by_row(self, profiles: Iterable[Profile], files: Iterable[Typed | None]) -> dict[Access, list[ReadDocument]]:
+        """What these documents say to each; what is not there says nothing."""
+        found = tuple(file for file in files if file is not None)
+        return {row: [self.read(file, row) for file in found] for row in self.rows(profiles)}
+
     def deciding(self, file: GovernanceFile, access: Access) -> Sequence[ReadDomainRule]:
         """The domain rules of the document that may decide: of those about the same domains the first, or any."""
         if access.any_governance_rule:

@@ -239,9 +239,8 @@ def ground(
 
     `most`: names as in `named.names_of`. Raises errors.BudgetExceeded where they are of too many classes.
     """
-    rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
-    files = [document.file for document in system_documents(keystore) if document.file is not None]
-    names = names_of(((row.matcher, accesses.read(file, row)) for row in rows for file in files), most).names
+    files = (document.file for document in system_documents(keystore))
+    names = names_of(accesses.by_row(profiles, files), most).names
     points = [(name.topic, name.partition) for name in names]
     builder = SystemBuilder(keystore, profiles, at, accesses, points, literal=False)
     systems = builder.systems()

@@ -16,7 +16,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.atoms import TopicClass
 from keystore_audit.model.columns import Cell, Column, Columns, Shape, Table
-from keystore_audit.model.domains import Interval, contains, covered_classes, domain_bits, domain_classes
+from keystore_audit.model.domains import Interval, contains, covered_classes, domain_bits, domain_classes, merged
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.matching.patterns import MAX_KEPT, Patterns
 from keystore_audit.model.names import is_ros_dds_name
@@ -183,6 +183,12 @@ def domain_covers(
     governed = dict.fromkeys(rule.domains for each in documents for rule in each.domain_rules or ())
     ruled = dict.fromkeys(rule.domains for each in documents for grant in each.grants or () for rule in grant.rules)
     return [*governed], [*ruled]
+
+
+def governed_domains(read: Mapping[Access, Sequence[ReadDocument]]) -> tuple[Interval, ...]:
+    """The domains that some governance among the documents covers, ascending and apart."""
+    governed, _ruled = domain_covers(read)
+    return merged(interval for cover in governed for interval in cover)
 
 
 def document_channels(

@@ -6,14 +6,14 @@ keeps a place of its own.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import MAX_CELLS
-from keystore_audit.model.expression import Matcher
 from keystore_audit.model.matching.patterns import Patterns
+from keystore_audit.model.profiles import Access
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,14 +39,14 @@ class Names:
     rest: int
 
 
-def names_of(read: Iterable[tuple[Matcher, ReadDocument]], most: int = MAX_CELLS) -> Names:
-    """The classes of all topic names in all partitions, for documents as implementations read them.
+def names_of(read: Mapping[Access, Sequence[ReadDocument]], most: int = MAX_CELLS) -> Names:
+    """The classes of all topic names in all partitions, for documents as implementations of each access row read them.
 
     `most`: pairs of both, those of the default partition apart. Raises errors.BudgetExceeded where they are more.
     """
     topics, partitions = Patterns(), Patterns(topics=False)
     granted: dict[int, str] = {}
-    for matcher, document in read:
+    for matcher, document in ((access.matcher, document) for access, several in read.items() for document in several):
         for domain_rule in document.domain_rules or ():
             for topic_rule in domain_rule.topic_rules:
                 for text in (text for area in topic_rule.region for text in area.topics):

@@ -156,7 +156,7 @@ class Stages:
 
 def odd_documents(files: Iterable[Typed], profiles: Sequence[Profile], accesses: AccessViews) -> frozenset[Typed]:
     """The documents that not all of the profiles read alike."""
-    rows = {accesses.row(profile.access) for profile in profiles}
+    rows = accesses.rows(profiles)
     if len(rows) < 2:
         return frozenset()
     return frozenset(file for file in files if len(set(map(accesses.of_document(file).row, rows))) > 1)

@@ -87,8 +87,7 @@ class SystemBuilder:
         self._realm_doubts = [realm_doubt(enclave) for enclave in keystore.enclaves]
         self._unread_places = unread_places(keystore)
         with Aside(self._identified, wanted=aside and len(keystore.enclaves) >= FEW) as identified:
-            rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
-            self._read = {row: self._read_all(row) for row in rows}
+            self._read = {row: self._read_all(row) for row in accesses.rows(profiles)}
             grants = (g for read in self._read.values() for document in read for g in document.grants or ())
             ends = {c.until for c in claims if c.until is not None and c.until > at} | self._views.list_dates(profiles)
             self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))

@@ -132,9 +132,7 @@ class Sides:
         self.keystores = (old, new)
         documents = (*system_documents(old), *system_documents(new))
         self.accesses = AccessViews(documents, at, zone)
-        files = [document.file for document in documents if document.file is not None]
-        rows = dict.fromkeys(self.accesses.row(profile.access) for profile in profiles)
-        read = {row: [self.accesses.read(file, row) for file in files] for row in rows}
+        read = self.accesses.by_row(profiles, (document.file for document in documents))
         self.channels = document_channels(read, claimed=[named((glob,)) for glob in topics], ungoverned=True)
         self.enclaves = (_by_path(old), _by_path(new))
         self.usability = tuple(

@@ -181,7 +181,7 @@ class _Search:
             return Doubt(enclave=enclave.path, location=Location(path=file.path), reason=file.detail)
         if enclave.permissions is None:
             return None
-        for row in dict.fromkeys(self._accesses.row(profile.access) for profile in self._profiles):
+        for row in self._accesses.rows(self._profiles):
             read = self._accesses.read(enclave.permissions, row)
             if not read.is_readable and read.refusal is None:
                 return document_doubt(enclave.path, enclave.permissions, read)

@@ -59,7 +59,7 @@ class Deciders:
         self.at = at
         self.accesses = accesses
         self.domain = domain
-        self.rows = tuple(dict.fromkeys(accesses.row(profile.access) for profile in profiles))
+        self.profiles = profiles
         kind_of = Usabilities(None, accesses).kind
         kinds: dict[object, list[Profile]] = {}
         for profile in profiles:
@@ -148,10 +148,8 @@ class PointRights:
         return channels, LocalRights(self._deciders.accesses, channels, self._deciders.at)
 
     def _of_own_documents(self, points: Sequence[Point] | None) -> Channels:
-        deciders = self._deciders
-        files = [file for file in (self._enclave.governance, self._enclave.permissions) if file is not None]
-        read = {row: [deciders.accesses.read(file, row) for file in files] for row in deciders.rows}
-        return document_channels(read, points)
+        documents = self._enclave.governance, self._enclave.permissions
+        return document_channels(self._deciders.accesses.by_row(self._deciders.profiles, documents), points)
 
     def _governed(self, profile: Profile) -> Iterator[int]:
         """The lowest domain of each class that the governance covers; 0 where it says nothing."""

@@ -196,8 +196,7 @@ def _named(enclave: Enclave, shared: Iterable[_Found], profiles: int) -> Iterato
 
 def _compared(enclave: Enclave, readers: Sequence[_Reader], accesses: AccessViews, at: datetime) -> Iterator[_Found]:
     """The halves of an enclave under all readers, equal ones together."""
-    files = [file for file in (enclave.permissions, enclave.governance) if file is not None]
-    read = {reader.row: [accesses.read(file, reader.row) for file in files] for reader in readers}
+    read = accesses.by_row((reader.profile for reader in readers), (enclave.permissions, enclave.governance))
     for roles, marks in ((SERVICE_ROLES, _OF_ACTIONS), (ACTION_ROLES, ())):
         affixes = tuple(dict.fromkeys(affix for role in roles for _operation, affix in ROLES[role]))
         channels = ros_channels(read, affixes, marks)

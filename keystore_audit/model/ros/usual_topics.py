@@ -159,9 +159,7 @@ def _undiscovering(
 
     A governance may leave the topic open to everybody, whatever grants say.
     """
-    files = [file for file in (enclave.permissions, enclave.governance) if file is not None]
-    rows = dict.fromkeys(accesses.row(profile.access) for profile in profiles)
-    read = {row: [accesses.read(file, row) for file in files] for row in rows}
+    read = accesses.by_row(profiles, (enclave.permissions, enclave.governance))
     local = LocalRights(accesses, document_channels(read, [(DISCOVERY_TOPIC, "")]), at)
     return tuple(
         profile.name
