@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from typing import Generic, NamedTuple, TypeVar
 
 from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.findings import Location
@@ -16,7 +17,8 @@ from keystore_audit.model.comparison.change import (
     Layer,
     Names,
 )
-from keystore_audit.model.comparison.sides import Sides
+from keystore_audit.model.comparison.sides import Pair, Sides
+from keystore_audit.model.permission import union
 
 
 @dataclass(slots=True, kw_only=True, eq=False)
@@ -84,6 +86,67 @@ class Draft:
             ),
             labels=labels,
         )
+
+
+class Fold(NamedTuple):
+    """Whom a difference is about, each alike, and where that is written, old and new: of the first that has a place.
+
+    `varies`: the channels are not the same under each of the profiles.
+    """
+
+    whom: list[str]
+    profiles: tuple[str, ...]
+    channels: int
+    varies: bool
+    old: Location | None
+    new: Location | None
+
+
+_Key = TypeVar("_Key")
+
+
+class Folds(Generic[_Key]):
+    """Differences of several kinds (keys), noted one by one."""
+
+    def __init__(self) -> None:
+        self._channels: dict[tuple[_Key, str | None], dict[str, int]] = {}
+        self._places: dict[tuple[_Key, str | None], tuple[Location | None, Location | None]] = {}
+
+    def note(
+        self,
+        key: _Key,
+        whom: str | None,
+        pair: Pair,
+        channels: int,
+        old: Location | None = None,
+        new: Location | None = None,
+    ) -> None:
+        """One about an enclave, a subject, or (None) whoever is on the network. The first place counts."""
+        by_profile = self._channels.setdefault((key, whom), {})
+        for profile in pair.profiles:
+            by_profile[profile] = by_profile.get(profile, 0) | channels
+        if old is not None or new is not None:
+            self._places.setdefault((key, whom), (old, new))
+
+    def folded(self, sides: Sides) -> Iterator[tuple[_Key, Fold]]:
+        """All, those of one key with the same channels under each profile together."""
+        folds: dict[tuple[_Key, tuple[tuple[str, int], ...]], list[str | None]] = {}
+        for (key, whom), by_profile in self._channels.items():
+            folds.setdefault((key, tuple(sorted(by_profile.items()))), []).append(whom)
+        for (key, alike), several in folds.items():
+            every = {channels for _profile, channels in alike}
+            profiles = in_order((profile for profile, _channels in alike), sides)
+            old, new = next((self._places[key, each] for each in several if (key, each) in self._places), (None, None))
+            named = [each for each in several if each is not None]
+            yield key, Fold(named, profiles, union(every), len(every) > 1, old, new)
+
+
+def told_beside(cause: Draft | None, shown: Draft) -> list[Draft]:
+    """What shows as a change of its own, unless it is a consequence of what accounts for it."""
+    if cause is None:
+        return [shown]
+    cause.account_for(shown)
+    return []
 
 
 def _names(channels: int, sides: Sides) -> Names | None:

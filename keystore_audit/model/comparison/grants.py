@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer
 from keystore_audit.model.comparison.dates import Dates, other_dates, spanned
-from keystore_audit.model.comparison.drafts import Draft, in_order
+from keystore_audit.model.comparison.drafts import Draft, Folds
 from keystore_audit.model.comparison.sides import Pair, Sides, View, is_void
-from keystore_audit.model.permission import members, union
+from keystore_audit.model.permission import members
 from keystore_audit.model.system import GrantAtom
 
 JOIN: Final = "join"
@@ -41,15 +40,6 @@ class Right(NamedTuple):
     gained: bool
 
 
-@dataclass(slots=True)
-class _Found:
-    """By profile the channels, and the lines that decide about one of them."""
-
-    channels: dict[str, int]
-    old: Location | None
-    new: Location | None
-
-
 class Given(NamedTuple):
     """What a grant gives: channels by operation, and domains that it lets its holder join."""
 
@@ -70,35 +60,27 @@ NOTHING: Final = Given(0, 0, 0, 0)
 
 def grant_changes(sides: Sides) -> list[Draft]:
     """One draft for each operation and direction, of all enclaves for which the same names changed."""
-    found: dict[tuple[str, Right], _Found] = {}
+    folds = Folds[Right]()
     for pair in sides.pairs:
         for path in sides.compared:
             for right, channels, old, new in _differences(sides, pair, path):
-                each = found.setdefault((path, right), _Found({}, old, new))
-                each.channels.update(dict.fromkeys(pair.profiles, channels))
-    folds: dict[tuple[Right, tuple[tuple[str, int], ...]], list[tuple[str, _Found]]] = {}
-    for (path, right), each in found.items():
-        folds.setdefault((right, tuple(sorted(each.channels.items()))), []).append((path, each))
-    return [_draft(sides, right, by_profile, holders) for (right, by_profile), holders in folds.items()]
-
-
-def _draft(
-    sides: Sides, right: Right, by_profile: tuple[tuple[str, int], ...], holders: list[tuple[str, _Found]]
-) -> Draft:
-    first = holders[0][1]
-    return Draft(
-        layer=Layer.GRANTS,
-        kind="right",
-        direction=Direction.GAINED if right.gained else Direction.LOST,
-        what=f"may {'' if right.gained else 'no longer '}{WORDS[right.operation]}",
-        enclaves=tuple(path for path, _found in holders),
-        profiles=in_order((profile for profile, _channels in by_profile), sides),
-        operation=right.operation,
-        channels=union(channels for _profile, channels in by_profile),
-        varies=len({channels for _profile, channels in by_profile}) > 1,
-        old=first.old,
-        new=first.new,
-    )
+                folds.note(right, path, pair, channels, old, new)
+    return [
+        Draft(
+            layer=Layer.GRANTS,
+            kind="right",
+            direction=Direction.GAINED if right.gained else Direction.LOST,
+            what=f"may {'' if right.gained else 'no longer '}{WORDS[right.operation]}",
+            enclaves=tuple(fold.whom),
+            profiles=fold.profiles,
+            operation=right.operation,
+            channels=fold.channels,
+            varies=fold.varies,
+            old=fold.old,
+            new=fold.new,
+        )
+        for right, fold in folds.folded(sides)
+    ]
 
 
 def _differences(sides: Sides, pair: Pair, path: str) -> Iterator[tuple[Right, int, Location | None, Location | None]]:

@@ -9,7 +9,7 @@ from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.comparison.causes import Causes
 from keystore_audit.model.comparison.change import Direction, Hop, Influenced, Layer
-from keystore_audit.model.comparison.drafts import Draft, in_order
+from keystore_audit.model.comparison.drafts import Draft, in_order, told_beside
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
 from keystore_audit.model.flow import Flows, Lane, Leg, Search
@@ -84,10 +84,7 @@ def influence_changes(sides: Sides, causes: Causes) -> list[Draft]:
             profiles=in_order(profiles, sides),
             influenced=influenced,
         )
-        if cause is None:
-            own.append(shown)
-        else:
-            cause.account_for(shown)
+        own += told_beside(cause, shown)
     return own
 
 

@@ -16,7 +16,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer
 from keystore_audit.model.comparison.dates import Dates, told
-from keystore_audit.model.comparison.drafts import Draft, in_order
+from keystore_audit.model.comparison.drafts import Draft, Fold, Folds
 from keystore_audit.model.comparison.grants import NOTHING, WORDS, Given, Right, differing, either, given
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.permission import members, union
@@ -61,49 +61,19 @@ class _Key(NamedTuple):
     dates: tuple[tuple[Dates, ...], tuple[Dates, ...]] | None
 
 
-@dataclass(slots=True)
-class _Found:
-    channels: dict[str, int]
-    old: Location | None
-    new: Location | None
-
-
 class OthersGrants:
     """Changes of what others are granted. `places`: the documents that have them."""
 
     def __init__(self, sides: Sides) -> None:
         self.places: set[str] = set()
         self._sides = sides
-        self._found: dict[tuple[str, _Key], _Found] = {}
+        self._found = Folds[_Key]()
         for pair in sides.pairs:
             self._compare(pair)
 
     def drafts(self) -> list[Draft]:
         """One for all subjects for which the same names changed."""
-        folds: dict[tuple[_Key, tuple[tuple[str, int], ...]], list[tuple[str, _Found]]] = {}
-        for (subject, key), each in self._found.items():
-            folds.setdefault((key, tuple(sorted(each.channels.items()))), []).append((subject, each))
-        return [self._draft(key, by_profile, several) for (key, by_profile), several in folds.items()]
-
-    def _draft(self, key: _Key, by_profile: tuple[tuple[str, int], ...], several: list[tuple[str, _Found]]) -> Draft:
-        several = sorted(several, key=lambda each: each[0])
-        direction = Direction.CHANGED
-        if key.right is not None:
-            direction = Direction.GAINED if key.right.gained else Direction.LOST
-        return Draft(
-            layer=Layer.GRANTS,
-            kind=KINDS[key.right is None],
-            direction=direction,
-            what=_words(key, [subject for subject, _found in several]),
-            enclaves=(),
-            profiles=in_order((profile for profile, _channels in by_profile), self._sides),
-            operation=key.right.operation if key.right is not None else None,
-            aspects=tuple(_aspect(subject, direction) for subject, _found in several),
-            channels=union(channels for _profile, channels in by_profile),
-            varies=len({channels for _profile, channels in by_profile}) > 1,
-            old=several[0][1].old,
-            new=several[0][1].new,
-        )
+        return [_draft(key, fold) for key, fold in self._found.folded(self._sides)]
 
     def _compare(self, pair: Pair) -> None:
         views = pair.old, pair.new
@@ -115,9 +85,7 @@ class OthersGrants:
                 # That an enclave came says that its rights did; that it went says that they did.
                 if key.right is not None and subject in own[key.right.gained]:
                     continue
-                each = self._found.setdefault((subject, key), _Found({}, old.where, new.where))
-                for profile in pair.profiles:
-                    each.channels[profile] = each.channels.get(profile, 0) | channels
+                self._found.note(key, subject, pair, channels, old.where, new.where)
                 self.places |= old.places | new.places
 
     def _differences(self, pair: Pair, old: _Granted, new: _Granted) -> Iterator[tuple[_Key, int]]:
@@ -136,6 +104,27 @@ class OthersGrants:
             yield _Key(None, False, dates), names
         elif old.odd != new.odd:
             yield _Key(None, False, None), names
+
+
+def _draft(key: _Key, fold: Fold) -> Draft:
+    """One for all subjects for which the same names changed."""
+    direction = Direction.CHANGED
+    if key.right is not None:
+        direction = Direction.GAINED if key.right.gained else Direction.LOST
+    return Draft(
+        layer=Layer.GRANTS,
+        kind=KINDS[key.right is None],
+        direction=direction,
+        what=_words(key, fold.whom),
+        enclaves=(),
+        profiles=fold.profiles,
+        operation=key.right.operation if key.right is not None else None,
+        aspects=tuple(_aspect(subject, direction) for subject in fold.whom),
+        channels=fold.channels,
+        varies=fold.varies,
+        old=fold.old,
+        new=fold.new,
+    )
 
 
 def _own_subjects(view: View, pair: Pair, sides: Sides, side: int) -> frozenset[str]:

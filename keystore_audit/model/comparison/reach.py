@@ -13,7 +13,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison.causes import Causes, agreeing
 from keystore_audit.model.comparison.change import Direction, Layer
-from keystore_audit.model.comparison.drafts import Draft, in_order
+from keystore_audit.model.comparison.drafts import Draft, Fold, Folds, told_beside
 from keystore_audit.model.comparison.grants import (
     JOIN,
     NOTHING,
@@ -41,11 +41,11 @@ class _Key(NamedTuple):
     `own`: of endpoints that the enclave's own implementation makes, whatever its peers accept.
     """
 
-    draft: Draft | None
     layer: Layer
     what: str
     gained: bool
-    operation: str | None
+    operation: str | None = None
+    draft: Draft | None = None
     own: bool = False
 
 
@@ -55,8 +55,7 @@ class Reach:
     def __init__(self, sides: Sides, causes: Causes) -> None:
         self._sides = sides
         self._causes = causes
-        self._found: dict[tuple[_Key, str | None], dict[str, int]] = {}
-        self._places: dict[tuple[_Key, str], Location] = {}
+        self._found = Folds[_Key]()
 
     def work_out(self) -> list[Draft]:
         """Gives changes their consequences; returns what none of them accounts for."""
@@ -90,7 +89,7 @@ class Reach:
                         told[gained] |= draft.channels
                 told[gained] |= channels
                 what = f"{_with(gained)} {WORDS[operation.value]}"
-                self._attribute(pair, Layer.ACCESS, what, gained, left, path, operation.value)
+                self._attribute(pair, _Key(Layer.ACCESS, what, gained, operation.value), path, left)
             if operation is not Operation.RELAY:
                 self._own_endpoints(pair, path, operation, told)
         heard = [_overheard(view, number) for view, number in zip(views, numbers, strict=True)]
@@ -100,30 +99,15 @@ class Reach:
             ("pass for a writer of", forged, written),
         ):
             for gained, channels in self._both_ways(before & ~by_right, after & ~by_right):
-                self._attribute(pair, Layer.ATTACKERS, f"{_can(gained)} {what}", gained, channels, path, None)
+                self._attribute(pair, _Key(Layer.ATTACKERS, f"{_can(gained)} {what}", gained), path, channels)
 
     def _own_endpoints(self, pair: Pair, path: str, operation: Operation, told: dict[bool, int]) -> None:
         """The endpoints that its own implementation makes, where no right that is `told` has said so."""
         before, after = (view.made(view.numbers[path], operation) for view in (pair.old, pair.new))
         what = f"create a {'writer' if operation is Operation.PUBLISH else 'reader'} of"
         for gained, channels in self._both_ways(before, after):
-            left = channels & ~told[gained]
-            key = _Key(None, Layer.ACCESS, f"{_can(gained)} {what}", gained, operation.value, own=True)
-            for draft, part in (*self._accounting(path, left, gained=gained), *self._any_rule(path, left, gained)):
-                if part & left:
-                    self._note(pair, key._replace(draft=draft), path, part & left)
-                    left &= ~part
-            if left:
-                self._note(pair, key, path, left)
-                view = pair.new if gained else pair.old
-                place = deciding(view, view.own_grant(path), operation, left)
-                if place is not None:
-                    self._places.setdefault((key, path), place)
-
-    def _any_rule(self, path: str, channels: int, gained: bool) -> Iterator[tuple[Draft, int]]:
-        """Rights of the enclave, in whatever domain: to its own endpoints rules of others may apply as well."""
-        for draft in agreeing(each for each in self._causes.of(path) if each.layer is Layer.GRANTS)[gained]:
-            yield draft, channels
+            key = _Key(Layer.ACCESS, f"{_can(gained)} {what}", gained, operation.value, own=True)
+            self._attribute(pair, key, path, channels & ~told[gained])
 
     def _presented(self, pair: Pair, path: str) -> None:
         """What documents that peers take grant an enclave, where neither its own says so nor what they accept.
@@ -135,7 +119,7 @@ class Reach:
         for right, channels in differing(self._sides, pair, old, new) if old != new else ():
             left = channels & ~self._told(pair, path, right)
             what = f"{'has a' if right.gained else 'no longer has a'} grant to {WORDS[right.operation]}"
-            self._attribute(pair, Layer.GRANTS, what, right.gained, left, path, right.operation)
+            self._attribute(pair, _Key(Layer.GRANTS, what, right.gained, right.operation), path, left)
 
     def _told(self, pair: Pair, path: str, right: Right) -> int:
         """Where the right is a change of the enclave's own document, or shows in what peers accept."""
@@ -154,7 +138,7 @@ class Reach:
         before, after = _outside(pair.old), _outside(pair.new)
         for what, channels in before.items():
             for gained, changed in self._both_ways(channels, after[what]):
-                self._attribute(pair, Layer.ATTACKERS, f"{_can(gained)} {what}", gained, changed, None, None)
+                self._attribute(pair, _Key(Layer.ATTACKERS, f"{_can(gained)} {what}", gained), None, changed)
 
     def _newcomers(self, pair: Pair, draft: Draft) -> None:
         """What enclaves that one keystore alone has may do there."""
@@ -168,40 +152,38 @@ class Reach:
                 channels = view.accepted(number, operation) & self._sides.mask
                 if channels:
                     what = f"{_with(gained)} {WORDS[operation.value]}"
-                    self._note(pair, _Key(draft, Layer.ACCESS, what, gained, operation.value), path, channels)
+                    self._found.note(_Key(Layer.ACCESS, what, gained, operation.value, draft), path, pair, channels)
 
     def _both_ways(self, before: int, after: int) -> Iterator[tuple[bool, int]]:
         for gained, channels in ((True, after & ~before), (False, before & ~after)):
             if channels & self._sides.mask:
                 yield gained, channels & self._sides.mask
 
-    def _attribute(
-        self, pair: Pair, layer: Layer, what: str, gained: bool, channels: int, path: str | None, operation: str | None
-    ) -> None:
+    def _attribute(self, pair: Pair, key: _Key, path: str | None, channels: int) -> None:
         """Give the channels to the changes that account for them, the nearest first."""
-        for draft, part in self._accounting(path, channels, gained=gained):
+        for draft, part in self._accounting(path, channels, gained=key.gained, own=key.own):
             if part & channels:
-                self._note(pair, _Key(draft, layer, what, gained, operation), path, part & channels)
+                self._found.note(key._replace(draft=draft), path, pair, part & channels)
                 channels &= ~part
         if channels:
-            key = _Key(None, layer, what, gained, operation)
-            self._note(pair, key, path, channels)
-            if path is not None and operation is not None and (key, path) not in self._places:
-                place = _granting(pair.new if gained else pair.old, path, operation, channels)
-                if place is not None:
-                    self._places[key, path] = place
+            view, place = pair.new if key.gained else pair.old, None
+            if path is not None and key.operation is not None:
+                place = _granting(view, path, key.operation, channels, own=key.own)
+            old, new = (None, place) if key.gained else (place, None)
+            self._found.note(key, path, pair, channels, old, new)
 
-    def _accounting(self, path: str | None, channels: int, *, gained: bool) -> Iterator[tuple[Draft, int]]:
+    def _accounting(self, path: str | None, channels: int, *, gained: bool, own: bool) -> Iterator[tuple[Draft, int]]:
         """Changes that may account for a difference of this enclave (None: of outsiders) on these channels.
 
-        Of several alike, those first that are gains where this is one.
+        Of several alike, those first that are gains where this is one. `own`: of endpoints of its own, to which rules
+        of whatever domain may apply.
         """
         rows = self._causes.rows[gained]
         for draft in rows:
             if path is None or path in draft.enclaves:
                 yield draft, draft.channels
-        own = self._causes.of(path) if path else ()
-        rights = agreeing(each for each in own if each.layer is Layer.GRANTS)[gained]
+        of_enclave = self._causes.of(path) if path else ()
+        rights = agreeing(each for each in of_enclave if each.layer is Layer.GRANTS)[gained]
         for draft in rights:
             yield draft, draft.channels
         everybody = self._causes.everybody[gained]
@@ -214,37 +196,27 @@ class Reach:
             yield draft, channels
         for draft in rights:
             yield draft, self._in_domains_of(draft.channels)
+        for draft in rights if own else ():
+            yield draft, channels
         for draft in self._causes.grants[gained] if path is None else ():
             yield draft, self._in_domains_of(draft.channels) if draft.operation == "join" else draft.channels
 
     def _in_domains_of(self, channels: int) -> int:
         return union(within for within in self._sides.pairs[0].old.decisions.channels_in if within & channels)
 
-    def _note(self, pair: Pair, key: _Key, path: str | None, channels: int) -> None:
-        by_profile = self._found.setdefault((key, path), {})
-        for profile in pair.profiles:
-            by_profile[profile] = by_profile.get(profile, 0) | channels
-
     def _folded(self) -> list[Draft]:
         """Hands out the consequences, those of several enclaves together; returns what has no cause."""
-        folds: dict[tuple[_Key, tuple[tuple[str, int], ...]], list[str]] = {}
-        for (key, path), by_profile in self._found.items():
-            folds.setdefault((key, tuple(sorted(by_profile.items()))), []).extend([] if path is None else [path])
         own = []
-        effects: dict[tuple[Draft, _Key, tuple[str, ...]], list[tuple[list[str], int]]] = {}
-        for (key, channels_of), paths in folds.items():
-            everywhere = union(channels for _profile, channels in channels_of)
-            profiles = in_order((profile for profile, _channels in channels_of), self._sides)
+        effects: dict[tuple[Draft, _Key, tuple[str, ...]], list[Fold]] = {}
+        for key, fold in self._found.folded(self._sides):
             if key.draft is None:
-                varies = len({channels for _profile, channels in channels_of}) > 1
-                place = next((self._places[key, path] for path in paths if (key, path) in self._places), None)
-                own.append(_shown(key, paths, everywhere, profiles, place, varies=varies))
+                own.append(_shown(key, fold))
             else:
-                effects.setdefault((key.draft, key, profiles), []).append((paths, everywhere))
-        for (cause, key, profiles), several in effects.items():
+                effects.setdefault((key.draft, key, fold.profiles), []).append(fold)
+        for (cause, key, _profiles), several in effects.items():
             apart = several if len(several) <= MAX_APART else [_together(several)]
-            for paths, channels in apart:
-                cause.account_for(_shown(key, paths, channels, profiles), parts=apart is not several)
+            for fold in apart:
+                cause.account_for(_shown(key, fold), parts=apart is not several)
         return own
 
     def _starts(self) -> list[Draft]:
@@ -282,14 +254,13 @@ class Reach:
                     profiles=profiles,
                     reasons=reasons,
                 )
-                if cause is None:
-                    yield shown
-                else:
-                    cause.account_for(shown)
+                yield from told_beside(cause, shown)
 
 
-def _granting(view: View, path: str, operation: str, channels: int) -> Location | None:
-    """The rule of some document, not the enclave's own, that gives it one of the channels; for joining, the grant."""
+def _granting(view: View, path: str, operation: str, channels: int, *, own: bool) -> Location | None:
+    """The rule of the enclave's `own` document, or of some other, that decides; for joining, the grant."""
+    if own:
+        return deciding(view, view.own_grant(path), Operation(operation), channels)
     enclave = view.system.enclaves[view.numbers[path]]
     for number in view.presented(path):
         if view.system.grants[number].document == enclave.permissions:
@@ -303,27 +274,19 @@ def _granting(view: View, path: str, operation: str, channels: int) -> Location 
     return None
 
 
-def _shown(
-    key: _Key,
-    paths: list[str],
-    channels: int,
-    profiles: tuple[str, ...],
-    place: Location | None = None,
-    *,
-    varies: bool = False,
-) -> Draft:
+def _shown(key: _Key, fold: Fold) -> Draft:
     return Draft(
         layer=key.layer,
         kind=_kind(key),
         direction=Direction.GAINED if key.gained else Direction.LOST,
         what=key.what,
-        enclaves=tuple(paths),
-        profiles=profiles,
+        enclaves=tuple(fold.whom),
+        profiles=fold.profiles,
         operation=key.operation,
-        channels=channels,
-        varies=varies,
-        old=None if key.gained else place,
-        new=place if key.gained else None,
+        channels=fold.channels,
+        varies=fold.varies,
+        old=fold.old,
+        new=fold.new,
     )
 
 
@@ -335,8 +298,9 @@ def _kind(key: _Key) -> str:
     return "accepted" if key.operation else "capability"
 
 
-def _together(several: list[tuple[list[str], int]]) -> tuple[list[str], int]:
-    return [path for paths, _channels in several for path in paths], union(channels for _paths, channels in several)
+def _together(several: list[Fold]) -> Fold:
+    whom = [path for fold in several for path in fold.whom]
+    return several[0]._replace(whom=whom, channels=union(fold.channels for fold in several))
 
 
 def _with(gained: bool) -> str:
