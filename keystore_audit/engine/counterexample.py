@@ -16,7 +16,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.flow import Flows
 from keystore_audit.model.system import System
-from keystore_audit.properties import access_control, encryption, flow
+from keystore_audit.properties import stated
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Property, Role, Witness
 
@@ -163,15 +163,15 @@ def _way(case: Case, enclave: int, operation: Operation) -> tuple[Step, ...]:
 
 _TELLERS: Final[Mapping[str, Callable[[Case], Counterexample]]] = {
     **identities.TELLERS,
-    encryption.OUTSIDERS_CANNOT_READ.id: _outsider_reads,
-    encryption.OUTSIDERS_CANNOT_LEARN_NAMES.id: _outsider_learns,
-    encryption.OUTSIDERS_CANNOT_INJECT.id: _outsider_injects,
-    encryption.OUTSIDERS_CANNOT_REPLAY.id: _outsider_replays,
-    encryption.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _outsider_asserts,
-    access_control.GRANTS_ARE_ENFORCED.id: _unenforced,
-    access_control.NOBODY_WRITES_WITHOUT_A_GRANT.id: _insider_writes,
-    access_control.NOBODY_READS_WITHOUT_A_GRANT.id: _insider_reads,
-    access_control.READERS_CANNOT_FORGE.id: _reader_forges,
-    access_control.RELAYS_CANNOT_READ.id: _relay_reads,
-    flow.NO_BRIDGES.id: _bridge,
+    stated.OUTSIDERS_CANNOT_READ.id: _outsider_reads,
+    stated.OUTSIDERS_CANNOT_LEARN_NAMES.id: _outsider_learns,
+    stated.OUTSIDERS_CANNOT_INJECT.id: _outsider_injects,
+    stated.OUTSIDERS_CANNOT_REPLAY.id: _outsider_replays,
+    stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _outsider_asserts,
+    stated.GRANTS_ARE_ENFORCED.id: _unenforced,
+    stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _insider_writes,
+    stated.NOBODY_READS_WITHOUT_A_GRANT.id: _insider_reads,
+    stated.READERS_CANNOT_FORGE.id: _reader_forges,
+    stated.RELAYS_CANNOT_READ.id: _relay_reads,
+    stated.NO_BRIDGES.id: _bridge,
 }

@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.engine import causes
 from keystore_audit.engine.counterexample_case import Case, step_at
 from keystore_audit.model.system import EnclaveAtom, System
-from keystore_audit.properties import authentication
+from keystore_audit.properties import stated
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Role
 
@@ -172,12 +172,12 @@ def _shared_subject(case: Case) -> Counterexample:
 
 
 TELLERS: Final[Mapping[str, Callable[[Case], Counterexample]]] = {
-    authentication.ONLY_AUTHENTICATED_JOIN.id: _anybody_joins,
-    authentication.IDENTITIES_CHAIN.id: _identity,
-    authentication.DOCUMENTS_SIGNED.id: _document,
-    authentication.NO_SHARED_IDENTITY.id: _shared_key,
-    authentication.NO_SELF_GRANTED_RIGHTS.id: _grants_itself,
-    authentication.ONE_CA_FOR_ONE_ROLE.id: _one_authority,
-    authentication.NO_SHARED_SUBJECT.id: _shared_subject,
+    stated.ONLY_AUTHENTICATED_JOIN.id: _anybody_joins,
+    stated.IDENTITIES_CHAIN.id: _identity,
+    stated.DOCUMENTS_SIGNED.id: _document,
+    stated.NO_SHARED_IDENTITY.id: _shared_key,
+    stated.NO_SELF_GRANTED_RIGHTS.id: _grants_itself,
+    stated.ONE_CA_FOR_ONE_ROLE.id: _one_authority,
+    stated.NO_SHARED_SUBJECT.id: _shared_subject,
 }
 """By property."""

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 from keystore_audit.dataclass import replace
 from keystore_audit.model.claims import Claim, LabelPair
-from keystore_audit.properties.label_result import LabelResult
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import AssertedResult, ProfileResult, PropertyResult
+from keystore_audit.properties.result import AssertedResult, LabelResult, ProfileResult, PropertyResult
 
 
 def with_label_answers(claims: Sequence[Claim], results: Sequence[AssertedResult]) -> tuple[PropertyResult, ...]:

@@ -23,10 +23,7 @@ from keystore_audit.properties import (
     Role,
     Status,
     Witness,
-    access_control,
-    authentication,
-    encryption,
-    flow,
+    stated,
 )
 from keystore_audit.properties.property import Property
 
@@ -334,24 +331,24 @@ def _channels(realm: int, channels: int, enclave: int | None = None) -> Iterator
 
 
 _QUESTIONS: Mapping[str, Callable[[_Questions], Iterator[Witness]]] = {
-    authentication.ONLY_AUTHENTICATED_JOIN.id: _Questions.unauthenticated_joins,
-    authentication.IDENTITIES_CHAIN.id: _Questions.unvouched_identities,
-    authentication.DOCUMENTS_SIGNED.id: _Questions.unsigned_documents,
-    authentication.NO_SHARED_IDENTITY.id: _Questions.shared_identities,
-    authentication.NO_SELF_GRANTED_RIGHTS.id: _Questions.self_granted_rights,
-    authentication.ONE_CA_FOR_ONE_ROLE.id: _Questions.double_authorities,
-    authentication.NO_SHARED_SUBJECT.id: _Questions.shared_subjects,
-    encryption.OUTSIDERS_CANNOT_READ.id: _Questions.readable_outside,
-    encryption.OUTSIDERS_CANNOT_LEARN_NAMES.id: _Questions.names_outside,
-    encryption.OUTSIDERS_CANNOT_INJECT.id: _Questions.injectable_outside,
-    encryption.OUTSIDERS_CANNOT_REPLAY.id: _Questions.replayable_outside,
-    encryption.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _Questions.liveliness_outside,
-    access_control.GRANTS_ARE_ENFORCED.id: _Questions.unenforced_grants,
-    access_control.NOBODY_WRITES_WITHOUT_A_GRANT.id: _Questions.ungranted_writes,
-    access_control.NOBODY_READS_WITHOUT_A_GRANT.id: _Questions.ungranted_reads,
-    access_control.READERS_CANNOT_FORGE.id: _Questions.forging_readers,
-    access_control.RELAYS_CANNOT_READ.id: _Questions.reading_relays,
-    flow.NO_BRIDGES.id: _Questions.bridges,
+    stated.ONLY_AUTHENTICATED_JOIN.id: _Questions.unauthenticated_joins,
+    stated.IDENTITIES_CHAIN.id: _Questions.unvouched_identities,
+    stated.DOCUMENTS_SIGNED.id: _Questions.unsigned_documents,
+    stated.NO_SHARED_IDENTITY.id: _Questions.shared_identities,
+    stated.NO_SELF_GRANTED_RIGHTS.id: _Questions.self_granted_rights,
+    stated.ONE_CA_FOR_ONE_ROLE.id: _Questions.double_authorities,
+    stated.NO_SHARED_SUBJECT.id: _Questions.shared_subjects,
+    stated.OUTSIDERS_CANNOT_READ.id: _Questions.readable_outside,
+    stated.OUTSIDERS_CANNOT_LEARN_NAMES.id: _Questions.names_outside,
+    stated.OUTSIDERS_CANNOT_INJECT.id: _Questions.injectable_outside,
+    stated.OUTSIDERS_CANNOT_REPLAY.id: _Questions.replayable_outside,
+    stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _Questions.liveliness_outside,
+    stated.GRANTS_ARE_ENFORCED.id: _Questions.unenforced_grants,
+    stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _Questions.ungranted_writes,
+    stated.NOBODY_READS_WITHOUT_A_GRANT.id: _Questions.ungranted_reads,
+    stated.READERS_CANNOT_FORGE.id: _Questions.forging_readers,
+    stated.RELAYS_CANNOT_READ.id: _Questions.reading_relays,
+    stated.NO_BRIDGES.id: _Questions.bridges,
 }
 
 

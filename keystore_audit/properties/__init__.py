@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from keystore_audit.properties import access_control, authentication, encryption, flow
 from keystore_audit.properties.property import Answer, Property, Role, Status, Witness
-
-PROPERTIES: tuple[Property, ...] = (
-    authentication.PROPERTIES + encryption.PROPERTIES + access_control.PROPERTIES + flow.PROPERTIES
-)
-"""In report order."""
+from keystore_audit.properties.stated import PROPERTIES
 
 BY_ID = {prop.id: prop for prop in PROPERTIES}
 

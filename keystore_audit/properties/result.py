@@ -110,23 +110,30 @@ class PropertyResult:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AssertedResult(PropertyResult):
+class UserResult(PropertyResult):
     """A property that a user asserts, and its answers. `location`: where it is asserted, beside the keystore.
 
-    `meaning`: what is asserted, apart from its name and its words. `forgers`: where only some may publish a topic, who
-    could pass for one of them with the keys they hold, ANYBODY last. `also_named`: by subject_name of a grant there, a
-    subject that nobody here has and that Cyclone DDS takes it for; both None of other properties. `reason`: of
-    determinism, why it is unknown, a sentence without its full stop; empty where it is not. `breaches`: all that
-    violates it, a text each, for telling one violation from another; None where that is not known.
+    `meaning`: what is asserted, apart from its name and its words. `reason`: why it is unknown, where there is more to
+    say: a sentence without its full stop. `breaches`: all that violates it, a text each, for telling one violation from
+    another; None where that is not known.
     """
 
     severity: Severity
     location: Location
     meaning: str = ""
-    forgers: tuple[str, ...] | None = None
-    also_named: Mapping[str, str] | None = None
     reason: str = ""
     breaches: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssertedResult(UserResult):
+    """One that the settings assert. `forgers`: where only some may publish a topic, who could pass for one of them with
+    the keys they hold, ANYBODY last. `also_named`: by subject_name of a grant there, a subject that nobody here has and
+    that Cyclone DDS takes it for; both None of other properties.
+    """
+
+    forgers: tuple[str, ...] | None = None
+    also_named: Mapping[str, str] | None = None
 
     @property
     def beside(self) -> str:
@@ -149,14 +156,13 @@ class AssertedResult(PropertyResult):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AlloyResult(PropertyResult):
-    """A property that a user asserts in Alloy, decided by Alloy alone. `location`: of the command, beside the keystore.
+class AlloyResult(UserResult):
+    """One that a user asserts in Alloy, decided by Alloy alone; `location` is that of the command."""
 
-    `meaning`: the text that asserts it. `reason`: why it is unknown, a sentence without its full stop; empty where it
-    is not.
-    """
 
-    severity: Severity
-    location: Location
-    meaning: str
-    reason: str = ""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelResult(UserResult):
+    """Whether what is labelled `source` stays away from what is labelled `target`; `location`: of the lattice."""
+
+    source: str
+    target: str

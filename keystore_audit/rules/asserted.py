@@ -8,8 +8,7 @@ from functools import partial
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.model.system import System
-from keystore_audit.properties.label_result import LabelResult
-from keystore_audit.properties.result import AlloyResult, AssertedResult
+from keystore_audit.properties.result import AlloyResult, AssertedResult, LabelResult, UserResult
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.formal import steps, violated
 from keystore_audit.rules.registry import Violation, rule
@@ -52,7 +51,7 @@ def asserted_alloy_property_violated(result: AlloyResult, context: Context) -> I
     yield from _violated(result, None, context, partial(_told, result))
 
 
-def _told(result: AssertedResult | AlloyResult, example: str) -> str:
+def _told(result: UserResult, example: str) -> str:
     said = f"{quoted(result.prop.id)} is violated. Asserted: {result.prop.statement}"
     return " ".join(filter(None, (said, f"Found: {example}" if example else "", result.beside)))
 
@@ -78,7 +77,7 @@ def label_flow_violated(result: LabelResult, context: Context) -> Iterator[Viola
 
 
 def _violated(
-    result: AssertedResult | AlloyResult | LabelResult,
+    result: UserResult,
     breaches: tuple[str, ...] | None,
     context: Context,
     says: Callable[[str], str],

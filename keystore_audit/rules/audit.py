@@ -18,6 +18,7 @@ from keystore_audit.properties.result import (
     EngineStatus,
     ProfileResult,
     PropertyResult,
+    UserResult,
 )
 from keystore_audit.rules.commands import SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
@@ -224,7 +225,7 @@ def _undecided(result: PropertyResult) -> tuple[str, ...] | None:
 
 
 def _why(result: PropertyResult, context: Context) -> str:
-    if isinstance(result, AlloyResult | AssertedResult) and result.reason:
+    if isinstance(result, UserResult) and result.reason:
         return result.reason
     doubts = context.meaning.doubts
     if any(answer.engines for answer in result.profiles.values()) and doubts:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.properties import access_control, authentication, encryption, flow
+from keystore_audit.properties import stated
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Property, Status
 from keystore_audit.properties.result import PropertyResult
@@ -69,7 +69,7 @@ def _words(step: Step) -> str:
 
 @_decided(
     "KA701",
-    authentication.ONLY_AUTHENTICATED_JOIN,
+    stated.ONLY_AUTHENTICATED_JOIN,
     Severity.HIGH,
     remedy=f"Set <allow_unauthenticated_participants> to false. {_SIGN_AGAIN}",
 )
@@ -84,7 +84,7 @@ def only_authenticated_participants_join(result: PropertyResult, _context: Conte
 
 @_decided(
     "KA702",
-    authentication.IDENTITIES_CHAIN,
+    stated.IDENTITIES_CHAIN,
     Severity.HIGH,
     remedy=f"Issue the identity again under the identity CA that the enclaves carry. {ISSUE_AGAIN}",
 )
@@ -99,7 +99,7 @@ def identities_chain_to_the_identity_ca(result: PropertyResult, _context: Contex
 
 @_decided(
     "KA703",
-    authentication.DOCUMENTS_SIGNED,
+    stated.DOCUMENTS_SIGNED,
     Severity.CRITICAL,
     remedy=f"Sign the document again with the permissions CA's own key: {SIGN_DOCUMENT}.",
 )
@@ -114,7 +114,7 @@ def documents_signed_by_the_permissions_ca(result: PropertyResult, _context: Con
 
 @_decided(
     "KA704",
-    authentication.NO_SHARED_IDENTITY,
+    stated.NO_SHARED_IDENTITY,
     Severity.HIGH,
     remedy=f"Give each enclave a key and certificate of its own. {ISSUE_AGAIN}",
 )
@@ -129,7 +129,7 @@ def no_identity_serves_two_enclaves(result: PropertyResult, _context: Context) -
 
 @_decided(
     "KA705",
-    authentication.NO_SELF_GRANTED_RIGHTS,
+    stated.NO_SELF_GRANTED_RIGHTS,
     Severity.HIGH,
     remedy="Use separate authorities for identities and permissions, and implementations that pin the signer.",
 )
@@ -144,7 +144,7 @@ def no_enclave_grants_itself_rights(result: PropertyResult, _context: Context) -
 
 @_decided(
     "KA706",
-    authentication.ONE_CA_FOR_ONE_ROLE,
+    stated.ONE_CA_FOR_ONE_ROLE,
     Severity.MEDIUM,
     remedy="Make a second authority for permissions and sign governance and permissions again with it.",
 )
@@ -160,7 +160,7 @@ def one_ca_for_one_role(result: PropertyResult, _context: Context) -> Iterator[V
 
 @_decided(
     "KA707",
-    authentication.NO_SHARED_SUBJECT,
+    stated.NO_SHARED_SUBJECT,
     Severity.HIGH,
     remedy="Give each enclave a subject of its own, and each grant a subject_name that names one enclave.",
 )
@@ -175,7 +175,7 @@ def no_subject_serves_two_enclaves(result: PropertyResult, _context: Context) ->
 
 @_decided(
     "KA711",
-    encryption.OUTSIDERS_CANNOT_READ,
+    stated.OUTSIDERS_CANNOT_READ,
     Severity.HIGH,
     remedy=f"Set data_protection_kind or metadata_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
 )
@@ -189,7 +189,7 @@ def outsiders_cannot_read(result: PropertyResult, _context: Context) -> Iterator
 
 @_decided(
     "KA712",
-    encryption.OUTSIDERS_CANNOT_LEARN_NAMES,
+    stated.OUTSIDERS_CANNOT_LEARN_NAMES,
     Severity.MEDIUM,
     remedy=f"Set enable_discovery_protection to true and discovery_protection_kind to ENCRYPT. {_SIGN_AGAIN}",
 )
@@ -204,7 +204,7 @@ def outsiders_cannot_learn_names(result: PropertyResult, _context: Context) -> I
 
 @_decided(
     "KA713",
-    encryption.OUTSIDERS_CANNOT_INJECT,
+    stated.OUTSIDERS_CANNOT_INJECT,
     Severity.CRITICAL,
     remedy=f"Set metadata_protection_kind or data_protection_kind to SIGN or ENCRYPT for the topic. {_SIGN_AGAIN}",
 )
@@ -219,7 +219,7 @@ def outsiders_cannot_inject(result: PropertyResult, _context: Context) -> Iterat
 
 @_decided(
     "KA714",
-    encryption.OUTSIDERS_CANNOT_REPLAY,
+    stated.OUTSIDERS_CANNOT_REPLAY,
     Severity.HIGH,
     remedy=f"Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT. {_SIGN_AGAIN}",
 )
@@ -235,7 +235,7 @@ def outsiders_cannot_replay(result: PropertyResult, _context: Context) -> Iterat
 
 @_decided(
     "KA715",
-    encryption.OUTSIDERS_CANNOT_FORGE_LIVELINESS,
+    stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS,
     Severity.MEDIUM,
     remedy=f"Set rtps_protection_kind to SIGN, or protect liveliness. {_SIGN_AGAIN}",
 )
@@ -249,7 +249,7 @@ def outsiders_cannot_forge_liveliness(result: PropertyResult, _context: Context)
 
 @_decided(
     "KA721",
-    access_control.GRANTS_ARE_ENFORCED,
+    stated.GRANTS_ARE_ENFORCED,
     Severity.HIGH,
     remedy="Set enable_join_, enable_read_ and enable_write_access_control to true wherever grants name topics. "
     f"{_SIGN_AGAIN}",
@@ -264,7 +264,7 @@ def grants_are_enforced(result: PropertyResult, _context: Context) -> Iterator[V
 
 @_decided(
     "KA722",
-    access_control.NOBODY_WRITES_WITHOUT_A_GRANT,
+    stated.NOBODY_WRITES_WITHOUT_A_GRANT,
     Severity.HIGH,
     remedy=f"Set enable_write_ and enable_read_access_control to true and protect the topic's metadata. {_SIGN_AGAIN}",
 )
@@ -280,7 +280,7 @@ def nobody_writes_without_a_grant(result: PropertyResult, _context: Context) -> 
 
 @_decided(
     "KA723",
-    access_control.NOBODY_READS_WITHOUT_A_GRANT,
+    stated.NOBODY_READS_WITHOUT_A_GRANT,
     Severity.HIGH,
     remedy=f"Set enable_read_access_control to true and metadata_ or data_protection_kind to ENCRYPT. {_SIGN_AGAIN}",
 )
@@ -295,7 +295,7 @@ def nobody_reads_without_a_grant(result: PropertyResult, _context: Context) -> I
 
 @_decided(
     "KA724",
-    access_control.READERS_CANNOT_FORGE,
+    stated.READERS_CANNOT_FORGE,
     Severity.LOW,
     remedy="Where a reader must not pass for the writer, use SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION as "
     f"metadata_ or rtps_protection_kind. {_SIGN_AGAIN}",
@@ -311,7 +311,7 @@ def readers_cannot_forge(result: PropertyResult, _context: Context) -> Iterator[
 
 @_decided(
     "KA725",
-    access_control.RELAYS_CANNOT_READ,
+    stated.RELAYS_CANNOT_READ,
     Severity.MEDIUM,
     remedy=f"Set data_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
 )
@@ -326,7 +326,7 @@ def relays_cannot_read(result: PropertyResult, _context: Context) -> Iterator[Vi
 
 @_decided(
     "KA731",
-    flow.NO_BRIDGES,
+    stated.NO_BRIDGES,
     Severity.MEDIUM,
     remedy="Let each enclave's rules cover one domain, and make an enclave of its own for a bridge that is meant.",
 )

@@ -12,8 +12,7 @@ from keystore_audit.model.claims import Claim, Globs, LabelPair
 from keystore_audit.model.labels import Labelled, Labelling, chain
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.label_result import LabelResult
-from keystore_audit.properties.result import AssertedResult, ProfileResult
+from keystore_audit.properties.result import AssertedResult, LabelResult, ProfileResult
 from tests.rules.evidence import enclave, findings, healthy, judged, keystore
 
 LATTICE = Location(path="keystore-audit.toml", line=1, beside=True)
