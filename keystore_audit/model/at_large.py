@@ -15,7 +15,7 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.model.local_moments import NO_ENDPOINTS, Endpoints
+from keystore_audit.model.lone_endpoints import NO_ENDPOINTS, Endpoints
 from keystore_audit.model.system import CertificateAtom, EnclaveAtom, RealmAtom
 from keystore_audit.text import shorten
 

@@ -13,7 +13,6 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.alike import apart, together
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.expression import Matcher
@@ -22,7 +21,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.model.named_enclaves import at_large, named_enclaves, with_all_certificates
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.semantics import Area
-from keystore_audit.model.system import Reading, System
+from keystore_audit.model.system import Reading, System, apart, together
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 
 if TYPE_CHECKING:

@@ -32,8 +32,7 @@ from keystore_audit.model.inventory import (
     named_by_some,
     permissions_at_large,
 )
-from keystore_audit.model.local_moments import Endpoints
-from keystore_audit.model.lone_endpoints import Alone
+from keystore_audit.model.lone_endpoints import Alone, Endpoints
 from keystore_audit.model.profiles import Profile, Trust
 from keystore_audit.model.trust import MAX_AUTHORITIES, Verdict, document_verdict
 from keystore_audit.model.views import TrustFiles, trust_files

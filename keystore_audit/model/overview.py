@@ -5,14 +5,15 @@ No verdict rests on it, so it is worked out only where a report draws it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.access_lines import Allowance, allowances
+from keystore_audit.findings import Location
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_table import AccessTable, access_table
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
@@ -32,6 +33,19 @@ MAX_NEIGHBOURHOODS: Final = 400
 MAX_VIEWS: Final = 10_000
 """Pairs of an enclave and a realm beyond which no neighbours are looked for: hundreds of enclaves, each with a
 governance file of its own."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Allowance:
+    """`names`: places in the table, as a bit set, for which `location` (None: no line) allows the operation.
+
+    `reason`: why, raw text.
+    """
+
+    operation: Operation
+    names: int
+    reason: str
+    location: Location | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,13 +92,14 @@ def overview(
     points = [(name.topic, name.partition) for name in table.names]
     builder = SystemBuilder(keystore, [shown], at, accesses, points)
     window = Window(builder.channels, table.domain, len(points))
+    local = LocalRights(accesses, builder.channels, at)
     system = builder.systems()[0]
     many = len(system.realms) * len(system.enclaves) > MAX_VIEWS
     ambient = bits(number for number, name in enumerate(table.names) if name.topic in AMBIENT and not name.several)
     return Overview(
         access=table,
         refused="",
-        allowances=allowances(keystore.enclaves, shown, LocalRights(accesses, builder.channels, at), window),
+        allowances={each.path: tuple(_allowances(each, shown, local, window)) for each in keystore.enclaves},
         neighbourhoods=() if many else neighbourhoods(system, window, ambient, MAX_NEIGHBOURHOODS),
         undrawn=f"{len(system.realms)} ways to trust are too many to hold each enclave against each." if many else "",
         ambient=ambient,
@@ -104,3 +119,15 @@ def _nothing(why: str, issued: Issuance | None = None, dates: tuple[Period, ...]
         issuance=issued or Issuance(certificates=(), unsigned=(), unread=()),
         periods=dates,
     )
+
+
+def _allowances(enclave: Enclave, profile: Profile, local: LocalRights, window: Window) -> Iterator[Allowance]:
+    """Everything that allows it something on its own implementation, in the order in which it is asked."""
+    for operation in Operation:
+        undecided = window.all
+        for step in local.steps(enclave, profile, operation):
+            names = window.of(step.channels) & undecided
+            undecided &= ~names
+            if names and step.allow:
+                decision = step.decision
+                yield Allowance(operation=operation, names=names, reason=decision.reason, location=decision.location)

@@ -335,3 +335,28 @@ class System:
         """Whether anything in it is opaque or unread, so that the other reading may differ."""
         opaque = any(d.opaque for d in self.documents) or any(e.opaque or e.possible for e in self.enclaves)
         return opaque or any(realm.list_unread for realm in self.realms)
+
+
+def apart(systems: Iterable[System]) -> tuple[System, ...]:
+    """Each system as many times as it has profiles, for one of them each time.
+
+    Implementations that read a keystore alike may differ in what claims rest on: which enclaves start, what topics can
+    be called, whom a grant names that is not here. What is true of one of them must not be told of the others.
+    """
+    return tuple(replace(system, profiles=(name,)) for system in systems for name in system.profiles)
+
+
+def together(systems: Iterable[System]) -> tuple[System, ...]:
+    """One system for all profiles that are alike in all their readings."""
+    by_profile: dict[str, list[System]] = {}
+    for system in systems:
+        for name in system.profiles:
+            by_profile.setdefault(name, []).append(replace(system, profiles=()))
+    kinds: list[tuple[list[str], list[System]]] = []
+    for name, readings in by_profile.items():
+        alike = next((names for names, known in kinds if known == readings), None)
+        if alike is None:
+            kinds.append(([name], readings))
+        else:
+            alike.append(name)
+    return tuple(replace(each, profiles=tuple(names)) for names, readings in kinds for each in readings)

@@ -31,9 +31,7 @@ from keystore_audit.model.inventory import (
     system_documents,
     unread_places,
 )
-from keystore_audit.model.local_moments import NO_ENDPOINTS, LocalMoments
-from keystore_audit.model.lone_endpoints import NOTHING, LoneEndpoints
-from keystore_audit.model.lone_refusals import LoneRefusals
+from keystore_audit.model.lone_endpoints import NO_ENDPOINTS, NOTHING, LocalMoments, LoneEndpoints, LoneRefusals
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.revocation import list_unread
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms

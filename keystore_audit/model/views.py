@@ -14,9 +14,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import Document
-from keystore_audit.model.local_moments import Endpoints
-from keystore_audit.model.lone_endpoints import Alone, LoneEndpoints
-from keystore_audit.model.lone_refusals import LoneRefusals
+from keystore_audit.model.lone_endpoints import Alone, Endpoints, LoneEndpoints, LoneRefusals
 from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
 from keystore_audit.model.revocation import list_dates, list_unread, revoked
 from keystore_audit.model.subject import matching

@@ -12,9 +12,7 @@ from keystore_audit import toml
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.local_moments import LocalMoments
-from keystore_audit.model.lone_endpoints import LoneEndpoints
-from keystore_audit.model.lone_refusals import LoneRefusals
+from keystore_audit.model.lone_endpoints import LocalMoments, LoneEndpoints, LoneRefusals
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder

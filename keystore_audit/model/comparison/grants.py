@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer
-from keystore_audit.model.comparison.dates import Dates, other_dates, spanned
 from keystore_audit.model.comparison.drafts import Draft, Folds
+from keystore_audit.model.comparison.facts import Dates, other_dates, spanned
 from keystore_audit.model.comparison.sides import Pair, Sides, View, is_void
 from keystore_audit.model.permission import members
 from keystore_audit.model.system import GrantAtom

@@ -12,9 +12,8 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of
-from keystore_audit.model.comparison.dates import told
 from keystore_audit.model.comparison.drafts import Draft, in_order
-from keystore_audit.model.comparison.facts import Fact, Placed, place_of
+from keystore_audit.model.comparison.facts import Fact, Placed, place_of, told
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import certified_again
 from keystore_audit.model.profiles import Profile

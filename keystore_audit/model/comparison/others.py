@@ -15,8 +15,8 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer
-from keystore_audit.model.comparison.dates import Dates, told
 from keystore_audit.model.comparison.drafts import Draft, Fold, Folds
+from keystore_audit.model.comparison.facts import Dates, told
 from keystore_audit.model.comparison.grants import NOTHING, WORDS, Given, Right, differing, either, given
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.permission import members, union

@@ -11,9 +11,8 @@ from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of
-from keystore_audit.model.comparison.dates import Dates, spanned
 from keystore_audit.model.comparison.drafts import Draft, in_order
-from keystore_audit.model.comparison.facts import Fact, Placed, dated, place_of
+from keystore_audit.model.comparison.facts import Dates, Fact, Placed, dated, place_of, spanned
 from keystore_audit.model.comparison.form import certificate_form, document_form
 from keystore_audit.model.comparison.identities import MAX_PATHS, identities_certified_again, identities_let_in
 from keystore_audit.model.comparison.keys import foreign_keys
