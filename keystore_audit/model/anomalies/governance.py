@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-from keystore_audit.keystore.governance import DomainRule, ProtectionKind, Text, TopicRule
+from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.anomalies.classes import Effort, NameClass, name_classes
@@ -111,15 +111,14 @@ def _shadowed_topic_rule(
     read: ReadDomainRule, rule: TopicRule, winner: TopicRule, witness: str, *, serious: bool
 ) -> Anomaly:
     domains = describe(read.domains)
-    text: Text = rule.expression
     return Anomaly(
         kind=AnomalyKind.TOPIC_RULE_SHADOWED,
         line=rule.line,
         other=winner.line,
-        texts=(text.text,),
+        texts=(rule.expression.text,),
         other_text=winner.expression.text,
         point=Point(Operation.PUBLISH, witness, "", read.domains[0][0] if read.domains else 0),
-        key=f"{domains} {text.text}",
+        key=f"{domains} {rule.expression.text}",
         serious=serious,
     )
 

@@ -5,6 +5,7 @@ A change stands once, at the layer that causes it; what follows from it in later
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from datetime import datetime
 from enum import Enum
 from typing import Final
@@ -52,6 +53,13 @@ def direction_of(*, gains: bool, losses: bool) -> Direction:
     if gains:
         return Direction.MIXED if losses else Direction.GAINED
     return Direction.LOST if losses else Direction.CHANGED
+
+
+def joint_direction(aspects: Iterable[Aspect]) -> Direction:
+    """The direction of something that has these."""
+    directions = {aspect.direction for aspect in aspects}
+    losses = not directions.isdisjoint((Direction.LOST, Direction.MIXED))
+    return direction_of(gains=any(each.gains for each in directions), losses=losses)
 
 
 class FailOn(str, Enum):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Generic, NamedTuple, TypeVar
 
-from keystore_audit.dataclass import dataclass, field, replace
+from keystore_audit.dataclass import dataclass, field, fields, replace
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import (
     ORDER,
@@ -65,21 +65,10 @@ class Draft:
 
     def change(self, sides: Sides, labels: tuple[str, ...] = ()) -> Change:
         """The change with its names and consequences."""
+        both = {each.name for each in fields(Change)} & {each.name for each in fields(self)}
         return Change(
-            layer=self.layer,
-            kind=self.kind,
-            direction=self.direction,
-            what=self.what,
-            enclaves=self.enclaves,
-            profiles=self.profiles,
-            operation=self.operation,
-            aspects=self.aspects,
+            **{name: getattr(self, name) for name in both},
             names=_names(self.channels, sides),
-            varies=self.varies,
-            reasons=self.reasons,
-            influenced=self.influenced,
-            old=self.old,
-            new=self.new,
             consequences=tuple(
                 replace(effect, names=_names(channels, sides))
                 for effect, channels in sorted(self.effects.items(), key=lambda each: ORDER.index(each[0].direction))

@@ -4,7 +4,7 @@ that moved the same way.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
@@ -72,6 +72,12 @@ class Fact(NamedTuple):
 
 Placed = tuple[Fact, Location | None, Location | None]
 """With where it is written in the old and in the new keystore."""
+
+
+def listing(what: str, old: Iterable[str], new: Iterable[str], direction: Direction) -> Aspect:
+    """What is on one side alone, each in order."""
+    one, other = (", ".join(sorted(each)) or None for each in (old, new))
+    return Aspect(what=what, old=one, new=other, direction=direction)
 
 
 def place_of(certificate: Certificate | None) -> Location | None:

@@ -8,8 +8,8 @@ from typing import Final
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
-from keystore_audit.model.comparison.change import Aspect, Direction, direction_of
-from keystore_audit.model.comparison.facts import Fact
+from keystore_audit.model.comparison.change import Aspect, Direction, direction_of, joint_direction
+from keystore_audit.model.comparison.facts import Fact, listing
 from keystore_audit.model.inventory import Typed
 
 DOCUMENT: Final = "document-form"
@@ -25,10 +25,10 @@ def document_form(word: str, old: Typed, new: Typed) -> Iterator[Fact]:
         aspects.append(_aspect("digest", digests[0], digests[1], weak[0], weak[1]))
     kinds = [_kinds(file) - {Kind.WEAK_DIGEST} for file in (old, new)]
     if kinds[0] != kinds[1]:
-        told = [", ".join(sorted(kind.value for kind in one - other)) or None for one, other in (kinds, kinds[::-1])]
-        aspects.append(Aspect(what="out of order", old=told[0], new=told[1], direction=Direction.CHANGED))
+        lost, found = ([kind.value for kind in one - other] for one, other in (kinds, kinds[::-1]))
+        aspects.append(listing("out of order", lost, found, Direction.CHANGED))
     if aspects:
-        yield Fact(DOCUMENT, _together(aspects), f"its {word}: signed again in another form", tuple(aspects))
+        yield Fact(DOCUMENT, joint_direction(aspects), f"its {word}: signed again in another form", tuple(aspects))
 
 
 def _kinds(file: Typed) -> set[Kind]:
@@ -56,19 +56,13 @@ def certificate_form(what: str, old: Certificate, new: Certificate) -> Iterator[
         if alike and one != other:
             aspects.append(Aspect(what=name, old=one, new=other, direction=Direction.CHANGED))
     if aspects:
-        yield Fact(CERTIFICATE, _together(aspects), f"{what} another form than before", tuple(aspects))
+        yield Fact(CERTIFICATE, joint_direction(aspects), f"{what} another form than before", tuple(aspects))
 
 
 def _aspect(what: str, old: str | None, new: str | None, was_weak: bool, is_weak: bool) -> Aspect:
     """Which of two weak ones is worse is not judged: one in the place of another is both."""
     direction = direction_of(gains=is_weak, losses=was_weak)
     return Aspect(what=what, old=old, new=new, direction=direction)
-
-
-def _together(aspects: Iterable[Aspect]) -> Direction:
-    directions = {aspect.direction for aspect in aspects}
-    less = not directions.isdisjoint((Direction.LOST, Direction.MIXED))
-    return direction_of(gains=any(each.gains for each in directions), losses=less)
 
 
 def _listed(values: Iterable[str] | None) -> str | None:

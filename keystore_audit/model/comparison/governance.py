@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of
+from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of, joint_direction
 from keystore_audit.model.comparison.drafts import Draft, in_order
 from keystore_audit.model.comparison.sides import Pair, Sides, View, is_void
 from keystore_audit.model.permission import bits
@@ -113,13 +113,11 @@ def _draft(
     members: list[tuple[_Difference, _Found]],
 ) -> Draft:
     aspects = tuple(_aspect(difference) for difference, _found in members)
-    gains = any(aspect.direction.gains for aspect in aspects)
-    losses = any(aspect.direction in (Direction.LOST, Direction.MIXED) for aspect in aspects)
     first = members[0][1]
     return Draft(
         layer=Layer.TRUST,
         kind="protection",
-        direction=direction_of(gains=gains, losses=losses),
+        direction=joint_direction(aspects),
         what="what the governance protects",
         enclaves=enclaves,
         profiles=profiles,

@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterator, Mapping
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.model.comparison.change import Aspect, Direction, direction_of
-from keystore_audit.model.comparison.facts import Fact, Placed
+from keystore_audit.model.comparison.change import Direction, direction_of
+from keystore_audit.model.comparison.facts import Fact, Placed, listing
 from keystore_audit.model.comparison.sides import Sides
 
 _WORDS = {
@@ -27,8 +27,7 @@ def foreign_keys(sides: Sides) -> Iterator[tuple[str, Placed]]:
             continue
         holders = holders or _Holders(sides)
         direction = direction_of(gains=bool(come), losses=bool(gone))
-        told = [", ".join(sorted({holders.told(key) for key in keys})) or None for keys in (gone, come)]
-        aspect = Aspect(what="private key", old=told[0], new=told[1], direction=direction)
+        aspect = listing("private key", set(map(holders.told, gone)), set(map(holders.told, come)), direction)
         whose = [holders.enclaves(key) for key in gone | come]
         fact = Fact(
             "private-key",

@@ -9,8 +9,8 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.model.comparison.change import Aspect, Direction, direction_of
-from keystore_audit.model.comparison.facts import Fact, Placed, dated
+from keystore_audit.model.comparison.change import Direction, direction_of
+from keystore_audit.model.comparison.facts import Fact, Placed, dated, listing
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.profiles import Trust
 from keystore_audit.model.revocation import (
@@ -140,8 +140,7 @@ def _taken_back(old: _Side, new: _Side, labels: list[_Label]) -> Iterator[Fact]:
     before, after = _beyond(old, new, labels), _beyond(new, old, labels)
     if before or after:
         direction = direction_of(gains=bool(before), losses=bool(after))
-        told = [", ".join(sorted(each)) or None for each in (before, after)]
-        aspect = Aspect(what="revoked", old=told[0], new=told[1], direction=direction)
+        aspect = listing("revoked", before, after, direction)
         yield Fact("revocation", direction, "its revocation lists take back others", (aspect,))
 
 
@@ -160,8 +159,7 @@ def _beyond(one: _Side, other: _Side, labels: list[_Label]) -> list[str]:
 def _of_lists(one: RevocationList, other: RevocationList, at: datetime, *, told: bool) -> Iterator[Fact]:
     """The dates of the lists, unless what they take back is `told`, and extensions that OpenSSL cannot process."""
     if one.unknown_critical != other.unknown_critical:
-        texts = [", ".join(each.unknown_critical) or None for each in (one, other)]
-        aspect = Aspect(what="critical extensions", old=texts[0], new=texts[1], direction=Direction.CHANGED)
+        aspect = listing("critical extensions", one.unknown_critical, other.unknown_critical, Direction.CHANGED)
         yield Fact("revocation", Direction.CHANGED, "its revocation lists have other critical extensions", (aspect,))
     if told:
         return

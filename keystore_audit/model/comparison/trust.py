@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Final
+from typing import Final, TypeVar
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -12,7 +12,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of
 from keystore_audit.model.comparison.drafts import Draft, in_order
-from keystore_audit.model.comparison.facts import Dates, Fact, Placed, dated, place_of, spanned
+from keystore_audit.model.comparison.facts import Dates, Fact, Placed, dated, listing, place_of, spanned
 from keystore_audit.model.comparison.form import certificate_form, document_form
 from keystore_audit.model.comparison.identities import MAX_PATHS, identities_certified_again, identities_let_in
 from keystore_audit.model.comparison.keys import foreign_keys
@@ -28,6 +28,8 @@ SUBJECT: Final = "identity-subject"
 FILE: Final = "file"
 PERMISSIONS_CA: Final = "permissions CA"
 _IDENTITY_CA: Final = "identity CA"
+
+_Value = TypeVar("_Value")
 
 _EVERYBODY: Final = frozenset(
     {ADDED, REMOVED, SUBJECT, FILE, "identity-key", "identity-issuer", "identity-authority", "authority", "signer"}
@@ -113,11 +115,16 @@ def _authority_keys(keystore: Keystore) -> Mapping[bool, Mapping[str, str]]:
 
 def _left(kind: str, what: str, old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[Draft]:
     """What lies in one keystore alone: their places, by what tells them apart."""
-    come, gone = ([place for key, place in one.items() if key not in other] for one, other in ((new, old), (old, new)))
+    come, gone = _beyond(new, old), _beyond(old, new)
     if come or gone:
         verb = "is there" if not gone else ("is no longer there" if not come else "is another")
         fact = Fact(kind, direction_of(gains=bool(come), losses=bool(gone)), f"{what} {verb}", ())
         yield _draft(fact, (), *(Location(path=min(places)) if places else None for places in (gone, come)))
+
+
+def _beyond(one: Mapping[str, _Value], other: Mapping[str, _Value]) -> list[_Value]:
+    """What has no equal key in the other."""
+    return [value for key, value in one.items() if key not in other]
 
 
 def _other_private_keys(keystore: Keystore) -> Iterator[File]:
@@ -142,8 +149,7 @@ def _shared_keys(sides: Sides) -> Iterator[tuple[str, Placed]]:
         )
         if one != other:
             direction = direction_of(gains=bool(other - one), losses=bool(one - other))
-            told = [", ".join(sorted(paths)) or None for paths in (one, other)]
-            aspect = Aspect(what="shared with", old=told[0], new=told[1], direction=direction)
+            aspect = listing("shared with", one, other, direction)
             word = "another enclave" if direction is not Direction.LOST else "another enclave no longer"
             fact = Fact("identity-shared", direction, f"its identity has the key of {word}", (aspect,))
             yield path, (fact, place_of(firsts[0]), place_of(firsts[1]))
@@ -260,32 +266,27 @@ def _authorities(old: Enclave, new: Enclave) -> Iterator[Placed]:
     for roles in found.values():
         before, after = files[roles[0]]
         if before is not None and after is not None:
-            for fact in _authority_facts(" and ".join(roles), roles, before, after):
+            for fact in _authority_facts(roles, before, after):
                 yield fact, place_of(before.first), place_of(after.first)
 
 
-def _authority_facts(words: str, roles: list[str], before: CertificateFile, after: CertificateFile) -> Iterator[Fact]:
-    old = {certificate.key: certificate for certificate in before.certificates}
-    new = {certificate.key: certificate for certificate in after.certificates}
-    gone, come = (
-        [certificate for key, certificate in one.items() if key not in other] for one, other in ((old, new), (new, old))
-    )
+def _authority_facts(roles: list[str], before: CertificateFile, after: CertificateFile) -> Iterator[Fact]:
+    words = " and ".join(roles)
+    old, new = ({certificate.key: certificate for certificate in file.certificates} for file in (before, after))
+    gone, come = _beyond(old, new), _beyond(new, old)
     if gone or come:
         direction = direction_of(gains=bool(come), losses=bool(gone))
-        verb = "are others" if gone and come else ("have more keys" if come else "have fewer keys")
-        if len(roles) == 1:
-            verb = {"are others": "is another", "have more keys": "has more keys", "have fewer keys": "has fewer keys"}[
-                verb
-            ]
+        others, have = ("are others", "have") if len(roles) > 1 else ("is another", "has")
+        verb = others if gone and come else f"{have} {'more' if come else 'fewer'} keys"
         told = _told(gone), _told(come)
         aspects = tuple(Aspect(what=role, old=told[0], new=told[1], direction=direction) for role in roles)
         yield Fact("authority", direction, f"the {words} {verb}", aspects)
         return
-    start = len(list(_validity_facts(words, old, new)))
-    yield from _validity_facts(words, old, new)
+    reissued = list(_validity_facts(words, old, new))
+    yield from reissued
     if [c.key for c in before.certificates] != [c.key for c in after.certificates]:
         yield Fact("authority-order", Direction.CHANGED, f"the {words} have another order", ())
-    elif not start:
+    elif not reissued:
         yield Fact("reissued", Direction.INFO, f"the {words}: issued again, with the same key", ())
 
 
