@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties import stated
@@ -12,7 +12,7 @@ from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.commands import SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Rule, Violation, register
 from keystore_audit.rules.wording import MAX_QUOTED, places
 from keystore_audit.text import shorten
 
@@ -28,14 +28,7 @@ def violated(result: PropertyResult) -> tuple[tuple[str, ...], Counterexample | 
     return () if len(answers) == len(result.profiles) else tuple(answers), example
 
 
-def _decided(
-    code: str, prop: Property, severity: Severity, *, remedy: str
-) -> Callable[[Callable[[PropertyResult, Context], Iterator[Violation]]], Rule[PropertyResult]]:
-    """Registers the rule of a property: it has the property's id and clause."""
-    return rule(code, prop.id, severity, on=PropertyResult, clause=prop.clause, remedy=remedy)
-
-
-def _violated(result: PropertyResult) -> Iterator[Violation]:
+def _violated(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     found = violated(result)
     if found is None:
         return
@@ -67,273 +60,219 @@ def _words(step: Step) -> str:
     return ": ".join(word for word in told if word is not None)
 
 
-@_decided(
+def _decided(code: str, prop: Property, severity: Severity, docstring: str, *, remedy: str) -> None:
+    """Registers the rule of a property: it has the property's id and clause."""
+    register(
+        Rule(
+            code=code,
+            name=prop.id,
+            severity=severity,
+            on=PropertyResult,
+            clause=prop.clause,
+            remedy=remedy,
+            docstring=docstring,
+            check=_violated,
+        )
+    )
+
+
+_decided(
     "KA701",
     stated.ONLY_AUTHENTICATED_JOIN,
     Severity.HIGH,
-    remedy=f"Set <allow_unauthenticated_participants> to false. {_SIGN_AGAIN}",
-)
-def only_authenticated_participants_join(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """Only participants that the identity CA vouches for join a domain.
 
     Violated where the governance lets participants in that have no certificate at all: authentication is then a matter
     of good will. That the implementation demands the handshake of the others is taken for granted.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Set <allow_unauthenticated_participants> to false. {_SIGN_AGAIN}",
+)
+_decided(
     "KA702",
     stated.IDENTITIES_CHAIN,
     Severity.HIGH,
-    remedy=f"Issue the identity again under the identity CA that the enclaves carry. {ISSUE_AGAIN}",
-)
-def identities_chain_to_the_identity_ca(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """Every enclave's identity is vouched for by its identity CA, in force at the audit instant and not revoked.
 
     An enclave without such an identity never takes part, since its peers refuse the handshake; or it is there to see
     who does not. One step from a certificate of the CA file is enough, as each of them is a trust anchor.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Issue the identity again under the identity CA that the enclaves carry. {ISSUE_AGAIN}",
+)
+_decided(
     "KA703",
     stated.DOCUMENTS_SIGNED,
     Severity.CRITICAL,
-    remedy=f"Sign the document again with the permissions CA's own key: {SIGN_DOCUMENT}.",
-)
-def documents_signed_by_the_permissions_ca(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """Every governance and permissions document is signed by the permissions CA itself, in force at the audit instant.
 
     What somebody else signed says what that somebody wants, wherever it is taken. Who had the authority's key in hand
     when it signed cannot be known.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Sign the document again with the permissions CA's own key: {SIGN_DOCUMENT}.",
+)
+_decided(
     "KA704",
     stated.NO_SHARED_IDENTITY,
     Severity.HIGH,
-    remedy=f"Give each enclave a key and certificate of its own. {ISSUE_AGAIN}",
-)
-def no_identity_serves_two_enclaves(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No identity key serves two enclaves.
 
     Enclaves with one key have one set of rights, and revoking one revokes both. Copies of a key outside this keystore
     are not seen.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Give each enclave a key and certificate of its own. {ISSUE_AGAIN}",
+)
+_decided(
     "KA705",
     stated.NO_SELF_GRANTED_RIGHTS,
     Severity.HIGH,
-    remedy="Use separate authorities for identities and permissions, and implementations that pin the signer.",
-)
-def no_enclave_grants_itself_rights(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No enclave can sign a permissions document that its peers take.
 
     Such an enclave can do anything. Whether an implementation pins the signer was measured with documents signed by a
     leaf; the profiles say for which it was only read.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy="Use separate authorities for identities and permissions, and implementations that pin the signer.",
+)
+_decided(
     "KA706",
     stated.ONE_CA_FOR_ONE_ROLE,
     Severity.MEDIUM,
-    remedy="Make a second authority for permissions and sign governance and permissions again with it.",
-)
-def one_ca_for_one_role(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No key serves as identity CA and as permissions CA.
 
     Else the line between who somebody is and what it may do is one flag of an implementation, whether it pins the
     signer. sros2 makes keystores so, which is why this is medium; where it is more, no-enclave-grants-itself-rights
     says so.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy="Make a second authority for permissions and sign governance and permissions again with it.",
+)
+_decided(
     "KA707",
     stated.NO_SHARED_SUBJECT,
     Severity.HIGH,
-    remedy="Give each enclave a subject of its own, and each grant a subject_name that names one enclave.",
-)
-def no_subject_serves_two_enclaves(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No grant names the identities of two enclaves.
 
     Peers take whatever validly signed document an enclave presents, so that each has the rights of both, whatever its
     own document says. Subjects are compared as each implementation does.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy="Give each enclave a subject of its own, and each grant a subject_name that names one enclave.",
+)
+_decided(
     "KA711",
     stated.OUTSIDERS_CANNOT_READ,
     Severity.HIGH,
-    remedy=f"Set data_protection_kind or metadata_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
-)
-def outsiders_cannot_read(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No payload is readable without a key of this keystore.
 
     Topics that nobody may publish are not counted. Lengths, times and addresses stay readable whatever is encrypted.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Set data_protection_kind or metadata_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
+)
+_decided(
     "KA712",
     stated.OUTSIDERS_CANNOT_LEARN_NAMES,
     Severity.MEDIUM,
-    remedy=f"Set enable_discovery_protection to true and discovery_protection_kind to ENCRYPT. {_SIGN_AGAIN}",
-)
-def outsiders_cannot_learn_names(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No topic name is readable in discovery without a key of this keystore.
 
     Names tell an attacker what to aim at. The handshake shows every permissions document in clear in any case, so that
     this slows a patient listener only.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Set enable_discovery_protection to true and discovery_protection_kind to ENCRYPT. {_SIGN_AGAIN}",
+)
+_decided(
     "KA713",
     stated.OUTSIDERS_CANNOT_INJECT,
     Severity.CRITICAL,
-    remedy=f"Set metadata_protection_kind or data_protection_kind to SIGN or ENCRYPT for the topic. {_SIGN_AGAIN}",
-)
-def outsiders_cannot_inject(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No reader takes a sample that was made without a key of this keystore.
 
     Else whoever reaches the network commands the robot. Replay of recorded messages and loss of messages are not among
     what is decided.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Set metadata_protection_kind or data_protection_kind to SIGN or ENCRYPT for the topic. {_SIGN_AGAIN}",
+)
+_decided(
     "KA714",
     stated.OUTSIDERS_CANNOT_REPLAY,
     Severity.HIGH,
-    remedy=f"Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT. {_SIGN_AGAIN}",
-)
-def outsiders_cannot_replay(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No reader takes a recorded sample for a new one.
 
     A payload that is protected for itself sits in a submessage whose sequence number anybody can write where neither
     submessage nor message is authenticated: an old command is taken again. The same lets an outsider forge HEARTBEAT,
     GAP and ACKNACK, which stops readers. Derived from what each kind covers; not attacked on the wire here.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT. {_SIGN_AGAIN}",
+)
+_decided(
     "KA715",
     stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS,
     Severity.MEDIUM,
-    remedy=f"Set rtps_protection_kind to SIGN, or protect liveliness. {_SIGN_AGAIN}",
-)
-def outsiders_cannot_forge_liveliness(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """Nobody without a key of this keystore can assert that a writer is alive.
 
     Whoever relies on liveliness to stop a robot then never learns that a controller has died.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Set rtps_protection_kind to SIGN, or protect liveliness. {_SIGN_AGAIN}",
+)
+_decided(
     "KA721",
     stated.GRANTS_ARE_ENFORCED,
     Severity.HIGH,
-    remedy="Set enable_join_, enable_read_ and enable_write_access_control to true wherever grants name topics. "
-    f"{_SIGN_AGAIN}",
-)
-def grants_are_enforced(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """Wherever a permissions document grants something, the governance makes peers ask for the grant.
 
     A grant that nobody asks for protects nothing, though it reads as if it did.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy="Set enable_join_, enable_read_ and enable_write_access_control to true wherever grants name topics. "
+    f"{_SIGN_AGAIN}",
+)
+_decided(
     "KA722",
     stated.NOBODY_WRITES_WITHOUT_A_GRANT,
     Severity.HIGH,
-    remedy=f"Set enable_write_ and enable_read_access_control to true and protect the topic's metadata. {_SIGN_AGAIN}",
-)
-def nobody_writes_without_a_grant(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No enclave gets a sample taken on a topic for which the permissions CA gave it no right.
 
     Counted is what peers take for good, documents presented by others included, and forging with the keys in an
     enclave's hands; a granted reader's forging is readers-cannot-forge. What nodes would do is not asked: every enclave
     may be in an attacker's hands.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Set enable_write_ and enable_read_access_control to true and protect the topic's metadata. {_SIGN_AGAIN}",
+)
+_decided(
     "KA723",
     stated.NOBODY_READS_WITHOUT_A_GRANT,
     Severity.HIGH,
-    remedy=f"Set enable_read_access_control to true and metadata_ or data_protection_kind to ENCRYPT. {_SIGN_AGAIN}",
-)
-def nobody_reads_without_a_grant(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No enclave reads a topic for which the permissions CA gave it no subscribe grant.
 
     The keys of whole messages are in every participant's hands, so that rtps protection alone hides nothing from those
     inside.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Set enable_read_access_control to true and metadata_ or data_protection_kind to ENCRYPT. {_SIGN_AGAIN}",
+)
+_decided(
     "KA724",
     stated.READERS_CANNOT_FORGE,
     Severity.LOW,
-    remedy="Where a reader must not pass for the writer, use SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION as "
-    f"metadata_ or rtps_protection_kind. {_SIGN_AGAIN}",
-)
-def readers_cannot_forge(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No enclave that may only subscribe to a topic can pass for a publisher of it.
 
     The keys are symmetric: whoever can check a sample can make one. sros2's own governance has it so, which is why this
     is low. Derived from who holds which key; not attacked on the wire here.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy="Where a reader must not pass for the writer, use SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION as "
+    f"metadata_ or rtps_protection_kind. {_SIGN_AGAIN}",
+)
+_decided(
     "KA725",
     stated.RELAYS_CANNOT_READ,
     Severity.MEDIUM,
-    remedy=f"Set data_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
-)
-def relays_cannot_read(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No enclave that may only relay a topic can read its payload.
 
     A relay gets the keys of submessages, to pass them on, and no key of payloads: what is not encrypted for itself is
     in clear to it. Fast DDS takes a relay grant for a right to read, and that is told by nobody-reads-without-a-grant.
-    """
-    return _violated(result)
-
-
-@_decided(
+    """,
+    remedy=f"Set data_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
+)
+_decided(
     "KA731",
     stated.NO_BRIDGES,
     Severity.MEDIUM,
-    remedy="Let each enclave's rules cover one domain, and make an enclave of its own for a bridge that is meant.",
-)
-def no_enclave_bridges_domains(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     """No enclave can read in one domain and write in another.
 
     Domains keep apart only what nobody carries over. Enclaves with one key are one: each acts as the others. Domains
     that no document tells apart count as one here: a rule for all of them is rule-domain-range-open.
-    """
-    return _violated(result)
+    """,
+    remedy="Let each enclave's rules cover one domain, and make an enclave of its own for a bridge that is meant.",
+)

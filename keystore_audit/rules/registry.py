@@ -56,19 +56,17 @@ class Rule(Generic[S]):
     on: type[S]
     clause: str
     remedy: str
-    explains: frozenset[str]
+    docstring: str
+    explains: frozenset[str] = frozenset()
     stops: bool = False
     check: Callable[[S, Context], Iterator[Violation]] = field(repr=False)
-    applies: Callable[[S, Context], bool] | None = field(repr=False)
+    applies: Callable[[S, Context], bool] | None = field(default=None, repr=False)
     """Whether the subject has what the rule is about; None: it always has."""
 
     @property
     def description(self) -> str:
-        """Why it matters, the clause, and what the check cannot know.
-
-        The docstring of the function that judges.
-        """
-        return cleandoc(self.check.__doc__ or "")
+        """Why it matters, the clause, and what the check cannot know."""
+        return cleandoc(self.docstring)
 
     @property
     def family(self) -> str:
@@ -97,11 +95,7 @@ def rule(
     Raises ValueError at import for a code or name that is taken, or a function without a docstring.
     """
 
-    def register(check: Callable[[S, Context], Iterator[Violation]]) -> Rule[S]:
-        if code in REGISTERED or name in REGISTERED:
-            raise ValueError(f"rule {code} {name} is registered twice")
-        if not check.__doc__:
-            raise ValueError(f"rule {code} {name} has no docstring")
+    def judged_by(check: Callable[[S, Context], Iterator[Violation]]) -> Rule[S]:
         made = Rule(
             code=code,
             name=name,
@@ -109,12 +103,22 @@ def rule(
             on=on,
             clause=clause,
             remedy=remedy,
+            docstring=check.__doc__ or "",
             explains=frozenset(explains),
             stops=stops,
             check=check,
             applies=applies,
         )
-        REGISTERED[code] = REGISTERED[name] = made
+        register(made)
         return made
 
-    return register
+    return judged_by
+
+
+def register(made: Rule[Any]) -> None:
+    """Raises ValueError for a code or name that is taken, or a rule that does not say why."""
+    if made.code in REGISTERED or made.name in REGISTERED:
+        raise ValueError(f"rule {made.code} {made.name} is registered twice")
+    if not made.docstring:
+        raise ValueError(f"rule {made.code} {made.name} has no docstring")
+    REGISTERED[made.code] = REGISTERED[made.name] = made

@@ -60,6 +60,7 @@ def made(
         on=Keystore,
         clause="a clause",
         remedy="Do it.",
+        docstring="Why.",
         explains=frozenset(explains),
         check=check,
         applies=lambda _keystore, _context: True,

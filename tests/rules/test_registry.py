@@ -58,7 +58,8 @@ def test_every_code_of_the_catalogue_is_there_in_order() -> None:
 @pytest.mark.parametrize("one", RULES, ids=lambda one: one.code)
 def test_every_rule_says_what_why_and_what_to_do(one: Rule[Any]) -> None:
     assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", one.name)
-    assert one.check.__name__ == one.name.replace("-", "_"), "one name everywhere"
+    if one.on is not PropertyResult:  # one function judges those
+        assert one.check.__name__ == one.name.replace("-", "_"), "one name everywhere"
     assert one.description.partition("\n")[0].endswith((".", ":"))
     assert len(one.description) > 60
     assert one.clause.strip()
