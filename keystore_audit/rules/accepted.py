@@ -18,7 +18,6 @@ _CLAUSE: Final = "keystore-audit, docs/settings.md: what is accepted has a reaso
 
 @rule(
     "KA909",
-    "suppression-expired",
     Severity.MEDIUM,
     on=FileOfUses,
     clause=_CLAUSE,
@@ -42,7 +41,6 @@ def suppression_expired(file: FileOfUses, _context: Context) -> Iterator[Violati
 
 @rule(
     "KA910",
-    "suppression-unused",
     Severity.LOW,
     on=FileOfUses,
     clause=_CLAUSE,

@@ -96,7 +96,6 @@ def _decided(anomaly: Anomaly, *, allowed: bool) -> str:
 
 @rule(
     "KA617",
-    "rule-unreachable",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause=_IN_ORDER,
@@ -122,7 +121,6 @@ def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violatio
 
 @rule(
     "KA618",
-    "expression-unreachable",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause=_IN_ORDER,
@@ -152,7 +150,6 @@ def _a_rule(anomaly: Anomaly) -> str:
 
 @rule(
     "KA619",
-    "rule-redundant",
     Severity.LOW,
     on=PermissionsUse,
     clause=_IN_ORDER,
@@ -179,7 +176,6 @@ def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]
 
 @rule(
     "KA620",
-    "rules-correlated",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause=_IN_ORDER,
@@ -210,7 +206,6 @@ def _opposed(anomaly: Anomaly) -> str:
 
 @rule(
     "KA621",
-    "rule-generalised",
     Severity.INFO,
     on=PermissionsUse,
     clause=_IN_ORDER,
@@ -235,7 +230,6 @@ def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violatio
 
 @rule(
     "KA622",
-    "rule-same-as-default",
     Severity.LOW,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (default: what no rule matches)",

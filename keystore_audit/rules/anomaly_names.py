@@ -24,7 +24,6 @@ _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions 
 
 @rule(
     "KA623",
-    "rule-in-no-governed-domain",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
@@ -50,7 +49,6 @@ def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterato
 
 @rule(
     "KA624",
-    "expression-matches-nothing",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause=f"{_EXPRESSIONS}; POSIX 1003.1, 2.13.1 (bracket expressions)",
@@ -75,7 +73,6 @@ def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterato
 
 @rule(
     "KA625",
-    "expression-matches-no-ros-name",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause="ROS 2 design, topic and service names to DDS (rt/, rq/…Request, rr/…Reply)",
@@ -108,7 +105,6 @@ def _not_ros(found: Sequence[Anomaly]) -> str:
 
 @rule(
     "KA626",
-    "grant-without-counterpart",
     Severity.LOW,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (least privilege: a right that nothing can use)",
@@ -146,7 +142,6 @@ def _topics(names: Sequence[str]) -> str:
 
 @rule(
     "KA627",
-    "rules-not-compared",
     Severity.INFO,
     on=DocumentUse,
     clause="docs/model.md, anomalies of rules",
@@ -180,7 +175,6 @@ def _denies(use: DocumentUse) -> bool:
 
 @rule(
     "KA422",
-    "topic-rule-shadowed",
     Severity.LOW,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches)",
@@ -213,7 +207,6 @@ def _topics_shadowed(found: Sequence[Anomaly]) -> str:
 
 @rule(
     "KA423",
-    "domain-rule-shadowed",
     Severity.LOW,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (the first domain_rule that covers the domain)",

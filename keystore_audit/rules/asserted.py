@@ -17,7 +17,6 @@ from keystore_audit.rules.wording import quoted
 
 @rule(
     "KA740",
-    "asserted-property-violated",
     Severity.HIGH,
     on=AssertedResult,
     clause="keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
@@ -35,7 +34,6 @@ def asserted_property_violated(result: AssertedResult, context: Context) -> Iter
 
 @rule(
     "KA741",
-    "asserted-alloy-property-violated",
     Severity.HIGH,
     on=AlloyResult,
     clause="keystore-audit, docs/alloy-properties.md: what is asserted with --alloy-property",
@@ -58,7 +56,6 @@ def _told(result: UserResult, example: str) -> str:
 
 @rule(
     "KA742",
-    "label-flow-violated",
     Severity.HIGH,
     on=LabelResult,
     clause="keystore-audit, docs/settings.md: the lattice and the labels in keystore-audit.toml",

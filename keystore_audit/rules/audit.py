@@ -37,7 +37,6 @@ _SAY_THE_ZONE: Final = (
 
 @rule(
     "KA901",
-    "undecided",
     Severity.HIGH,
     on=Doubt,
     clause=_CLAUSE,
@@ -62,7 +61,6 @@ def undecided(doubt: Doubt, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA902",
-    "engine-missing",
     Severity.INFO,
     on=EngineRun,
     clause=_CLAUSE,
@@ -89,7 +87,6 @@ _NO_ANSWER: Final = {
 
 @rule(
     "KA903",
-    "engine-failed",
     Severity.HIGH,
     on=EngineRun,
     clause=_CLAUSE,
@@ -118,7 +115,6 @@ def _disagree(answer: ProfileResult) -> bool:
 
 @rule(
     "KA904",
-    "engines-disagree",
     Severity.CRITICAL,
     on=PropertyResult,
     clause=_CLAUSE,
@@ -146,7 +142,6 @@ def engines_disagree(result: PropertyResult, _context: Context) -> Iterator[Viol
 
 @rule(
     "KA905",
-    "rule-crashed",
     Severity.HIGH,
     on=Crash,
     clause=_CLAUSE,
@@ -168,7 +163,6 @@ def rule_crashed(crash: Crash, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA906",
-    "property-undecided",
     Severity.HIGH,
     on=PropertyResult,
     clause=_CLAUSE,
@@ -259,7 +253,6 @@ def _asserted(result: PropertyResult) -> tuple[Location, ...]:
 
 @rule(
     "KA907",
-    "engine-out-of-scale",
     Severity.INFO,
     on=EngineRun,
     clause=_CLAUSE,
@@ -281,7 +274,6 @@ def engine_out_of_scale(run: EngineRun, _context: Context) -> Iterator[Violation
 
 @rule(
     "KA908",
-    "topic-classes-over-budget",
     Severity.HIGH,
     on=Keystore,
     clause=_CLAUSE,

@@ -21,7 +21,6 @@ from keystore_audit.rules.wording import implementations, listed, located, paths
 
 @rule(
     "KA208",
-    "authority-not-a-ca",
     Severity.HIGH,
     on=CertificateUse,
     clause="RFC 5280, 4.2.1.9 and 4.2.1.3 (basicConstraints, keyCertSign)",
@@ -61,7 +60,6 @@ _SEPARATE: Final = (
 
 @rule(
     "KA222",
-    "one-ca-for-both-roles",
     Severity.MEDIUM,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012; ros2/sros2#282",
@@ -110,7 +108,6 @@ _ROLES: Final = ((Role.IDENTITY_CA, "identity CAs"), (Role.PERMISSIONS_CA, "perm
 
 @rule(
     "KA223",
-    "enclaves-trust-different-cas",
     Severity.MEDIUM,
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1.1 (participants of a domain share their authorities)",

@@ -18,7 +18,6 @@ from keystore_audit.rules.wording import either, listed, places, quoted, sole
 
 @rule(
     "KA509",
-    "default-allow",
     Severity.HIGH,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (default); measured",
@@ -44,7 +43,6 @@ def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]
 
 @rule(
     "KA510",
-    "wildcard-grant",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (topic expressions); ROS 2 design, SROS2 access control policies (wildcards)",
@@ -93,7 +91,6 @@ def _is_pattern(text: str) -> bool:
 
 @rule(
     "KA511",
-    "allow-everything-permissions",
     Severity.HIGH,
     on=PermissionsUse,
     clause="ROS 2 design, SROS2 access control policies; ros2/sros2, policy/defaults (what create_enclave writes)",

@@ -82,7 +82,6 @@ def _bears_on(use: CertificateUse) -> frozenset[str]:
 
 @rule(
     "KA201",
-    "certificate-unreadable",
     Severity.HIGH,
     on=CertificateUse,
     clause="RFC 7468, 5; RFC 5280, 4.1",
@@ -106,7 +105,6 @@ def certificate_unreadable(use: CertificateUse, _context: Context) -> Iterator[V
 
 @rule(
     "KA202",
-    "certificate-file-holds-more",
     Severity.MEDIUM,
     on=CertificateUse,
     clause="DDS-Security 1.1, 9.3.1; measured: of cert.pem every implementation reads the first certificate alone",
@@ -147,7 +145,6 @@ def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Itera
 
 @rule(
     "KA203",
-    "certificate-expired",
     Severity.HIGH,
     on=CertificateUse,
     clause="RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
@@ -182,7 +179,6 @@ def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Viola
 
 @rule(
     "KA204",
-    "certificate-not-yet-valid",
     Severity.HIGH,
     on=CertificateUse,
     clause="RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
@@ -209,7 +205,6 @@ def certificate_not_yet_valid(use: CertificateUse, context: Context) -> Iterator
 
 @rule(
     "KA205",
-    "certificate-expires-soon",
     Severity.MEDIUM,
     on=CertificateUse,
     clause="RFC 5280, 4.1.2.5",
@@ -231,7 +226,6 @@ def certificate_expires_soon(use: CertificateUse, context: Context) -> Iterator[
 
 @rule(
     "KA221",
-    "unknown-critical-extension",
     Severity.HIGH,
     on=CertificateUse,
     clause="RFC 5280, 4.2: a certificate-using system MUST reject a critical extension that it does not recognize",
@@ -256,7 +250,6 @@ MAX_SERIAL_OCTETS: Final = 20
 
 @rule(
     "KA224",
-    "irregular-serial-number",
     Severity.LOW,
     on=CertificateUse,
     clause="RFC 5280, 4.1.2.2 (positive, at most 20 octets)",

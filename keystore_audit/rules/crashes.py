@@ -20,7 +20,6 @@ _MEASURED: Final = "fastdds-2.9"
 
 @rule(
     "KA517",
-    "empty-topic-expression",
     Severity.CRITICAL,
     on=DocumentUse,
     clause="Measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1; the XSD of DDS-Security 1.1 lets it pass",
@@ -38,7 +37,6 @@ def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Viol
 
 @rule(
     "KA518",
-    "rule-without-domains",
     Severity.CRITICAL,
     on=PermissionsUse,
     clause="Measured on Cyclone DDS 0.10.2, read in 11.0.1 (access_control_parser.c); schema-invalid",
@@ -55,7 +53,6 @@ def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Vio
 
 @rule(
     "KA521",
-    "empty-element",
     Severity.CRITICAL,
     on=PermissionsUse,
     clause="Measured: Fast DDS 2.9.1 and 2.14.6 crash; schema-invalid",
@@ -73,7 +70,6 @@ def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]
 
 @rule(
     "KA522",
-    "permissions-too-large",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause="Measured on Fast DDS 2.9.1; ros2/sros2#228",

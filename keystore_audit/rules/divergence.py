@@ -169,7 +169,6 @@ def _without_a_domain(context: Context) -> Iterator[str]:
 
 @rule(
     "KA601",
-    "rule-of-another-domain",
     Severity.MEDIUM,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3 (domains of a rule); {MEASURED}",
@@ -190,7 +189,6 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
 
 @rule(
     "KA602",
-    "join-checked-differently",
     Severity.MEDIUM,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control) and Table 63; {MEASURED}",
@@ -227,7 +225,6 @@ def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
 
 @rule(
     "KA603",
-    "starts-in-ungoverned-domain",
     Severity.MEDIUM,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 (domains); {MEASURED}",
@@ -244,7 +241,6 @@ def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterat
 
 @rule(
     "KA612",
-    "date-read-differently",
     Severity.MEDIUM,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime in UTC); measured on Fast DDS 2.9.1 and Cyclone DDS "
@@ -266,7 +262,6 @@ def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vio
 
 @rule(
     "KA614",
-    "range-lets-more",
     Severity.HIGH,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (id_range); {MEASURED}",
@@ -285,7 +280,6 @@ def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation
 
 @rule(
     "KA615",
-    "any-governance-rule-counts",
     Severity.MEDIUM,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches); read in the source of OpenDDS "
@@ -308,7 +302,6 @@ def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterato
 
 @rule(
     "KA616",
-    "decided-differently",
     Severity.MEDIUM,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1 (access control); docs/profiles.md",

@@ -47,7 +47,6 @@ def _open_range(domains: DomainRange) -> str | None:
 
 @rule(
     "KA419",
-    "domain-range-open",
     Severity.MEDIUM,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and its governance XSD (id_range); measured",
@@ -74,7 +73,6 @@ _HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in
 
 @rule(
     "KA420",
-    "domain-above-230",
     Severity.MEDIUM,
     on=DocumentUse,
     clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
@@ -114,7 +112,6 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
 
 @rule(
     "KA508",
-    "grant-outside-governance-domains",
     Severity.HIGH,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
@@ -152,7 +149,6 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
 
 @rule(
     "KA515",
-    "rule-domain-range-open",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD (id_range); measured",

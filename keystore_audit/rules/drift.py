@@ -49,7 +49,6 @@ def _more(count: int) -> str:
 
 @rule(
     "KA640",
-    "policy-right-not-granted",
     Severity.HIGH,
     on=Keystore,
     clause=DESIGN,
@@ -102,7 +101,6 @@ def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]
 
 @rule(
     "KA641",
-    "right-beyond-policy",
     Severity.MEDIUM,
     on=Keystore,
     clause=DESIGN,
@@ -143,7 +141,6 @@ def _exceeding(rights: Iterable[DriftedRight]) -> Iterator[str]:
 
 @rule(
     "KA642",
-    "policy-profiles-lost",
     Severity.HIGH,
     on=Keystore,
     clause=f"{DESIGN}; DDS-Security 1.1, 9.4.1.3 (grants)",
@@ -169,7 +166,6 @@ def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Viol
 
 @rule(
     "KA643",
-    "policy-enclave-missing",
     Severity.HIGH,
     on=Keystore,
     clause=DESIGN,
@@ -194,7 +190,6 @@ def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Vi
 
 @rule(
     "KA644",
-    "enclave-not-in-policy",
     Severity.LOW,
     on=Keystore,
     clause=DESIGN,
@@ -233,7 +228,6 @@ def _weight(enclave: Enclave) -> Severity:
 
 @rule(
     "KA645",
-    "drift-undecided",
     Severity.MEDIUM,
     on=Keystore,
     clause=DESIGN,
@@ -254,7 +248,6 @@ def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation
 
 @rule(
     "KA646",
-    "policy-not-enforced-by-permissions",
     Severity.INFO,
     on=Keystore,
     clause="ROS 2 design, SROS2 access control policies; rmw_zenoh reads its access control from its own configuration",

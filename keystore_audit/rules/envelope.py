@@ -29,7 +29,6 @@ def _has(use: SignedUse, says: str, *kinds: Kind, opens: bool = False) -> Iterab
 
 @rule(
     "KA304",
-    "not-smime",
     Severity.HIGH,
     on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (S/MIME version 3.2, multipart/signed); measured",
@@ -44,7 +43,6 @@ def not_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA305",
-    "malformed-smime",
     Severity.HIGH,
     on=SignedUse,
     clause="RFC 8551, 3.5.3; RFC 2046, 5.1; OpenSSL, crypto/asn1/asn_mime.c",
@@ -62,7 +60,6 @@ def malformed_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA306",
-    "cms-not-strict",
     Severity.HIGH,
     on=SignedUse,
     clause="RFC 5652, 5.1; ITU-T X.690 (DER)",
@@ -81,7 +78,6 @@ def cms_not_strict(use: SignedUse, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA307",
-    "no-text-plain-header",
     Severity.HIGH,
     on=SignedUse,
     clause="OpenSSL, SMIME_text (run times pass PKCS7_TEXT); measured",
@@ -99,7 +95,6 @@ def no_text_plain_header(use: SignedUse, _context: Context) -> Iterator[Violatio
 
 @rule(
     "KA308",
-    "unsigned-text",
     Severity.MEDIUM,
     on=SignedUse,
     clause="RFC 2046, 5.1.1 (preamble and epilogue are ignored)",
@@ -115,7 +110,6 @@ def unsigned_text(use: SignedUse, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA309",
-    "weak-digest",
     Severity.HIGH,
     on=SignedUse,
     clause="NIST SP 800-131A; DDS-Security 1.1, 9.4.1.1",
@@ -135,7 +129,6 @@ def weak_digest(use: SignedUse, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA310",
-    "several-signers",
     Severity.MEDIUM,
     on=SignedUse,
     clause="RFC 5652, 5.1; measured: every SignerInfo has to verify",
@@ -153,7 +146,6 @@ def several_signers(use: SignedUse, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA311",
-    "opaque-message",
     Severity.MEDIUM,
     on=SignedUse,
     clause="RFC 8551, 3.5.2 (application/pkcs7-mime); measured",
@@ -170,7 +162,6 @@ def opaque_message(use: SignedUse, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA312",
-    "two-contents",
     Severity.HIGH,
     on=SignedUse,
     clause="RFC 5652, 5.2 (eContent is absent in a detached signature)",
@@ -187,7 +178,6 @@ def two_contents(use: SignedUse, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA313",
-    "no-signed-attributes",
     Severity.LOW,
     on=SignedUse,
     clause="RFC 5652, 5.3 and 11.3; RFC 8551, 2.5",
@@ -203,7 +193,6 @@ def no_signed_attributes(use: SignedUse, _context: Context) -> Iterator[Violatio
 
 @rule(
     "KA314",
-    "unsupported-signature-algorithm",
     Severity.HIGH,
     on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1; keystore-audit, docs/model.md (what is not read counts as able to do anything)",
@@ -220,7 +209,6 @@ def unsupported_signature_algorithm(use: SignedUse, _context: Context) -> Iterat
 
 @rule(
     "KA315",
-    "no-signer",
     Severity.HIGH,
     on=SignedUse,
     clause="RFC 5652, 5.1; DDS-Security 1.1, 9.4.1.1",

@@ -39,7 +39,6 @@ def _found(environment: Environment, variable: str, message: str, **more: Any) -
 
 @rule(
     "KA670",
-    "security-not-enabled",
     Severity.CRITICAL,
     on=Keystore,
     clause=RCL,
@@ -57,7 +56,6 @@ def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Viol
 
 @rule(
     "KA671",
-    "security-not-enforced",
     Severity.HIGH,
     on=Keystore,
     clause=RCL,
@@ -79,7 +77,6 @@ def security_not_enforced(_keystore: Keystore, context: Context) -> Iterator[Vio
 
 @rule(
     "KA672",
-    "override-names-no-enclave",
     Severity.HIGH,
     on=Keystore,
     clause=RCL,
@@ -107,7 +104,6 @@ def override_names_no_enclave(keystore: Keystore, context: Context) -> Iterator[
 
 @rule(
     "KA673",
-    "override-for-every-process",
     Severity.MEDIUM,
     on=Keystore,
     clause=RCL,
@@ -132,7 +128,6 @@ def override_for_every_process(keystore: Keystore, context: Context) -> Iterator
 
 @rule(
     "KA674",
-    "no-keystore-named",
     Severity.HIGH,
     on=Keystore,
     clause=RCL,
@@ -151,7 +146,6 @@ def no_keystore_named(_keystore: Keystore, context: Context) -> Iterator[Violati
 
 @rule(
     "KA675",
-    "domain-id-invalid",
     Severity.HIGH,
     on=Keystore,
     clause="rcl, domain_id.c (read); DDSI-RTPS 2.3, 9.6.1.1 (ports of a domain)",
@@ -171,7 +165,6 @@ def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violati
 
 @rule(
     "KA676",
-    "middleware-not-modelled",
     Severity.HIGH,
     on=Keystore,
     clause="keystore-audit, README.md (what it does not do); rmw_zenoh reads its access control from its own "
@@ -198,7 +191,6 @@ def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[V
 
 @rule(
     "KA677",
-    "distribution-not-modelled",
     Severity.HIGH,
     on=Keystore,
     clause="keystore-audit, docs/profiles.md",

@@ -113,7 +113,6 @@ def violates(
 
 @rule(
     "KA401",
-    "governance-schema-invalid",
     Severity.HIGH,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2 and its governance XSD",
@@ -131,7 +130,6 @@ def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator
 
 @rule(
     "KA402",
-    "governance-ambiguous",
     Severity.HIGH,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
@@ -152,7 +150,6 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
 
 @rule(
     "KA403",
-    "unauthenticated-participants-allowed",
     Severity.HIGH,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants)",
@@ -181,7 +178,6 @@ def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) 
 
 @rule(
     "KA404",
-    "join-access-control-off",
     Severity.HIGH,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control)",
@@ -202,7 +198,6 @@ def join_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
 
 @rule(
     "KA405",
-    "read-access-control-off",
     Severity.HIGH,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (enable_read_access_control)",
@@ -227,7 +222,6 @@ def read_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
 
 @rule(
     "KA406",
-    "write-access-control-off",
     Severity.HIGH,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (enable_write_access_control)",
@@ -245,7 +239,6 @@ def write_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[
 
 @rule(
     "KA416",
-    "governances-differ",
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.2 (participants of a domain share its governance); measured",
@@ -285,7 +278,6 @@ def _meaning(file: GovernanceFile) -> object:
 
 @rule(
     "KA418",
-    "topics-without-rule",
     Severity.MEDIUM,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.5 (topic_access_rules)",
@@ -315,7 +307,6 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
 
 @rule(
     "KA421",
-    "dds-security-1-0-document",
     Severity.HIGH,
     on=DocumentUse,
     clause="DDS-Security 1.0 (20160303) against 1.1 (20170901)",

@@ -46,7 +46,6 @@ def _carriers(use: CertificateUse) -> Iterator[tuple[Enclave, Certificate]]:
 
 @rule(
     "KA206",
-    "certificate-outlives-its-ca",
     Severity.LOW,
     on=CertificateUse,
     clause="RFC 5280, 6.1.3 (a)(2) (every certificate of a path has to be in force)",
@@ -78,7 +77,6 @@ def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Itera
 
 @rule(
     "KA207",
-    "not-issued-by-identity-ca",
     Severity.HIGH,
     on=CertificateUse,
     clause="DDS-Security 1.1, 9.3.1 (signed by the identity CA); RFC 5280, 6.1.3 (a)(1)",
@@ -117,7 +115,6 @@ def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterato
 
 @rule(
     "KA226",
-    "identity-refused-by-implementations",
     Severity.HIGH,
     on=CertificateUse,
     clause="RFC 5280, 6.1; measured on Fast DDS, Cyclone DDS and libcrypto (X509_verify_cert)",
@@ -165,7 +162,6 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
 
 @rule(
     "KA227",
-    "identity-without-subject",
     Severity.CRITICAL,
     on=CertificateUse,
     clause="RFC 5280, 4.1.2.6; measured: Fast DDS 2.6 to 3.6 crash",
@@ -203,7 +199,6 @@ def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tup
 
 @rule(
     "KA220",
-    "subject-differs-from-enclave",
     Severity.LOW,
     on=CertificateUse,
     clause="ros2/sros2, create_enclave (the enclave's path is the common name)",
@@ -244,7 +239,6 @@ def _shared_key(key: str, sharing: Sequence[Enclave]) -> str:
 
 @rule(
     "KA219",
-    "identity-shared-by-enclaves",
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (a participant's identity is its key)",
@@ -277,7 +271,6 @@ def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterat
 
 @rule(
     "KA225",
-    "subject-shared-by-certificates",
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3 (a grant is bound to a subject_name, not to a key)",
@@ -308,7 +301,6 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
 
 @rule(
     "KA228",
-    "identity-key-certified-again",
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (who has the key of a certificate is its subject); measured",

@@ -25,7 +25,6 @@ _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do 
 
 @rule(
     "KA103",
-    "link-leaves-keystore",
     Severity.HIGH,
     on=Enclave,
     clause=_UNREAD,
@@ -44,7 +43,6 @@ def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violat
 
 @rule(
     "KA104",
-    "directory-link-not-followed",
     Severity.HIGH,
     on=Keystore,
     clause=_UNREAD,
@@ -67,7 +65,6 @@ def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterat
 
 @rule(
     "KA105",
-    "not-a-regular-file",
     Severity.HIGH,
     on=Enclave,
     clause=_UNREAD,
@@ -85,7 +82,6 @@ def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violatio
 
 @rule(
     "KA106",
-    "file-too-large",
     Severity.HIGH,
     on=Enclave,
     clause=_UNREAD,
@@ -99,7 +95,6 @@ def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA107",
-    "unreadable",
     Severity.HIGH,
     on=Keystore,
     clause=_UNREAD,
@@ -120,7 +115,6 @@ def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA110",
-    "unsigned-document-differs",
     Severity.MEDIUM,
     on=DocumentUse,
     clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (the signed document counts); measured: the .xml is never read",
@@ -169,7 +163,6 @@ def _first_difference(unsigned: bytes | None, signed: bytes | None) -> int | Non
 
 @rule(
     "KA111",
-    "pkcs11-reference",
     Severity.MEDIUM,
     on=Enclave,
     clause=f"{RUN_TIME_FILES}; DDS-Security 1.1, 9.3.1 (pkcs11 URIs)",
@@ -193,7 +186,6 @@ def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]
 
 @rule(
     "KA112",
-    "incomplete-keystore",
     Severity.MEDIUM,
     on=Keystore,
     clause="ros2/sros2, keystore layout (public/, private/, enclaves/)",
@@ -220,7 +212,6 @@ _MAX_NAME: Final = 255
 
 @rule(
     "KA113",
-    "enclave-name-not-ros",
     Severity.MEDIUM,
     on=Enclave,
     clause="rcl, rcl_validate_enclave_name; ROS 2 design, topic and service names",
@@ -245,7 +236,6 @@ def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violat
 
 @rule(
     "KA114",
-    "enclave-names-differ-by-case",
     Severity.LOW,
     on=Keystore,
     clause="ros2/sros2, keystore layout (an enclave is a directory)",
@@ -263,7 +253,6 @@ def enclave_names_differ_by_case(keystore: Keystore, _context: Context) -> Itera
 
 @rule(
     "KA115",
-    "deprecated-layout",
     Severity.LOW,
     on=Keystore,
     clause="REP 2000 (Ardent to Eloquent are past their end of life)",

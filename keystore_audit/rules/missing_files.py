@@ -87,7 +87,6 @@ def file_name(file: File) -> str:
 
 @rule(
     "KA101",
-    "required-file-missing",
     Severity.HIGH,
     on=Enclave,
     clause=RUN_TIME_FILES,
@@ -110,7 +109,6 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
 
 @rule(
     "KA102",
-    "dangling-link",
     Severity.HIGH,
     on=Enclave,
     clause=RUN_TIME_FILES,

@@ -53,7 +53,6 @@ def _beside(location: Location, message: str = "") -> Location:
 
 @rule(
     "KA650",
-    "missing-grant",
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, SROS2 access control policies",
@@ -108,7 +107,6 @@ def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> V
 
 @rule(
     "KA651",
-    "excess-grant",
     Severity.LOW,
     on=Keystore,
     clause="ROS 2 design, SROS2 access control policies; least privilege (Saltzer and Schroeder 1975)",
@@ -155,7 +153,6 @@ def _granted(name: GrantedName) -> str:
 
 @rule(
     "KA652",
-    "node-in-unknown-enclave",
     Severity.HIGH,
     on=Keystore,
     clause="ROS 2 design, ROS 2 security enclaves; ros2/rcl, security.c (the keystore is searched for the exact path)",
@@ -184,7 +181,6 @@ def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Vi
 
 @rule(
     "KA653",
-    "used-name-without-right",
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, Topic and Service name mapping to DDS",
@@ -212,7 +208,6 @@ def used_name_without_right(_keystore: Keystore, context: Context) -> Iterator[V
 
 @rule(
     "KA654",
-    "observation-incomplete",
     Severity.INFO,
     on=Keystore,
     clause="ROS 2 design, ROS 2 launch (what only running tells)",
@@ -247,7 +242,6 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
 
 @rule(
     "KA655",
-    "launch-changes-security",
     Severity.CRITICAL,
     on=Keystore,
     clause="rcl, security.c and domain_id.c (read)",

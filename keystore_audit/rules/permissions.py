@@ -62,7 +62,6 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
 
 @rule(
     "KA501",
-    "permissions-schema-invalid",
     Severity.HIGH,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD",
@@ -80,7 +79,6 @@ def permissions_schema_invalid(use: PermissionsUse, _context: Context) -> Iterat
 
 @rule(
     "KA502",
-    "permissions-ambiguous",
     Severity.HIGH,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
@@ -116,7 +114,6 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
 
 @rule(
     "KA503",
-    "no-grant-for-certificate",
     Severity.HIGH,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 4514",
@@ -155,7 +152,6 @@ def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[
 
 @rule(
     "KA504",
-    "second-grant-for-subject",
     Severity.HIGH,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (grant); measured: the first one decides",
@@ -186,7 +182,6 @@ def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator
 
 @rule(
     "KA512",
-    "grants-for-other-subjects",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3; measured on Cyclone DDS 0.10.2 and 11.0.1 and on Fast DDS 2.9.1",
@@ -286,7 +281,6 @@ def _gains(permissions: Permissions, given: Iterable[int], had: Collection[int])
 
 @rule(
     "KA514",
-    "grant-without-allow-rule",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (allow_rule); measured",

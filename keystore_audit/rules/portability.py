@@ -55,7 +55,6 @@ def _faults(text: str, profiles: tuple[Profile, ...]) -> str:
 
 @rule(
     "KA611",
-    "expression-malformed",
     Severity.LOW,
     on=DocumentUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3; POSIX 1003.1, 2.13.1 (bracket expressions)",
@@ -92,7 +91,6 @@ def _reading(date: Text, reading: DateReading) -> object:
 
 @rule(
     "KA613",
-    "date-not-portable",
     Severity.LOW,
     on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",

@@ -50,7 +50,6 @@ def _octal(file: File) -> str:
 
 @rule(
     "KA108",
-    "private-key-readable-by-others",
     Severity.MEDIUM,
     on=Enclave,
     clause="DDS-Security 1.1, 9.3.1 (the private key is the identity); CWE-732",
@@ -79,7 +78,6 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
 
 @rule(
     "KA109",
-    "ca-private-key-in-tree",
     Severity.INFO,
     on=Keystore,
     clause="ROS 2 design, ROS 2 security enclaves (private/ does not leave the machine where keystores are made)",
@@ -131,7 +129,6 @@ def _keys_of(enclave: Enclave) -> Iterator[tuple[str | None, int | None]]:
 
 @rule(
     "KA118",
-    "private-key-where-robots-have-it",
     Severity.CRITICAL,
     on=Keystore,
     clause="ROS 2 design, ROS 2 security enclaves (a private key belongs to one enclave or to private/); CWE-522",
@@ -233,7 +230,6 @@ def _holders(keystore: Keystore) -> dict[str | None, str]:
 
 @rule(
     "KA116",
-    "ca-key-readable-by-others",
     Severity.HIGH,
     on=Keystore,
     clause="CWE-732",
@@ -260,7 +256,6 @@ def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[
 
 @rule(
     "KA209",
-    "key-does-not-match-certificate",
     Severity.HIGH,
     on=Enclave,
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.private_key is the certificate's); measured",
@@ -289,7 +284,6 @@ def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Itera
 
 @rule(
     "KA210",
-    "private-key-unreadable",
     Severity.HIGH,
     on=Enclave,
     clause="RFC 5958; RFC 7468, 10",
@@ -310,7 +304,6 @@ def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Viol
 
 @rule(
     "KA211",
-    "private-key-encrypted",
     Severity.HIGH,
     on=Enclave,
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.password); measured: ROS 2 passes none",

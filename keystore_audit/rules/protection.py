@@ -43,7 +43,6 @@ def _said(domain_rule: DomainRule, topic_rule: TopicRule) -> str:
 
 @rule(
     "KA407",
-    "rtps-protection-none",
     Severity.MEDIUM,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
@@ -68,7 +67,6 @@ def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
 
 @rule(
     "KA408",
-    "rtps-protection-sign-only",
     Severity.INFO,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
@@ -87,7 +85,6 @@ def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator
 
 @rule(
     "KA409",
-    "discovery-unprotected",
     Severity.MEDIUM,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (discovery_protection_kind) and 9.4.1.2.6 (enable_discovery_protection)",
@@ -114,7 +111,6 @@ def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vio
 
 @rule(
     "KA410",
-    "liveliness-unprotected",
     Severity.LOW,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (liveliness_protection_kind) and 9.4.1.2.6 (enable_liveliness_protection)",
@@ -143,7 +139,6 @@ def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vi
 
 @rule(
     "KA411",
-    "metadata-protection-none",
     Severity.MEDIUM,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind)",
@@ -170,7 +165,6 @@ def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[
 
 @rule(
     "KA412",
-    "payload-in-clear",
     Severity.HIGH,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind, data_protection_kind)",
@@ -191,7 +185,6 @@ def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violatio
 
 @rule(
     "KA413",
-    "payload-open-to-insiders",
     Severity.MEDIUM,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.5.3.3 (keys of rtps protection) and 9.4.1.2.6",
@@ -218,7 +211,6 @@ def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[
 
 @rule(
     "KA414",
-    "samples-unauthenticated",
     Severity.CRITICAL,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.2.6 (protection kinds)",
@@ -243,7 +235,6 @@ def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[V
 
 @rule(
     "KA415",
-    "data-protection-none",
     Severity.LOW,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (data_protection_kind)",
@@ -268,7 +259,6 @@ _REFUSE_CONTRADICTION: Final = tuple(
 
 @rule(
     "KA417",
-    "unauthenticated-with-rtps-protection",
     Severity.HIGH,
     on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants, rtps_protection_kind)",

@@ -42,7 +42,6 @@ def _deployed(_keystore: Keystore, context: Context) -> bool:
 
 @rule(
     "KA664",
-    "provisioning-leftover",
     Severity.INFO,
     on=Keystore,
     clause="ROS 2 design, ROS 2 security enclaves (the files that a run time reads); CWE-538",
@@ -68,7 +67,6 @@ def provisioning_leftover(keystore: Keystore, context: Context) -> Iterator[Viol
 
 @rule(
     "KA665",
-    "long-validity",
     Severity.LOW,
     on=Keystore,
     clause="NIST SP 800-57 part 1 revision 5, 5.3.6 (one to two years for authentication keys)",
@@ -116,7 +114,6 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
 
 @rule(
     "KA666",
-    "identity-shared-by-robots",
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
@@ -233,7 +230,6 @@ def _twins(keystore: Keystore, found: Sequence[_Shared]) -> set[str]:
 
 @rule(
     "KA667",
-    "certificate-older-than-permissions",
     Severity.INFO,
     on=Keystore,
     clause="RFC 5652, 11.3 (signingTime); DDS-Security 1.1, 9.4.1.3 (grants name a subject, and have dates)",

@@ -80,7 +80,6 @@ REGISTERED: Final[dict[str, Rule[Any]]] = {}
 
 def rule(
     code: str,
-    name: str,
     severity: Severity,
     *,
     on: type[S],
@@ -90,7 +89,7 @@ def rule(
     stops: bool = False,
     applies: Callable[[S, Context], bool] | None = None,
 ) -> Callable[[Callable[[S, Context], Iterator[Violation]]], Rule[S]]:
-    """Registers a rule; mypy rejects a function for another subject than `on`.
+    """Registers a rule, which is called as its function is; mypy rejects one for another subject than `on`.
 
     Raises ValueError at import for a code or name that is taken, or a function without a docstring.
     """
@@ -98,7 +97,7 @@ def rule(
     def judged_by(check: Callable[[S, Context], Iterator[Violation]]) -> Rule[S]:
         made = Rule(
             code=code,
-            name=name,
+            name=check.__name__.replace("_", "-"),
             severity=severity,
             on=on,
             clause=clause,

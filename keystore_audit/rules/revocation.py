@@ -65,7 +65,6 @@ def _signed(use: RevocationUse, revocations: RevocationList) -> bool | None:
 
 @rule(
     "KA212",
-    "identity-revoked",
     Severity.HIGH,
     on=Keystore,
     clause="RFC 5280, 6.3.3; DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl)",
@@ -101,7 +100,6 @@ def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violatio
 
 @rule(
     "KA213",
-    "crl-invalid",
     Severity.HIGH,
     on=RevocationUse,
     clause="RFC 5280, 5 and 6.3.3 (f), (g)",
@@ -196,7 +194,6 @@ def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, 
 
 @rule(
     "KA214",
-    "crl-stale",
     Severity.HIGH,
     on=RevocationUse,
     clause="RFC 5280, 5.1.2.4 and 5.1.2.5 (thisUpdate, nextUpdate); measured",
@@ -228,7 +225,6 @@ def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA215",
-    "crl-not-everywhere",
     Severity.MEDIUM,
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl); measured: each peer asks its own list only",
@@ -262,7 +258,6 @@ def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violat
 
 @rule(
     "KA229",
-    "revocation-without-effect",
     Severity.HIGH,
     on=RevocationUse,
     clause="RFC 5280, 5.2.4 (delta lists) and 6.3.3; measured: run times read the first list of crl.pem",

@@ -67,7 +67,6 @@ def _united(found: Sequence[Half]) -> tuple[str, ...]:
 
 @rule(
     "KA630",
-    "half-service",
     Severity.MEDIUM,
     on=Keystore,
     clause=_PERMISSIONS_XSL,
@@ -86,7 +85,6 @@ def half_service(_keystore: Keystore, context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA631",
-    "half-action",
     Severity.MEDIUM,
     on=Keystore,
     clause=f"ROS 2 design, actions (three services and two topics); {_PERMISSIONS_XSL}",
@@ -141,7 +139,6 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
 
 @rule(
     "KA632",
-    "parameter-services-of-others",
     Severity.HIGH,
     on=Keystore,
     clause="ROS 2 design, parameters (services of every node); ROS 2 design, SROS2 access control policies (least "
@@ -160,7 +157,6 @@ def parameter_services_of_others(_keystore: Keystore, context: Context) -> Itera
 
 @rule(
     "KA633",
-    "lifecycle-services-of-others",
     Severity.HIGH,
     on=Keystore,
     clause="ROS 2 design, managed nodes (change_state); ROS 2 design, SROS2 access control policies (least privilege)",
@@ -177,7 +173,6 @@ def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Itera
 
 @rule(
     "KA634",
-    "service-served-by-several",
     Severity.MEDIUM,
     on=Keystore,
     clause="ROS 2 design, SROS2 access control policies (least privilege); analysis of who may publish rr/NAMEReply",

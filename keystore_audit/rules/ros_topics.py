@@ -22,7 +22,6 @@ _DOES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
 
 @rule(
     "KA635",
-    "wildcard-grants-actions",
     Severity.LOW,
     on=Keystore,
     clause="ROS 2 design, actions (topics feedback and status below the name and _action)",
@@ -57,7 +56,6 @@ def _severity(found: ActionPattern) -> Severity | None:
 
 @rule(
     "KA636",
-    "missing-usual-topics",
     Severity.INFO,
     on=Keystore,
     clause="ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made; "

@@ -21,7 +21,6 @@ _NO_DENIAL: Final = (
 
 @rule(
     "KA604",
-    "deny-rule-with-partitions",
     Severity.MEDIUM,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
@@ -37,7 +36,6 @@ def deny_rule_with_partitions(_keystore: Keystore, context: Context) -> Iterator
 
 @rule(
     "KA605",
-    "deny-rule-without-partitions",
     Severity.MEDIUM,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (a deny rule without partitions denies in all); {MEASURED}",
@@ -58,7 +56,6 @@ def deny_rule_without_partitions(_keystore: Keystore, context: Context) -> Itera
 
 @rule(
     "KA606",
-    "partitions-of-several-criteria",
     Severity.MEDIUM,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
@@ -76,7 +73,6 @@ def partitions_of_several_criteria(_keystore: Keystore, context: Context) -> Ite
 
 @rule(
     "KA607",
-    "later-rule-for-other-partitions",
     Severity.MEDIUM,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3 (rules in order); {MEASURED}",
@@ -92,7 +88,6 @@ def later_rule_for_other_partitions(_keystore: Keystore, context: Context) -> It
 
 @rule(
     "KA608",
-    "deny-rule-blocks-topic",
     Severity.MEDIUM,
     on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3 (deny_rule); {MEASURED}",
@@ -115,7 +110,6 @@ _RELAY: Final = (
 
 @rule(
     "KA609",
-    "relay-read-differently",
     Severity.MEDIUM,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3.2.3 (relay); measured on Fast DDS 2.9.1: a reader that may relay alone "
@@ -132,7 +126,6 @@ def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vi
 
 @rule(
     "KA610",
-    "expression-read-differently",
     Severity.MEDIUM,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch); measured on libc, ACE and "

@@ -161,7 +161,6 @@ def _expected(use: SignedUse) -> str:
 
 @rule(
     "KA301",
-    "signer-not-permissions-ca",
     Severity.CRITICAL,
     on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1 (signed with the private key of the permissions CA)",
@@ -195,7 +194,6 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
 
 @rule(
     "KA302",
-    "signed-by-an-identity",
     Severity.CRITICAL,
     on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
@@ -228,7 +226,6 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
 
 @rule(
     "KA303",
-    "signature-invalid",
     Severity.CRITICAL,
     on=SignedUse,
     clause="RFC 5652, 5.4 and 5.6 (message digest, signature verification); DDS-Security 1.1, 9.4.1.1",
@@ -260,7 +257,6 @@ def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA316",
-    "signed-by-renewed-ca",
     Severity.HIGH,
     on=SignedUse,
     clause="RFC 5652, 5.3 (issuerAndSerialNumber); measured: signers are looked up by it",
@@ -288,7 +284,6 @@ def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation
 
 @rule(
     "KA317",
-    "signer-refused-by-implementations",
     Severity.HIGH,
     on=DocumentUse,
     clause="DDS-Security 1.1, 9.4.1.1; measured on Cyclone DDS, Fast DDS and libcrypto (PKCS7_verify)",

@@ -19,7 +19,6 @@ from keystore_audit.rules.wording import implementations
 
 @rule(
     "KA117",
-    "enclave-does-not-start",
     Severity.HIGH,
     on=Refusal,
     clause="DDS-Security 1.1, 8.2.1 and 9.4.3 (a participant is created only with valid credentials); measured",

@@ -70,7 +70,6 @@ def _at(strays: Sequence[Stray]) -> tuple[Location, ...]:
 
 @rule(
     "KA660",
-    "several-permissions-for-subject",
     Severity.HIGH,
     on=Keystore,
     clause=_CLAUSE,
@@ -122,7 +121,6 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
 
 @rule(
     "KA661",
-    "signed-governance-at-large",
     Severity.LOW,
     on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.2 (an enclave applies the governance that it is given)",
@@ -148,7 +146,6 @@ def signed_governance_at_large(keystore: Keystore, _context: Context) -> Iterato
 
 @rule(
     "KA662",
-    "signed-document-without-effect",
     Severity.INFO,
     on=Keystore,
     clause=_CLAUSE,
@@ -187,7 +184,6 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
 
 @rule(
     "KA663",
-    "document-at-large-unread",
     Severity.HIGH,
     on=Keystore,
     clause="keystore-audit, docs/model.md (what is not read counts as able to do anything)",
@@ -222,7 +218,6 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
 
 @rule(
     "KA668",
-    "identity-outside-enclaves",
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1.3 (whoever has the key of a certificate that the identity CA issued is a "
@@ -310,7 +305,6 @@ def _identity_at(each: Admitted, key: str = "the private key") -> Iterator[Locat
 
 @rule(
     "KA669",
-    "keystore-inside-keystore",
     Severity.MEDIUM,
     on=Keystore,
     clause="ros2/rmw_dds_common, security.cpp (enclaves lie in the folder enclaves/ of the keystore that is named)",

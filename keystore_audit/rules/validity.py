@@ -34,7 +34,6 @@ def _whose(grant: Grant) -> str:
 
 @rule(
     "KA505",
-    "grant-expired",
     Severity.HIGH,
     on=PermissionsUse,
     clause=_CLAUSE,
@@ -56,7 +55,6 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
 
 @rule(
     "KA506",
-    "grant-not-yet-valid",
     Severity.HIGH,
     on=PermissionsUse,
     clause=_CLAUSE,
@@ -77,7 +75,6 @@ def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Viola
 
 @rule(
     "KA507",
-    "grant-expires-soon",
     Severity.MEDIUM,
     on=PermissionsUse,
     clause=_CLAUSE,
@@ -97,7 +94,6 @@ def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violat
 
 @rule(
     "KA513",
-    "grant-outlives-certificate",
     Severity.LOW,
     on=PermissionsUse,
     clause=_CLAUSE,
@@ -124,7 +120,6 @@ def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterat
 
 @rule(
     "KA516",
-    "validity-inverted",
     Severity.HIGH,
     on=PermissionsUse,
     clause=_CLAUSE,

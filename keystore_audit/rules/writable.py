@@ -29,7 +29,6 @@ def _written_by_others(file: File) -> bool:
 
 @rule(
     "KA119",
-    "writable-by-others",
     Severity.HIGH,
     on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1 (the CA certificates decide who is trusted); CWE-732",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
@@ -58,8 +58,6 @@ def test_every_code_of_the_catalogue_is_there_in_order() -> None:
 @pytest.mark.parametrize("one", RULES, ids=lambda one: one.code)
 def test_every_rule_says_what_why_and_what_to_do(one: Rule[Any]) -> None:
     assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", one.name)
-    if one.on is not PropertyResult:  # one function judges those
-        assert one.check.__name__ == one.name.replace("-", "_"), "one name everywhere"
     assert one.description.partition("\n")[0].endswith((".", ":"))
     assert len(one.description) > 60
     assert one.clause.strip()
@@ -114,15 +112,22 @@ def test_no_command_is_left_out_of_a_remedy_by_mistake() -> None:
         assert "ros2 security" not in outside, r.code
 
 
-def check(_keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def required_file_missing(_keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Something."""
     yield from ()
 
 
-@pytest.mark.parametrize(("code", "name"), [("KA101", "a-new-name"), ("KA999", "required-file-missing")])
-def test_a_code_or_name_that_is_taken_is_refused(code: str, name: str) -> None:
+def a_new_name(_keystore: Keystore, _context: Context) -> Iterator[Violation]:
+    """Something."""
+    yield from ()
+
+
+@pytest.mark.parametrize(("code", "check"), [("KA101", a_new_name), ("KA999", required_file_missing)])
+def test_a_code_or_name_that_is_taken_is_refused(
+    code: str, check: Callable[[Keystore, Context], Iterator[Violation]]
+) -> None:
     with pytest.raises(ValueError, match="registered twice"):
-        rule(code, name, Severity.LOW, on=Keystore, clause="x", remedy="x.")(check)
+        rule(code, Severity.LOW, on=Keystore, clause="x", remedy="x.")(check)
 
 
 def test_a_rule_without_a_docstring_is_refused() -> None:
@@ -130,4 +135,4 @@ def test_a_rule_without_a_docstring_is_refused() -> None:
         yield from ()
 
     with pytest.raises(ValueError, match="no docstring"):
-        rule("KA998", "silent", Severity.LOW, on=Keystore, clause="x", remedy="x.")(silent)
+        rule("KA998", Severity.LOW, on=Keystore, clause="x", remedy="x.")(silent)
