@@ -13,12 +13,12 @@ from typing import Final
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.launch_actions import (
-    Action,
     Assign,
     AssignEnvironment,
     Declare,
     Group,
     Include,
+    LaunchAction,
     LoadComponents,
     PushNamespace,
     SetRemap,
@@ -68,10 +68,10 @@ def read_launch(path: Path, arguments: Mapping[str, str]) -> Intent:
         raise source.malformed(None, "expected a launch file that ends in .xml, .yaml, .yml or .py")
     with Root.open(source.directory) as root:
         directory = Directory(path, source, root)
-        launch = _Launch(directory, {})
+        launch = _Launch(directory)
         launch.file(source, form, Scope(arguments=dict(arguments)), 1)
         if launch.later and launch.set:  # what is set behind something may be set when that comes
-            launch = _Launch(directory, launch.set)
+            launch.begin(launch.set)
             launch.file(source, form, Scope(arguments=dict(arguments)), 1)
         return launch.nodes.intent(launch.files)
 
@@ -80,7 +80,7 @@ def _form(source: Source) -> str | None:
     return next((form for suffix, form in _FORMS.items() if source.path.endswith(suffix)), None)
 
 
-def _actions(source: Source, form: str) -> tuple[Action, ...]:
+def _actions(source: Source, form: str) -> tuple[LaunchAction, ...]:
     if form == "python":
         from keystore_audit.intent.launch_python import read
 
@@ -101,17 +101,21 @@ class _Launch:
     `later`: whether anything comes later. `meanwhile`: what `set` will be.
     """
 
-    def __init__(self, directory: Directory, meanwhile: Mapping[str, set[str | Unknown]]) -> None:
+    def __init__(self, directory: Directory) -> None:
+        self.files: list[GivenFile] = []
+        self._directory = directory
+        self._read: dict[str, tuple[LaunchAction, ...]] = {}
+        self._characters = 0
+        self.begin({})
+
+    def begin(self, meanwhile: Mapping[str, set[str | Unknown]]) -> None:
+        """Nothing is followed yet; what was read stays."""
         self.nodes = Nodes()
         self.set: dict[str, set[str | Unknown]] = {}
         self.later = False
         self._meanwhile = meanwhile
         self._for_all = True
-        self.files: list[GivenFile] = []
-        self._directory = directory
-        self._read: dict[str, tuple[Action, ...]] = {}
         self._followed = 0
-        self._characters = 0
         self._groups = 0
 
     def file(self, source: Source, form: str, scope: Scope, nesting: int) -> None:
@@ -124,7 +128,7 @@ class _Launch:
             self._read[source.real] = _actions(source, form)
         self._follow(self._read[source.real], scope, source, nesting)
 
-    def _follow(self, actions: Iterable[Action], scope: Scope, source: Source, nesting: int) -> None:
+    def _follow(self, actions: Iterable[LaunchAction], scope: Scope, source: Source, nesting: int) -> None:
         for action in actions:
             self._followed += 1
             if self._followed > MAX_ACTIONS:
@@ -141,7 +145,7 @@ class _Launch:
                 limits = f"more than {MAX_SET} values or {MAX_REMAPS} remappings set"
                 raise source.malformed(action.line, f"{limits}, which are not followed")
 
-    def _perform(self, action: Action, scope: Scope, source: Source, nesting: int) -> None:
+    def _perform(self, action: LaunchAction, scope: Scope, source: Source, nesting: int) -> None:
         if isinstance(action, StartNode):
             self.nodes.start(action, scope, source)
         elif isinstance(action, StartProcess):
@@ -157,7 +161,7 @@ class _Launch:
         else:
             self._set(action, scope, source)
 
-    def _set(self, action: Action, scope: Scope, source: Source) -> None:
+    def _set(self, action: LaunchAction, scope: Scope, source: Source) -> None:
         if isinstance(action, Declare):
             self._declare(action, scope, source)
         elif isinstance(action, Assign):
@@ -203,7 +207,7 @@ class _Launch:
         for name in names if self._for_all else ():
             self.set.setdefault(name, set()).add(environment[name])
 
-    def _name(self, action: Action, text: Text, scope: Scope, source: Source) -> str | None:
+    def _name(self, action: LaunchAction, text: Text, scope: Scope, source: Source) -> str | None:
         """The name of an argument or variable; None, and said, where it cannot be told."""
         name = scope.known(text, source)
         if isinstance(name, str):

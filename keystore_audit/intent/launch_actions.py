@@ -57,7 +57,7 @@ class Comparison:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Action:
+class LaunchAction:
     """One element of a launch description; `line`: where it begins. All of `conditions` have to hold."""
 
     line: int
@@ -65,7 +65,7 @@ class Action:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Declare(Action):
+class Declare(LaunchAction):
     """An argument of the file, which the caller may set; without default the caller has to."""
 
     name: Text
@@ -73,7 +73,7 @@ class Declare(Action):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Assign(Action):
+class Assign(LaunchAction):
     """An argument gets a value, whatever it had; None: it is taken away."""
 
     name: Text
@@ -81,7 +81,7 @@ class Assign(Action):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AssignEnvironment(Action):
+class AssignEnvironment(LaunchAction):
     """An environment variable gets a value; None: it is taken away."""
 
     name: Text
@@ -89,7 +89,7 @@ class AssignEnvironment(Action):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PushNamespace(Action):
+class PushNamespace(LaunchAction):
     """Nodes behind it, to the end of the group, are in this namespace."""
 
     namespace: Text
@@ -105,21 +105,21 @@ class Remap:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SetRemap(Action):
+class SetRemap(LaunchAction):
     """The remapping holds for all nodes behind it, to the end of the group."""
 
     remap: Remap
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Group(Action):
+class Group(LaunchAction):
     """Actions together; what they set ends with the group if it is `scoped`.
 
     `forwarding` False: nothing set before reaches into it but `given`, arguments by name. `later`: they come when a
     timer ends or an event happens, in the environment that launch has then.
     """
 
-    actions: tuple[Action, ...]
+    actions: tuple[LaunchAction, ...]
     scoped: bool = True
     later: bool = False
     forwarding: bool = True
@@ -127,7 +127,7 @@ class Group(Action):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Include(Action):
+class Include(LaunchAction):
     """Another launch file, with values for its arguments; what it sets stays set."""
 
     path: Text
@@ -154,7 +154,7 @@ class NodeNames:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StartProcess(Action):
+class StartProcess(LaunchAction):
     """A process, of which it is not known whether it is a node.
 
     `clean`: it has `environment` alone; `earlier`: beside it what there was when launch read the file. `prefix`:
@@ -184,7 +184,7 @@ class StartNode(StartProcess):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LoadComponents(Action):
+class LoadComponents(LaunchAction):
     """Nodes that are loaded into a process that runs already: the container called `target`."""
 
     target: Text
@@ -192,7 +192,7 @@ class LoadComponents(Action):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Unread(Action):
+class Unread(LaunchAction):
     """Something that may start nodes or change what others are; `reason` says what it is, words."""
 
     reason: str

@@ -11,13 +11,13 @@ from typing import Any, Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.launch_actions import (
-    Action,
     Assign,
     AssignEnvironment,
     Condition,
     Declare,
     Group,
     Include,
+    LaunchAction,
     LoadComponents,
     NodeKind,
     NodeNames,
@@ -66,7 +66,7 @@ _YES: Final = frozenset({"true", "1", "yes", "on"})
 _NO: Final = frozenset({"false", "0", "no", "off"})
 
 
-def actions(root: Entity, source: Source) -> tuple[Action, ...]:
+def actions(root: Entity, source: Source) -> tuple[LaunchAction, ...]:
     """Read the elements of a whole launch file. Raises UsageError, naming file and line."""
     return _Entities(source).all(root.children)
 
@@ -75,10 +75,10 @@ class _Entities:
     def __init__(self, source: Source) -> None:
         self._source = source
 
-    def all(self, entities: Iterable[Entity]) -> tuple[Action, ...]:
+    def all(self, entities: Iterable[Entity]) -> tuple[LaunchAction, ...]:
         return tuple(action for entity in entities if (action := self._action(entity)) is not None)
 
-    def _action(self, entity: Entity) -> Action | None:
+    def _action(self, entity: Entity) -> LaunchAction | None:
         if entity.kind in INERT:
             return None
         read = _READERS.get(entity.kind)
@@ -86,7 +86,7 @@ class _Entities:
             return self._unread(entity)
         return read(self, entity)
 
-    def _unread(self, entity: Entity) -> Action:
+    def _unread(self, entity: Entity) -> LaunchAction:
         """An element that is not known, as a loop; variables of security that are named in it may be set."""
         said = f"the element {shown(entity.kind)} is not read; it may start nodes or change their names"
         unread = Unread(line=entity.line, reason=said)
@@ -95,18 +95,18 @@ class _Entities:
         changed = (AssignEnvironment(line=entity.line, name=(name,), value=value) for name in names)
         return Group(**self._where(entity), actions=(*changed, unread), scoped=False)
 
-    def declare(self, entity: Entity) -> Action:
+    def declare(self, entity: Entity) -> LaunchAction:
         """An `<arg>` of the file."""
         default = self._optional(entity, "default")
         name = self._text(entity, "name")
         return Declare(**self._where(entity), name=name, default=default)
 
-    def let(self, entity: Entity) -> Action:
+    def let(self, entity: Entity) -> LaunchAction:
         """A `<let>`."""
         name, value = self._text(entity, "name"), self._text(entity, "value")
         return Assign(**self._where(entity), name=name, value=value)
 
-    def set_env(self, entity: Entity) -> Action:
+    def set_env(self, entity: Entity) -> LaunchAction:
         """A `<set_env>`, or an `<append_env>`, which adds to what nobody knows."""
         value: Text | None = self._text(entity, "value") if entity.kind != "unset_env" else None
         if entity.kind == "append_env":
@@ -114,24 +114,24 @@ class _Entities:
         name = self._text(entity, "name")
         return AssignEnvironment(**self._where(entity), name=name, value=value)
 
-    def replace_env(self, entity: Entity) -> Action:
+    def replace_env(self, entity: Entity) -> LaunchAction:
         """A `<rep_env>`, or a `<reset_env>` or `<pop_env>`, which bring earlier variables back."""
         return replaced(self._values(entity.called("env")), **self._where(entity), earlier=entity.kind != "rep_env")
 
-    def nothing(self, entity: Entity) -> Action:
+    def nothing(self, entity: Entity) -> LaunchAction:
         """A `<push_env>`, which changes no variable."""
         return Group(line=entity.line, actions=())
 
-    def push_namespace(self, entity: Entity) -> Action:
+    def push_namespace(self, entity: Entity) -> LaunchAction:
         """A `<push_ros_namespace>`."""
         namespace = self._text(entity, "namespace")
         return PushNamespace(**self._where(entity), namespace=namespace)
 
-    def set_remap(self, entity: Entity) -> Action:
+    def set_remap(self, entity: Entity) -> LaunchAction:
         """A `<set_remap>`."""
         return SetRemap(**self._where(entity), remap=self._remap(entity))
 
-    def group(self, entity: Entity) -> Action:
+    def group(self, entity: Entity) -> LaunchAction:
         """A `<group>`."""
         inner = tuple(child for child in entity.children if child.kind != "keep")
         return Group(
@@ -142,16 +142,16 @@ class _Entities:
             given=self._values(entity.called("keep")),
         )
 
-    def timer(self, entity: Entity) -> Action:
+    def timer(self, entity: Entity) -> LaunchAction:
         """A `<timer>`: what happens later changes nothing for what stands behind it."""
         return Group(**self._where(entity), actions=self.all(entity.children), later=True)
 
-    def include(self, entity: Entity) -> Action:
+    def include(self, entity: Entity) -> LaunchAction:
         """An `<include>`, with `<arg>` or `<let>` for its arguments."""
         path, arguments = self._text(entity, "file"), self._values(entity.called("arg", "let"))
         return Include(**self._where(entity), path=path, arguments=arguments)
 
-    def node(self, entity: Entity) -> Action:
+    def node(self, entity: Entity) -> LaunchAction:
         """A `<node>`, `<lifecycle_node>` or `<node_container>`."""
         program = self._text(entity, "exec")
         kind = {"lifecycle_node": NodeKind.LIFECYCLE, "node_container": NodeKind.CONTAINER}.get(entity.kind)
@@ -167,13 +167,13 @@ class _Entities:
             components=self._components(entity),
         )
 
-    def load(self, entity: Entity) -> Action:
+    def load(self, entity: Entity) -> LaunchAction:
         """A `<load_composable_node>`."""
         target = self._text(entity, "target")
         components = self._components(entity)
         return LoadComponents(**self._where(entity), target=target, components=components)
 
-    def process(self, entity: Entity) -> Action:
+    def process(self, entity: Entity) -> LaunchAction:
         """An `<executable>`."""
         return StartProcess(
             **self._where(entity),
@@ -257,7 +257,7 @@ class _Entities:
         return tuple(tuple(word) for word in words if word)
 
 
-_READERS: Final[Mapping[str, Callable[[_Entities, Entity], Action]]] = {
+_READERS: Final[Mapping[str, Callable[[_Entities, Entity], LaunchAction]]] = {
     "arg": _Entities.declare,
     "let": _Entities.let,
     "set_env": _Entities.set_env,

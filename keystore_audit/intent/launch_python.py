@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from keystore_audit.intent.launch_actions import Action, Unread
+from keystore_audit.intent.launch_actions import LaunchAction, Unread
 from keystore_audit.intent.python_actions import actions_of
 from keystore_audit.intent.python_environment import changes
 from keystore_audit.intent.python_expressions import MAX_PAIRS, Expressions
@@ -28,7 +28,7 @@ ENTRY: Final = "generate_launch_description"
 _ADD_ONE: Final = frozenset({"add_action", "add_entity", "append"})
 
 
-def read(source: Source) -> tuple[Action, ...]:
+def read(source: Source) -> tuple[LaunchAction, ...]:
     """Read a launch file. Raises UsageError, naming file and line, for what is no Python."""
     if len(source.text) > MAX_CHARACTERS:
         raise source.malformed(None, f"more than {MAX_CHARACTERS} characters of Python, which are not read")
@@ -57,7 +57,7 @@ class _Statements:
     """Statements in order; `unread` collects what is not followed."""
 
     def __init__(self, source: Source, names: dict[str, Value]) -> None:
-        self.unread: list[Action] = []
+        self.unread: list[LaunchAction] = []
         self._skipped: list[ast.stmt] = []
         self.entry: ast.FunctionDef | None = None
         self._names = names
@@ -72,7 +72,7 @@ class _Statements:
         yield from self._skipped
         yield from self._expressions.opaque
 
-    def returned(self, function: ast.FunctionDef) -> Iterator[Action]:
+    def returned(self, function: ast.FunctionDef) -> Iterator[LaunchAction]:
         """The actions of the launch description that is returned."""
         value = self._returned
         if isinstance(value, Growing):

@@ -7,7 +7,6 @@ from typing import Any, Final
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.intent.launch_actions import (
-    Action,
     Assign,
     AssignEnvironment,
     Comparison,
@@ -15,6 +14,7 @@ from keystore_audit.intent.launch_actions import (
     Declare,
     Group,
     Include,
+    LaunchAction,
     LoadComponents,
     NodeKind,
     NodeNames,
@@ -105,7 +105,7 @@ class Call:
         return self.get(keyword) != Plain(value=False)
 
 
-def actions_of(value: Value, line: int) -> Iterator[Action]:
+def actions_of(value: Value, line: int) -> Iterator[LaunchAction]:
     """The actions that a value is: an action, or a list of them."""
     if isinstance(value, ActionValue):
         yield value.action
@@ -238,11 +238,11 @@ def _environment_of(call: Call) -> dict[str, Any]:
     return {"environment": variables, "clean": clean, "earlier": any(inherited), "prefix": call.optional("prefix")}
 
 
-def _with(action: Action, more: tuple[Action, ...]) -> Action:
+def _with(action: LaunchAction, more: tuple[LaunchAction, ...]) -> LaunchAction:
     return Group(line=action.line, actions=(action, *more), scoped=False) if more else action
 
 
-def _on_exit(call: Call) -> tuple[Action, ...]:
+def _on_exit(call: Call) -> tuple[LaunchAction, ...]:
     """What comes when a process has ended, which changes nothing for what stands behind it."""
     actions = tuple(actions_of(call.get("on_exit"), call.line))
     return (Group(**call.where, actions=actions, later=True),) if actions else ()
@@ -305,7 +305,7 @@ def _description(call: Call) -> Value:
 
 
 def _set(call: Call) -> Value:
-    action: Action
+    action: LaunchAction
     if call.name == "DeclareLaunchArgument":
         default = call.optional("default_value", 1)
         action = Declare(**call.where, name=call.text("name", 0), default=default)

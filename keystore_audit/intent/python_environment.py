@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.intent.environment import ENABLE, SECURE, STRATEGY
-from keystore_audit.intent.launch_actions import Action, AssignEnvironment, Unknown, Unread
+from keystore_audit.intent.launch_actions import AssignEnvironment, LaunchAction, Unknown, Unread
 from keystore_audit.intent.launch_environment import NAMES, touched
 
 _ENVIRON: Final = frozenset({"environ", "environb"})
@@ -40,7 +40,7 @@ _SETTERS: Final = frozenset({"AppendEnvironmentVariable", "SetEnvironmentVariabl
 _NOT_FOLLOWED: Final = (ast.Lambda, ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.DictComp, ast.IfExp)
 
 
-def changes(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[Action]:
+def changes(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[LaunchAction]:
     """The variables of `NAMES` that the file may set or take away: to what is known where that is said once.
 
     In what is `skipped`, and what that takes from elsewhere in the file, to name a variable is enough. Processes that

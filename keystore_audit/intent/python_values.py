@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field, replace
-from keystore_audit.intent.launch_actions import Action, Comparison, Condition, NodeNames, Part, Text, Unknown
+from keystore_audit.intent.launch_actions import Comparison, Condition, LaunchAction, NodeNames, Part, Text, Unknown
 
 MAX_PARTS: Final = 256
 """Pieces of one text, and thousands of characters in it: `x + x` doubles each time."""
@@ -72,7 +72,7 @@ class Pairs:
 class ActionValue:
     """An action, and for a node that others are loaded into its name."""
 
-    action: Action
+    action: LaunchAction
     name: Text | None = None
 
 
@@ -94,7 +94,7 @@ class ConditionValue:
 class HandlerValue:
     """An event handler: what it starts when its event comes."""
 
-    actions: tuple[Action, ...]
+    actions: tuple[LaunchAction, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
