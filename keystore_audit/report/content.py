@@ -31,9 +31,6 @@ ASSUMPTIONS: Final = (
 )
 """What every verdict rests on; said first in every report."""
 
-RUNNING_SESSIONS: Final = "Sessions that run by then may go on: Fast DDS ends none when a grant ends."
-"""Said with "safe until", which is about new sessions (read; Cyclone DDS and OpenDDS have timers)."""
-
 
 def assumed_of(profiles: Iterable[str]) -> Iterator[str]:
     """What verdicts rest on beside, under some of these profiles."""

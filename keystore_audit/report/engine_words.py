@@ -18,10 +18,19 @@ ENGINE_WORDS: Final = {
 }
 """What became of an engine, behind its name."""
 
+_RUNNING_SESSIONS: Final = "Sessions that run by then may go on: Fast DDS ends none when a grant ends."
+"""Said with "safe until", which is about new sessions (read; Cyclone DDS and OpenDDS have timers)."""
+
 
 def sentence(text: str) -> str:
     """With a full stop, where there is none."""
     return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+def until(report: Report) -> str:
+    """Why its answer changes at `safe_until`, with what goes on then, or why it never does."""
+    why = report.safe_until_why
+    return why if report.safe_until is None else f"{sentence(why)} {_RUNNING_SESSIONS}"
 
 
 def engine(run: EngineRun, *, version: bool) -> str:

@@ -8,8 +8,8 @@ from typing import Final
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
-from keystore_audit.report.content import RUNNING_SESSIONS, WORST_FIRST, NoReport, Report, Verdict
-from keystore_audit.report.engine_words import sentence
+from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
+from keystore_audit.report.engine_words import until
 from keystore_audit.text import instant, markdown, shorten, some
 
 MAX_LENGTH: Final = 60_000
@@ -157,11 +157,8 @@ def _rest(report: Report, budget: int) -> Iterator[str]:
     """What was accepted, in so many characters, and what the verdict rests on."""
     yield "<details><summary>What this rests on</summary>"
     yield ""
-    until = "never" if report.safe_until is None else instant(report.safe_until)
-    why = report.safe_until_why
-    if report.safe_until is not None:
-        why = f"{sentence(why)} {RUNNING_SESSIONS}"
-    yield f"- Safe until: {until}. {markdown(why)}".rstrip()
+    end = "never" if report.safe_until is None else instant(report.safe_until)
+    yield f"- Safe until: {end}. {markdown(until(report))}".rstrip()
     yield from _items("Assumed", report.assumptions)
     yield from _items("Not checked", report.scope.not_checked)
     yield from _accepted(report.accepted, budget)

@@ -16,19 +16,21 @@ from keystore_audit.grouped import grouped
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
 from keystore_audit.report import ranking
-from keystore_audit.report.content import RUNNING_SESSIONS, STATUSES, EnclaveEntry, NoReport, Report, Verdict
-from keystore_audit.report.engine_words import ENGINE_WORDS, sentence, warnings
+from keystore_audit.report.content import STATUSES, EnclaveEntry, NoReport, Report, Verdict
+from keystore_audit.report.engine_words import ENGINE_WORDS, sentence, until, warnings
 from keystore_audit.report.findings_text import put_findings
 from keystore_audit.report.json import TOOL
 from keystore_audit.report.next_step import next_step
 from keystore_audit.report.page import Page
 from keystore_audit.report.paragraph import by_answer
 from keystore_audit.report.ros_nodes import nodes_beside
-from keystore_audit.report.total import render_total
 from keystore_audit.text import counted, instant, shorten, some
 
 MAX_ENCLAVES: Final = 20
 """Enclaves listed by name where all is well; those that cannot start are always named."""
+
+MAX_PATH: Final = 400
+"""Characters of a path on a page about several keystores."""
 
 MAX_TITLE: Final = 60
 """Characters of the keystore's path in the title, which is cut in the middle: its ends tell it apart."""
@@ -88,6 +90,22 @@ def render_several(reports: Sequence[Report], view: View | None = None, missing:
     parts = [render(report, view) for report in reports]
     verdicts = [report.verdict for report in reports]
     return "\n".join([*parts, render_total(verdicts, missing, width=view.width, color=view.color)])
+
+
+def render_total(
+    verdicts: Sequence[Verdict], missing: Sequence[NoReport] = (), *, width: int, color: bool = False
+) -> str:
+    """Return the line that sums up several reports, after one for each keystore that has none."""
+    counts = Counter(verdicts)
+    page = Page(width=width, color=color)
+    for each in missing:
+        said = f"{shorten(each.path, MAX_PATH)}: {each.reason}"
+        page.labelled("NO REPORT", said, indent=0, column=11, style="bold magenta")
+    words = [f"{counts[verdict]} {verdict.value}" for verdict in Verdict]
+    if missing:
+        words.insert(0, f"{len(missing)} without a report")
+    page.put((f"{len(verdicts) + len(missing)} keystores: {', '.join(words)}", "bold"))
+    return page.render()
 
 
 def _opening(page: Page, report: Report) -> None:
@@ -224,11 +242,11 @@ def _checked(page: Page, report: Report, *, verbose: bool) -> None:
     for number, unchecked in enumerate(scope.not_checked):
         page.labelled("" if number else "Not checked", unchecked, indent=0, column=13, style="bold")
     if report.safe_until is None:
-        until = "No date on these files changes this answer."
+        dates = "No date on these files changes this answer."
     else:
         holds = "Holds until" if report.verdict is Verdict.PASS else "Changes at"
-        until = f"{holds} {instant(report.safe_until)}: {sentence(report.safe_until_why)} {RUNNING_SESSIONS}"
-    page.labelled("Dates", until, indent=0, column=13, style="bold")
+        dates = f"{holds} {instant(report.safe_until)}: {until(report)}"
+    page.labelled("Dates", dates, indent=0, column=13, style="bold")
 
 
 def _verdict(page: Page, report: Report, view: View) -> None:

@@ -7,8 +7,8 @@ from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
-from keystore_audit.report.content import RUNNING_SESSIONS, Report, Verdict
-from keystore_audit.report.engine_words import engine, sentence, warnings
+from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.engine_words import engine, until, warnings
 from keystore_audit.report.html.element import NOTHING, Html, digest, element, items, joined, lines, name
 from keystore_audit.report.html.sheet import Sheet, severity
 from keystore_audit.text import counted, instant, shorten
@@ -59,17 +59,12 @@ def _sentences(report: Report) -> Iterator[Html]:
         words = "Nothing was found that fails this gate. " if report.fail_on is not None else ""
     yield element("p", words + gate)
     if report.safe_until is None:
-        until = f"No date in the keystore changes this answer{_why(report)}."
+        dates = "No date in the keystore changes this answer."
     elif report.safe_until <= report.at:
-        until = f"Nothing can be said of the future{_why(report)}."
+        dates = f"Nothing can be said of the future: {report.safe_until_why}."
     else:
-        until = sentence(f"This answer holds until {instant(report.safe_until)}{_why(report)}") + f" {RUNNING_SESSIONS}"
-    yield element("p", until, class_="soft")
-
-
-def _why(report: Report) -> str:
-    why = report.safe_until_why
-    return f": {why}" if why and report.safe_until is not None else ""
+        dates = f"This answer holds until {instant(report.safe_until)}: {until(report)}"
+    yield element("p", dates, class_="soft")
 
 
 def _counts(report: Report) -> Html:
