@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import click
 
 from keystore_audit.cli.completion import Directory, Word
-from keystore_audit.cli.session import Session
 from keystore_audit.errors import UsageError
 
 if TYPE_CHECKING:
@@ -152,9 +151,8 @@ keystore_path = Directory(_keystore_path)
 
 
 def _be_verbose(ctx: click.Context, _param: click.Parameter, value: bool) -> bool:
-    session = ctx.find_object(Session)
-    if session is not None and value:
-        session.verbose = True
+    if value:
+        ctx.ensure_object(dict)["verbose"] = True
     return value
 
 

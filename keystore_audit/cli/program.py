@@ -12,9 +12,7 @@ import click
 
 from keystore_audit import __version__
 from keystore_audit.cli import EXIT_INTERRUPTED, not_installed, once
-from keystore_audit.cli.session import Session
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, AuditError
-from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -84,7 +82,7 @@ def program() -> None:
 
 def run(args: Sequence[str]) -> int:
     """Run the command line `args` and return the exit code; no exception leaves this function but SystemExit."""
-    session = Session()
+    said: dict[str, bool] = {}  # by options, while they are read
     try:
         code = program.main(
             list(args),
@@ -93,7 +91,7 @@ def run(args: Sequence[str]) -> int:
             # nobody audited for.
             complete_var=None if not args else "=",  # which no variable is called
             standalone_mode=False,
-            obj=session,
+            obj=said,
         )
     except click.Abort:  # click's name for KeyboardInterrupt
         return _end(EXIT_INTERRUPTED, "Interrupted: there is no verdict.")
@@ -110,7 +108,7 @@ def run(args: Sequence[str]) -> int:
     except AuditError as error:
         return _end(error.exit_code, error.message)
     except Exception as error:  # noqa: BLE001 - the one place that keeps a traceback from the user
-        return _end(EXIT_INCOMPLETE, fault(error, verbose=session.verbose))
+        return _end(EXIT_INCOMPLETE, fault(error, verbose=said.get("verbose", False)))
     return code if isinstance(code, int) else 0
 
 
@@ -123,7 +121,9 @@ def _alike(option: str, possibilities: Iterable[str]) -> list[str]:
 
 
 def _end(code: int, sentence: str) -> int:
-    click.echo(f"{NAME}: {terminal(sentence)}", err=True)
+    from keystore_audit.cli.output import say
+
+    say(sentence)
     return code
 
 
