@@ -324,7 +324,7 @@ class _Run:
         if self._summarised:
             output.write_stdout(render_text(summary, view))
             return
-        from keystore_audit.report.total import render_total
+        from keystore_audit.report.text import render_total
 
         verdicts = [each.verdict for each in summary.rows if each.verdict is not None]
         if verdicts:

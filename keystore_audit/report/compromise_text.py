@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
-from keystore_audit.model.blast_radius import BlastRadius, Ground
+from keystore_audit.model.blast_radius import BlastRadius, Ground, Topic
+from keystore_audit.model.named import Named
+from keystore_audit.model.names import PARAMETER_SERVICES, RosKind, parse_dds_name, ros_name
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.property import Status
-from keystore_audit.report.compromise_words import MAX_LISTED, topic_words
 from keystore_audit.report.content import assumed_of
 from keystore_audit.report.paragraph import by_answer, profiles, rests_on, wrapped
 from keystore_audit.text import counted, some
@@ -18,6 +19,11 @@ _WHOSE: Final = {
     Stolen.IDENTITY_CA: "the identity CA {}",
     Stolen.PERMISSIONS_CA: "the permissions CA {}",
 }
+
+MAX_LISTED: Final = 8
+"""Names that are listed; the rest are counted."""
+
+_PARAMETERS: Final = tuple(f"/{service}" for service in PARAMETER_SERVICES)
 
 
 def text(answer: CompromiseAnswer) -> str:
@@ -67,7 +73,7 @@ def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
     ):
         number = ground.count(channels)
         told = verb.format(counted(number, "DDS topic") if number else "no topic")
-        yield f"{told}: {topic_words(ground.topics(channels))}" if number else told
+        yield f"{told}: {_topic_words(ground.topics(channels))}" if number else told
     at_large = {enclave.label for system in ground.systems for enclave in system.enclaves if enclave.at_large}
     posed, others = sorted(radius.passes_for - at_large), sorted(radius.passes_for & at_large)
     if posed or not others:
@@ -85,3 +91,24 @@ def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
     further = sorted(radius.reached - radius.reached_alone)
     if further:
         yield f"reaches {len(reached)} if all on the way are compromised too: also {some(further, MAX_LISTED)}"
+
+
+def _topic_words(topics: Iterable[Topic]) -> str:
+    """Some of the names, plain topics first, parameter services counted alone; raw text."""
+    topics = list(topics)
+    others = [topic for topic in topics if not _of_parameters(topic.name)]
+    names = sorted(map(_words, others), key=lambda words: (not words.endswith("(topic)"), words))
+    listed = some((words.removesuffix(" (topic)") for words in names), MAX_LISTED)
+    parameters = len(topics) - len(others)
+    return ", and ".join(filter(None, [listed, f"{parameters} of parameter services" if parameters else ""]))
+
+
+def _of_parameters(name: Named) -> bool:
+    parsed = parse_dds_name(name.topic)
+    return parsed is not None and parsed.kind is RosKind.SERVICE and parsed.name.endswith(_PARAMETERS)
+
+
+def _words(topic: Topic) -> str:
+    name = ros_name(topic.name.topic)
+    inside = f', partition "{topic.name.partition}"' if topic.name.partition else ""
+    return f"{f'all names such as {name}' if topic.name.several else name}{inside}"

@@ -14,7 +14,7 @@ from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import array, document, encoded, keys
 from keystore_audit.report.json import TOOL, counts
 from keystore_audit.report.page import Page
-from keystore_audit.report.text import View
+from keystore_audit.report.text import MAX_PATH, View
 from keystore_audit.text import counted, instant, shorten
 
 SCHEMA_VERSION: Final = 1
@@ -22,9 +22,6 @@ SCHEMA_VERSION: Final = 1
 
 MAX_NAMED: Final = 5
 """Keystores named where many have the same findings; the others are counted (text, unless it is verbose)."""
-
-MAX_PATH: Final = 400
-"""Characters of a path on the page."""
 
 MAX_WEAKENED: Final = 10
 """Reasons why gates were laxer that are named on the page; the others are counted."""

@@ -10,12 +10,17 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.identity import Identity
+from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.permission import Permissions
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
+from keystore_audit.model.subject import matching, same_meaning
+from keystore_audit.model.trust import Verdict
+from keystore_audit.rules.acceptance import ROWS, verdict
 from keystore_audit.rules.certificate import ISSUE_AGAIN, has_usual_subject, usual_subject
 from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_PERMISSIONS
 from keystore_audit.rules.contents import dated
@@ -24,7 +29,6 @@ from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
-from keystore_audit.rules.unnamed import unnamed
 from keystore_audit.rules.wording import defective, listed, located, places, quoted, sole
 
 WRITE_AGAIN: Final = (
@@ -132,7 +136,7 @@ def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[
     named = list(dict.fromkeys(grant.subject_name.text for grant in grants))
     line = next((grant.subject_name.line for grant in grants), None)
     got = f"got {listed(f'{quoted(name)}' for name in named)}" if named else "there is no grant at all"
-    for enclave, first, naming in unnamed(use, named):
+    for enclave, first, naming in _unnamed(use, named):
         wanted, remedy = f"{got}, expected {quoted(first.subject)}", None
         if not has_usual_subject(first, enclave, context.keystore):  # to grant it rights moves the fault: see KA220
             usual = usual_subject(enclave, context.keystore)
@@ -148,6 +152,29 @@ def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[
             key=first.subject,
             remedy=remedy,
         )
+
+
+def _unnamed(use: PermissionsUse, named: Sequence[str]) -> Iterator[tuple[Enclave, Certificate, list[Profile]]]:
+    """Enclaves whose identity has none of these names to the letter, each with the variants that take one for it.
+
+    Left out is who does not take the document, and whose name is meant and only written otherwise for some.
+    """
+    lacking = [
+        (enclave, enclave.identity)
+        for enclave in use.enclaves
+        if enclave.identity is not None and enclave.identity.subject not in named and not _refused_by(use, enclave)
+    ]
+    firsts = [first for _enclave, first in lacking]
+    tables = {each: matching(named, firsts, each) for each in SubjectComparison} if firsts else {}
+    for number, (enclave, first) in enumerate(lacking):
+        naming = {each: [text for text in named if number in table[text]] for each, table in tables.items()}
+        if not any(same_meaning(text, first) for texts in naming.values() for text in texts):
+            yield enclave, first, [profile for profile in VARIANTS.values() if naming[profile.trust.subjects]]
+
+
+def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
+    """Whether the enclave takes the document under no known implementation."""
+    return all(verdict(use.signed, enclave, trust) is Verdict.REFUSED for trust in ROWS)
 
 
 @rule(
