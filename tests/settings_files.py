@@ -1,17 +1,15 @@
-"""Settings files of the tests' making: what is read, what is said of wrong ones, and what their schemas take."""
+"""Settings files of the tests' making: what is read, and what is said of wrong ones."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from functools import cache
 from operator import methodcaller
 from pathlib import Path
 
-import jsonschema
 import pytest
 
-from keystore_audit import resources, toml
+from keystore_audit import toml
 from keystore_audit.errors import UsageError
 from keystore_audit.settings import Settings, read_settings
 
@@ -33,14 +31,6 @@ def wrong(folder: Path, text: str | bytes, reader: Callable[[Path], object] = re
         reader(path)
     assert caught.value.message.startswith(str(path))
     return caught.value.message.removeprefix(str(path))
-
-
-@cache
-def schema(name: str = "settings") -> jsonschema.Draft202012Validator:
-    """The schema by which editors check such files."""
-    found = json.loads((resources.schemas() / f"{name}.schema.json").read_text())
-    jsonschema.Draft202012Validator.check_schema(found)
-    return jsonschema.Draft202012Validator(found)
 
 
 def plain(text: str) -> object:

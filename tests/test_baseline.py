@@ -26,7 +26,8 @@ from keystore_audit.settings import Baseline, read_baseline
 from keystore_audit.suppressions import Acceptance, Fate, acceptable, accepted, uses
 from keystore_audit.text import terminal
 from tests.cli.keystores import answer
-from tests.settings_files import plain, schema
+from tests.schemas import schema
+from tests.settings_files import plain
 from tests.test_samples import SAMPLES, as_built, name
 from tools.samples.expectation import with_engine
 

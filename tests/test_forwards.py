@@ -19,7 +19,8 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from tests.model.comparing import Member, Store, criterion, domain_rule, governance, grant, permissions, rule
-from tests.settings_files import read, schema, wrong
+from tests.schemas import schema
+from tests.settings_files import read, wrong
 from tools.samples.base import IDENTITY_CA, LISTENER, TALKER, TWO
 from tools.samples.certificates import Certificate
 from tools.samples.documents import DISCOVERY, Criterion, Grant, Permissions, Rule
@@ -71,7 +72,7 @@ deterministic = {{ low = "/move_turtle", high = "topic:/low_priority" }}
     assert one.forwards == (first, second)
     assert (two.statement, two.high, two.forwards) == ("Mine.", Globs(topics=("rt/low_priority",)), (first,))
     assert one.meaning != two.meaning
-    assert list(schema().iter_errors(toml.loads(text))) == []
+    assert list(schema("settings").iter_errors(toml.loads(text))) == []
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,8 @@ from keystore_audit.model.claim import Attacker, ClaimKind
 from keystore_audit.model.claims import Claim, Globs
 from keystore_audit.settings import read_settings
 from keystore_audit.settings_positions import Position, positions
-from tests.settings_files import plain, read, schema, wrong
+from tests.schemas import schema
+from tests.settings_files import plain, read, wrong
 
 HEAD = '[[property]]\nname = "a"\n'
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_keystores"
@@ -140,7 +141,7 @@ def test_settings_inside_of_the_keystore_are_refused_also_over_a_link(tmp_path: 
 
 
 def test_the_schema_takes_what_is_taken_and_refuses_what_is_refused(tmp_path: Path) -> None:
-    validator = schema()
+    validator = schema("settings")
     for file in sorted((SAMPLES / "settings").glob("*.toml")):
         settings = read_settings(file)
         assert settings.claims or settings.declared.claims

@@ -11,7 +11,8 @@ import pytest
 from keystore_audit import toml
 from keystore_audit.findings import Severity
 from keystore_audit.settings import read_baseline
-from tests.settings_files import read, schema, wrong
+from tests.schemas import schema
+from tests.settings_files import read, wrong
 from tests.test_suppressions import ENTRY, PLACED, PRINT, WHY
 
 

@@ -11,7 +11,8 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.model.claim import Attacker, ClaimKind
 from tests.cli.test_flow import SAMPLES, audit
-from tests.settings_files import plain, read, schema, wrong
+from tests.schemas import schema
+from tests.settings_files import plain, read, wrong
 
 LIMITS = '[[label]]\nlabel = "driving"\ntopics = "/motor*"\n[[label]]\nlabel = "entertainment"\ntopics = "/*_limit"\n'
 ALIKE = """
@@ -90,7 +91,7 @@ def test_everything_is_read(tmp_path: Path) -> None:
     writers = [claim for claim in settings.claims if claim.kind is ClaimKind.ONLY_PUBLISH]
     assert [claim.id for claim in writers] == ["single-writer-cmd-vel", "single-writer-dds-rq-addrequest"]
     assert [claim.target.topics for claim in writers] == [("rt/cmd_vel",), ("rq/addRequest",)]
-    assert [error.message for error in schema().iter_errors(plain(FULL))] == []
+    assert [error.message for error in schema("settings").iter_errors(plain(FULL))] == []
 
 
 def test_categories_and_orders(tmp_path: Path) -> None:
@@ -100,14 +101,14 @@ def test_categories_and_orders(tmp_path: Path) -> None:
     assert labels is not None
     assert set(labels.pairs()) == {("camera, map", "no category")}
     assert {claim.labels.id for claim in labels.claims() if claim.labels} == {"label-camera-and-map-to-no-category"}
-    assert schema().is_valid(plain(sets + marks))
+    assert schema("settings").is_valid(plain(sets + marks))
     order = '[lattice]\norder = { low = [], high = ["low"], apart = [] }\n'
     labels = read(tmp_path, order + TWO + '[[label]]\nlabel = "apart"\ntopics = "/x"\n').labels
     assert labels is not None
     assert set(labels.pairs()) == {
         ("high", "low"), ("low", "apart"), ("apart", "low"), ("high", "apart"), ("apart", "high")
     }  # fmt: skip
-    assert schema().is_valid(plain(order + TWO))
+    assert schema("settings").is_valid(plain(order + TWO))
 
 
 @pytest.mark.parametrize(
@@ -145,7 +146,7 @@ def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, w
 
 @pytest.mark.parametrize("text", [TWO, f'{LEVELS}categories = ["a"]\n{TWO}', '[[endorser]]\nenclaves = "/a"\n'])
 def test_the_schema_refuses_it_too(text: str) -> None:
-    assert not schema().is_valid(plain(text))
+    assert not schema("settings").is_valid(plain(text))
 
 
 def test_a_property_may_not_have_the_name_of_what_labels_make(tmp_path: Path) -> None:

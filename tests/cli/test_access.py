@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
 
-import jsonschema
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit import resources, toml
+from keystore_audit import toml
 from keystore_audit.access import Access
 from keystore_audit.cli.program import run
 from keystore_audit.errors import EXIT_INCOMPLETE
@@ -27,6 +26,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.profiles import DEFAULT, VARIANTS, resolve
 from keystore_audit.model.question import Question
 from tests.cli.keystores import AT, answer, keystore, rule
+from tests.schemas import schema
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 EXPECTATIONS = sorted(path for path in SAMPLES.rglob("*.toml") if path.with_suffix("").is_dir())
@@ -40,13 +40,6 @@ def name(path: Path) -> str:
 def instant(expectation: Path) -> str:
     at: str = toml.loads(expectation.read_text("utf-8"))["at"]
     return at
-
-
-@pytest.fixture(scope="module")
-def schema() -> dict[str, Any]:
-    loaded: dict[str, Any] = json.loads((resources.schemas() / "access.schema.json").read_text())
-    jsonschema.Draft202012Validator.check_schema(loaded)
-    return loaded
 
 
 def listed(document: dict[str, Any]) -> dict[tuple[str, str, str, str, str], tuple[str, str]]:
@@ -65,13 +58,13 @@ def listed(document: dict[str, Any]) -> dict[tuple[str, str, str, str, str], tup
 
 
 @pytest.mark.parametrize("expectation", EXPECTATIONS, ids=name)
-def test_the_table_of_a_sample_is_what_single_answers_are(expectation: Path, schema: dict[str, Any]) -> None:
+def test_the_table_of_a_sample_is_what_single_answers_are(expectation: Path) -> None:
     """Other code on the way: bit sets over all names there, one decision about one name here."""
     store, at = expectation.with_suffix(""), instant(expectation)
     code, out = answer("access", store, "-f", "json", "--at", at)
     assert out.isascii()
     document = json.loads(out)
-    jsonschema.Draft202012Validator(schema).validate(document)
+    schema("access").validate(document)
     assert all(len(group["protection"]) == len(document["names"]) for group in document["groups"])
     found = listed(document)
     assert code == (EXIT_INCOMPLETE if any("unknown" in pair for pair in found.values()) else 0)

@@ -7,14 +7,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 from junitparser import Error, JUnitXml
 
-from keystore_audit import resources
 from keystore_audit.engine.alloy import install
 from keystore_audit.engine.alloy.process import AnalyzerProcess
 from tests.cli.keystores import AT, answer
+from tests.schemas import schema
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 BAD = "rules/KA741-asserted-alloy-property-violated/bad"
@@ -47,7 +46,7 @@ def report(run: Audit) -> Reported:
     def audit(keystore: str, *arguments: str) -> tuple[int, dict[str, Any]]:
         code, text = run(keystore, "-f", "json", *arguments)
         found = json.loads(text)
-        jsonschema.validate(found, json.loads((resources.schemas() / "report.schema.json").read_text()))
+        schema("report").validate(found)
         return code, found
 
     return audit

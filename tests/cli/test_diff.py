@@ -12,10 +12,8 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
 
-import jsonschema
 import pytest
 
-from keystore_audit import resources
 from keystore_audit.cli.program import run
 from keystore_audit.diff import compare_keystores
 from keystore_audit.model.comparison.change import FailOn
@@ -23,6 +21,7 @@ from keystore_audit.model.profiles import resolve
 from keystore_audit.report.diff_markdown import MAX_LENGTH, markdown
 from tests.cli.keystores import AT, keystore, rule
 from tests.hostile.names import MARK, NAMES
+from tests.schemas import schema
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 HEALTHY = SAMPLES / "healthy/talker_listener"
@@ -46,10 +45,8 @@ def diff(capsys: pytest.CaptureFixture[str]) -> Diff:
 
 def document(out: str) -> dict[str, Any]:
     """The JSON, valid against its schema."""
-    schema = json.loads((resources.schemas() / "diff.schema.json").read_text())
-    jsonschema.Draft202012Validator.check_schema(schema)
     answer: dict[str, Any] = json.loads(out)
-    jsonschema.Draft202012Validator(schema).validate(answer)
+    schema("diff").validate(answer)
     return answer
 
 

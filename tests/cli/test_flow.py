@@ -10,10 +10,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 
-from keystore_audit import resources
+from tests.schemas import schema
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 AT = ("--at", "2026-11-21T12:00:00Z")
@@ -28,9 +27,7 @@ def run(*arguments: str, at: Path = SAMPLES, **environment: str) -> subprocess.C
 def flow(sample: str, *arguments: str) -> tuple[int, dict[str, Any]]:
     done = run("flow", f"flows/{sample}", *arguments, *AT, "-f", "json")
     answer = json.loads(done.stdout)
-    schema = json.loads((resources.schemas() / "flow.schema.json").read_text())
-    jsonschema.Draft202012Validator.check_schema(schema)
-    jsonschema.validate(answer, schema)
+    schema("flow").validate(answer)
     return done.returncode, answer
 
 

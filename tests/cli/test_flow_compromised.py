@@ -6,10 +6,8 @@ import json
 from datetime import datetime, timezone
 from typing import Any
 
-import jsonschema
 import pytest
 
-from keystore_audit import resources
 from keystore_audit.compromise import find_blast_radius
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
@@ -17,14 +15,13 @@ from keystore_audit.model.claim import Attacker
 from keystore_audit.model.profiles import resolve
 from keystore_audit.properties.property import Status
 from tests.cli.test_flow import AT, SAMPLES, run
+from tests.schemas import schema
 
 
 def opened(sample: str, who: str, *arguments: str) -> tuple[int, dict[str, Any]]:
     done = run("flow", f"flows/{sample}", "--from-compromised", who, *AT, "-f", "json", *arguments)
     answer = json.loads(done.stdout)
-    schema = json.loads((resources.schemas() / "compromise.schema.json").read_text())
-    jsonschema.Draft202012Validator.check_schema(schema)
-    jsonschema.validate(answer, schema)
+    schema("compromise").validate(answer)
     return done.returncode, answer
 
 
@@ -145,8 +142,7 @@ def test_names_are_escaped() -> None:
 def test_a_report_ranks_keys() -> None:
     done = run("audit", "flows/turtlesim_shared_ca", "--engine", "native", "-f", "json", *AT)
     report = json.loads(done.stdout)
-    schema = json.loads((resources.schemas() / "report.schema.json").read_text())
-    jsonschema.validate(report, schema)
+    schema("report").validate(report)
     most, other = report["blast_radius"]
     assert (len(most["profiles"]), other["profiles"]) == (6, ["cyclonedds-0.10"])
     assert all(each["endless"] and each["enclaves_reached"] == 3 for each in other["enclaves"])

@@ -16,18 +16,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 
-from keystore_audit import resources
 from keystore_audit.cli.program import run as run_here
+from tests.schemas import schema
 
 AT = ("--at", "2026-11-21T12:00:00Z", "--engine", "native")
-
-
-@pytest.fixture(scope="module")
-def validator() -> jsonschema.Draft202012Validator:
-    return jsonschema.Draft202012Validator(json.loads((resources.schemas() / "report.schema.json").read_text()))
 
 
 class TestExitCodes:
@@ -146,12 +140,12 @@ class TestExitCodes:
 
 class TestSeveralKeystores:
     def test_the_worst_code_counts_and_none_hides_another(
-        self, keystore_audit: Any, healthy: Path, stock: Path, tmp_path: Path, validator: Any
+        self, keystore_audit: Any, healthy: Path, stock: Path, tmp_path: Path
     ) -> None:
         done = keystore_audit(stock, tmp_path / "nowhere", healthy, *AT, "-f", "json")
         assert done.returncode == 3
         document = json.loads(done.stdout)
-        validator.validate(document)
+        schema("report").validate(document)
         assert [report["exit_code"] for report in document["reports"]] == [1, 0]
         assert b"nowhere" in done.stderr
 
@@ -161,10 +155,10 @@ class TestSeveralKeystores:
         assert done.stdout.endswith(b"\n2 keystores: 1 pass, 1 fail, 0 incomplete\n")
 
     def test_two_roots_are_the_long_form_even_if_one_has_no_report(
-        self, keystore_audit: Any, healthy: Path, tmp_path: Path, validator: Any
+        self, keystore_audit: Any, healthy: Path, tmp_path: Path
     ) -> None:
         document = json.loads(keystore_audit(healthy, tmp_path, *AT, "-f", "json").stdout)
-        validator.validate(document)
+        schema("report").validate(document)
         assert len(document["reports"]) == 1
 
 
@@ -175,9 +169,9 @@ class TestStreams:
             assert first == second
             assert first.endswith(b"\n")
 
-    def test_json_by_the_schema(self, keystore_audit: Any, stock: Path, validator: Any) -> None:
+    def test_json_by_the_schema(self, keystore_audit: Any, stock: Path) -> None:
         document = json.loads(keystore_audit(stock, *AT, "-f", "json").stdout)
-        validator.validate(document)
+        schema("report").validate(document)
         assert document["weakened"] == ["--at 2026-11-21T12:00:00Z"]
         assert document["at"] == "2026-11-21T12:00:00Z"
 
@@ -275,7 +269,7 @@ class TestTerminal:
         assert b"\x1b[1;37;41m" not in plain
 
 
-def test_hostile_file_names_reach_no_output(keystore_audit: Any, healthy: Path, tmp_path: Path, validator: Any) -> None:
+def test_hostile_file_names_reach_no_output(keystore_audit: Any, healthy: Path, tmp_path: Path) -> None:
     root = shutil.copytree(healthy, tmp_path / "keys\x1b[31m", symlinks=True)
     enclave = next(path.parent for path in sorted((root / "enclaves").rglob("cert.pem")))
     for name in ("\x1b]0;owned\x07", "\u202egnp", "[red]x", os.fsdecode(b"\xff\xfe"), "new\nline"):
@@ -287,7 +281,7 @@ def test_hostile_file_names_reach_no_output(keystore_audit: Any, healthy: Path, 
             assert not set(text) & set("\x1b\x07\u202e\r\x9b")
             assert "\nline" not in text
     document = json.loads(done.stdout)
-    validator.validate(document)
+    schema("report").validate(document)
     assert any("%FF%FE" in entry["directory"] for entry in document["enclaves"])
     missing = keystore_audit(tmp_path / "\x1b[31mnone", *AT)
     assert (missing.returncode, b"\x1b" in missing.stderr) == (3, False)

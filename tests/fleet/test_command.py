@@ -16,16 +16,15 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import psutil
 import pytest
 
-from keystore_audit import resources
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.report.content import Verdict
 from keystore_audit.report.summary import Row, Summary, render_text, without_report
 from tests.cli.keystores import AT, answer, keystore, rule
+from tests.schemas import schema
 
 NATIVE = ("--engine", "native", "--at", AT)
 
@@ -40,8 +39,7 @@ def robots(root: Path, count: int) -> Path:
 
 def summary(directory: Path) -> Any:
     document = json.loads((directory / "summary.json").read_text())
-    schema = json.loads((resources.schemas() / "summary.schema.json").read_text())
-    jsonschema.Draft202012Validator(schema).validate(document)
+    schema("summary").validate(document)
     return document
 
 

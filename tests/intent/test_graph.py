@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,6 +18,7 @@ from keystore_audit.intent.graph import read_graph
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
 from keystore_audit.intent.located_json import MAX_DEPTH, Value
 from keystore_audit.model.names import dds_channels
+from tests.schemas import schema
 from tests.strategies.mutations import edited
 from tools.samples.healthy import TURTLESIM, VEHICLE
 from tools.samples.policy import Node
@@ -26,7 +26,7 @@ from tools.samples.policy import Node
 ROOT = Path(__file__).parent.parent.parent
 GRAPHS = ROOT / "sample_keystores" / "graphs"
 SAMPLES = sorted(GRAPHS.glob("*.graph.json"))
-VALIDATOR = jsonschema.Draft202012Validator(json.loads((ROOT / "schemas" / "graph.schema.json").read_text("utf-8")))
+VALIDATOR = schema("graph")
 
 TALKER: dict[str, Any] = {
     "name": "talker",

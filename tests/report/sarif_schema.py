@@ -7,7 +7,8 @@ import json
 import zipfile
 from functools import cache
 from pathlib import Path
-from typing import Any
+
+import jsonschema
 
 from tests.conftest import lacking
 
@@ -17,15 +18,14 @@ SHA256 = "4ca040808b0e8415ce63c323702ebf2a7d96fe949d4a1f67dec2d34a5e3aecd0"
 
 
 @cache
-def schema() -> dict[str, Any]:
-    """The schema; skips the test where the artifact cannot be had, and fails it in CI."""
+def sarif_schema() -> jsonschema.Draft7Validator:
+    """What a log is held against; skips the test where the artifact cannot be had, and fails it in CI."""
     try:
         text = _fetch()
     except Exception as error:  # noqa: BLE001 - jgo raises what its transport raises
         lacking(f"the SARIF schema: {error}")
     assert hashlib.sha256(text).hexdigest() == SHA256
-    loaded: dict[str, Any] = json.loads(text)
-    return loaded
+    return jsonschema.Draft7Validator(json.loads(text))
 
 
 def _fetch() -> bytes:

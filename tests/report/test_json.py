@@ -7,16 +7,15 @@ from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from typing import Any
 
-import jsonschema
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit import resources
 from keystore_audit.findings import Severity
 from keystore_audit.report import json
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.text import instant
+from tests.schemas import schema
 
 MakeReport = Callable[..., Report]
 
@@ -35,26 +34,13 @@ FINDING_KEYS = [
 ]  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def schema() -> dict[str, Any]:
-    loaded: dict[str, Any] = stdlib_json.loads((resources.schemas() / "report.schema.json").read_text())
-    return loaded
+def validate(text: str) -> dict[str, Any]:
+    document: dict[str, Any] = stdlib_json.loads(text)
+    schema("report").validate(document)
+    return document
 
 
-@pytest.fixture
-def validate(schema: dict[str, Any]) -> Callable[[str], dict[str, Any]]:
-    jsonschema.Draft202012Validator.check_schema(schema)
-    validator = jsonschema.Draft202012Validator(schema)
-
-    def check(text: str) -> dict[str, Any]:
-        document: dict[str, Any] = stdlib_json.loads(text)
-        validator.validate(document)
-        return document
-
-    return check
-
-
-def test_keys_stand_in_the_order_of_the_contract(make_report: MakeReport, validate: Any) -> None:
+def test_keys_stand_in_the_order_of_the_contract(make_report: MakeReport) -> None:
     document = validate(json.render(make_report()))
     assert list(document) == REPORT_KEYS
     assert all(list(finding) == FINDING_KEYS for finding in document["findings"])
@@ -62,14 +48,14 @@ def test_keys_stand_in_the_order_of_the_contract(make_report: MakeReport, valida
     assert document["settings"] is None
 
 
-def test_several_keystores(make_report: MakeReport, validate: Any) -> None:
+def test_several_keystores(make_report: MakeReport) -> None:
     document = validate(json.render_several([make_report("a"), make_report("b")]))
     assert list(document) == ["schema_version", "reports", "missing", "summary"]
     assert [report["keystore"]["path"] for report in document["reports"]] == ["./keys/a", "./keys/b"]
     assert document["summary"] == {"critical": 2, "high": 2, "medium": 2, "low": 0, "info": 2}
 
 
-def test_accepted_findings_are_listed_and_not_counted(make_report: MakeReport, validate: Any) -> None:
+def test_accepted_findings_are_listed_and_not_counted(make_report: MakeReport) -> None:
     document = validate(json.render(make_report()))
     accepted = [finding for finding in document["findings"] if finding["suppressed"]]
     assert [finding["suppressed"]["owner"] for finding in accepted] == ["me"]
@@ -78,12 +64,12 @@ def test_accepted_findings_are_listed_and_not_counted(make_report: MakeReport, v
 
 @settings(max_examples=60)
 @given(name=HOSTILE)
-def test_hostile_names_are_data(name: str, make_report: MakeReport, schema: dict[str, Any]) -> None:
+def test_hostile_names_are_data(name: str, make_report: MakeReport) -> None:
     text = json.render(make_report(name))
     assert text.isascii()
     assert not any(ord(character) < 0x20 for character in text if character != "\n")
     document = stdlib_json.loads(text)
-    jsonschema.Draft202012Validator(schema).validate(document)
+    schema("report").validate(document)
     assert document["verdict"] == "fail"
     readable = name.encode("utf-8", "backslashreplace").decode()
     assert [enclave["path"] for enclave in document["enclaves"]] == ["/listener", f"/{readable}"]
@@ -120,15 +106,15 @@ def test_instants(moment: datetime, written: str) -> None:
         pytest.param(lambda d: d.update(at="2025-06-01 00:00"), id="time"),
     ],
 )
-def test_the_schema_is_strict(make_report: MakeReport, schema: dict[str, Any], spoil: Any) -> None:
+def test_the_schema_is_strict(make_report: MakeReport, spoil: Any) -> None:
     document = stdlib_json.loads(json.render(make_report()))
-    validator = jsonschema.Draft202012Validator(schema)
+    validator = schema("report")
     assert validator.is_valid(document)
     spoil(document)
     assert not validator.is_valid(document)
 
 
 @pytest.mark.parametrize(("verdict", "code"), [(Verdict.PASS, 0), (Verdict.INCOMPLETE, 4)])
-def test_other_verdicts(make_report: MakeReport, validate: Any, verdict: Verdict, code: int) -> None:
+def test_other_verdicts(make_report: MakeReport, verdict: Verdict, code: int) -> None:
     document = validate(json.render(make_report(verdict=verdict, exit_code=code, safe_until=None, engines_agree=None)))
     assert (document["verdict"], document["exit_code"], document["safe_until"]) == (verdict.value, code, None)

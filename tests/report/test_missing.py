@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import jsonschema
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -21,7 +20,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.report import sarif
 from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.text import View
-from tests.report.sarif_schema import schema
+from tests.report.sarif_schema import sarif_schema
 
 MakeReport = Callable[..., Report]
 
@@ -53,7 +52,7 @@ def test_it_is_an_error_in_junit(make_report: MakeReport) -> None:
 
 def test_it_is_an_error_in_sarif(make_report: MakeReport) -> None:
     log = json.loads(rendered("sarif", make_report, GONE))
-    jsonschema.Draft7Validator(schema()).validate(log)
+    sarif_schema().validate(log)
     run = log["runs"][-1]
     assert not run["invocations"][0]["executionSuccessful"]
     assert [(result["ruleId"], result["level"]) for result in run["results"]] == [("KA901", "error")]

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-import jsonschema
 import pytest
 from google.protobuf import json_format
 from in_toto_attestation.predicates.test_result.v0 import test_result_pb2
@@ -22,14 +21,14 @@ from in_toto_attestation.v1 import statement_pb2
 from in_toto_attestation.v1.statement import Statement
 from junitparser import Error, Failure, JUnitXml, Skipped
 
-from keystore_audit import resources
 from keystore_audit.cli import audit as command_line
 from keystore_audit.cli.formats import FORMATS, render, rule_entries
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.sarif import _described
 from keystore_audit.report.text import View
-from tests.report.sarif_schema import schema
+from tests.report.sarif_schema import sarif_schema
+from tests.schemas import schema
 from tests.test_samples import EXPECTATIONS, SAMPLES, as_built, name
 from tools.samples.expectation import with_engine
 
@@ -44,16 +43,6 @@ def audited(expectation: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
     words = [*with_engine(expected["options"]), "--at", expected["at"], str(keystore)]
     given = command_line.command.make_context("audit", words).params
     return audit(str(keystore), command_line.chosen(given, [str(keystore)])), keystore
-
-
-@cache
-def sarif_validator() -> jsonschema.protocols.Validator:
-    return jsonschema.Draft7Validator(schema())
-
-
-@cache
-def report_validator() -> jsonschema.protocols.Validator:
-    return jsonschema.Draft202012Validator(json.loads((resources.schemas() / "report.schema.json").read_text()))
 
 
 def shown(kind: str, report: Report) -> str:
@@ -78,7 +67,7 @@ def test_a_sample_is_valid_in_every_format(audited: Audited) -> None:
 
 def _json(text: str, report: Report) -> None:
     document = json.loads(text)
-    report_validator().validate(_distinct(document))
+    schema("report").validate(_distinct(document))
     assert (document["exit_code"], len(document["findings"])) == (report.exit_code, len(report.findings))
 
 
@@ -103,7 +92,7 @@ def _sarif(text: str, report: Report, keystore: Path) -> None:
     results = run["results"]
     own = [{**rule, "properties": None} for rule in _rules()]
     assert [{**rule, "properties": None} for rule in rules] == own  # they are held against the schema below, once
-    sarif_validator().validate({**log, "runs": [{**run, "tool": {"driver": {"name": "x"}}}]})
+    sarif_schema().validate({**log, "runs": [{**run, "tool": {"driver": {"name": "x"}}}]})
     assert [result["ruleId"] for result in results] == [finding.code for finding in report.findings]
     for result, finding in zip(results, report.findings, strict=True):
         assert rules[result["ruleIndex"]]["id"] == finding.code
@@ -175,7 +164,7 @@ def _statement(text: str, report: Report, keystore: Path) -> None:
 
 def test_the_rules_of_every_log_are_valid() -> None:
     driver = {"name": "keystore-audit", "rules": _rules()}
-    sarif_validator().validate({"version": "2.1.0", "runs": [{"tool": {"driver": driver}}]})
+    sarif_schema().validate({"version": "2.1.0", "runs": [{"tool": {"driver": driver}}]})
 
 
 SEEDS = ("0", "4711")
