@@ -20,15 +20,11 @@ from tests.oracles.vendors.pairs_material import (
     PAST,
     Authorities,
     Enclave,
-    allow,
-    both,
-    criterion,
-    deny,
     governance,
     grant,
     permissions,
-    topic_rule,
 )
+from tests.oracles.vendors.recipe import allow, criterion, deny, domains, pubsub, topic_rule
 
 _SUBJECT = "CN=/second"
 _PARTITIONED = tuple(
@@ -37,7 +33,7 @@ _PARTITIONED = tuple(
     for kind in (publish, subscribe)
 )
 _AB = tuple(kind(topic) for topic in ("a", "b") for kind in (publish, subscribe))
-_A, _B = both(["a*"]), both(["b*"])
+_A, _B = pubsub("a*"), pubsub("b*")
 
 
 def _presents(title: str, *grants: str, open_rule: bytes | None = None, endpoints: Sequence[Endpoint] = _AB) -> Case:
@@ -146,35 +142,39 @@ def _grants() -> list[Case]:
 
 
 def _rules() -> list[Case]:
-    publish_a, subscribe_a = criterion("publish", ["a*"]), criterion("subscribe", ["a*"])
+    publish_a, subscribe_a = criterion("publish", "a*"), criterion("subscribe", "a*")
     everywhere = _PARTITIONED
     return [
-        _ruled("rule of another domain allows", allow(_A, domains="<id>9</id>")),
-        _ruled("rule of another domain denies", deny(_A, domains="<id>9</id>"), EVERYTHING),
-        replace(_ruled("rule of this domain and others", allow(_A, domains="<id>3</id><id>5</id>")), domains=(5, 5)),
-        _ruled("a range with its end alone left open", allow(_A, domains="<id_range><min>0</min></id_range>")),
+        _ruled("rule of another domain allows", allow(_A, where=domains(9))),
+        _ruled("rule of another domain denies", deny(_A, where=domains(9)), EVERYTHING),
+        replace(_ruled("rule of this domain and others", allow(_A, where=domains(3, 5))), domains=(5, 5)),
+        _ruled("a range with its end alone left open", allow(_A, where=domains((0, None)))),
         _ruled("default ALLOW", default="ALLOW"),
         _ruled("default ALLOW beside a deny rule", deny(_A), default="ALLOW"),
         _ruled("deny publish, then everything", deny(publish_a), EVERYTHING),
         _ruled("deny subscribe, then everything", deny(subscribe_a), EVERYTHING),
         _ruled("allow publish, deny subscribe, then everything", allow(publish_a), deny(subscribe_a), EVERYTHING),
         _ruled("no partition listed", allow(_A), endpoints=everywhere),
-        _ruled("partition p", allow(both(["a*"], ["p"])), endpoints=everywhere),
-        _ruled("partitions p and q", allow(both(["a*"], ["p", "q"])), endpoints=everywhere),
-        _ruled("partition ?", allow(both(["a*"], ["?"])), endpoints=everywhere),
-        _ruled("partition p for a, any for b", allow(both(["a*"], ["p"]), both(["b*"], ["*"])), endpoints=everywhere),
+        _ruled("partition p", allow(pubsub("a*", partitions=("p",))), endpoints=everywhere),
+        _ruled("partitions p and q", allow(pubsub("a*", partitions=("p", "q"))), endpoints=everywhere),
+        _ruled("partition ?", allow(pubsub("a*", partitions=("?",))), endpoints=everywhere),
         _ruled(
-            "p by one rule, any by the next",
-            allow(both(["a*"], ["p"])),
-            allow(both(["a*"], ["*"])),
+            "partition p for a, any for b",
+            allow(pubsub("a*", partitions=("p",)), pubsub("b*", partitions=("*",))),
             endpoints=everywhere,
         ),
-        _ruled("deny p, then everything", deny(both(["a*"], ["p"])), EVERYTHING, endpoints=everywhere),
-        _ruled("any, then deny p", EVERYTHING, deny(both(["a*"], ["p"])), endpoints=everywhere),
+        _ruled(
+            "p by one rule, any by the next",
+            allow(pubsub("a*", partitions=("p",))),
+            allow(pubsub("a*", partitions=("*",))),
+            endpoints=everywhere,
+        ),
+        _ruled("deny p, then everything", deny(pubsub("a*", partitions=("p",))), EVERYTHING, endpoints=everywhere),
+        _ruled("any, then deny p", EVERYTHING, deny(pubsub("a*", partitions=("p",))), endpoints=everywhere),
         _ruled(
             "nothing of the topic, deny p, everything",
-            allow(criterion("publish", ["a*"], ["z"])),
-            deny(both(["a*"], ["p"])),
+            allow(criterion("publish", "a*", partitions=("z",))),
+            deny(pubsub("a*", partitions=("p",))),
             EVERYTHING,
             endpoints=everywhere,
         ),
@@ -182,7 +182,7 @@ def _rules() -> list[Case]:
 
 
 def _relays() -> list[Case]:
-    relay_p = criterion("relay", ["a*"], ["p"])
+    relay_p = criterion("relay", "a*", partitions=("p",))
     kinds = [
         governance(topic_rule(metadata=one, data=other)) for one, other in (("SIGN", "ENCRYPT"), ("NONE", "ENCRYPT"))
     ]
@@ -192,13 +192,15 @@ def _relays() -> list[Case]:
         _ruled("relay alone, metadata NONE, data ENCRYPT", allow(relay_p), endpoints=_PARTITIONED, open_rule=kinds[1]),
         _ruled("relay denied, then everything", deny(relay_p), EVERYTHING, endpoints=_PARTITIONED),
         _ruled(
-            "relay in p, subscribe in q", allow(relay_p, criterion("subscribe", ["a*"], ["q"])), endpoints=_PARTITIONED
+            "relay in p, subscribe in q",
+            allow(relay_p, criterion("subscribe", "a*", partitions=("q",))),
+            endpoints=_PARTITIONED,
         ),
     ]
 
 
 def _joining() -> list[Case]:
-    elsewhere = allow(both(["*"], ["*"]), domains="<id>9</id>")
+    elsewhere = allow(pubsub("*", partitions=("*",)), where=domains(9))
     cases = []
     for join, read, write in (
         (True, True, True),
@@ -211,13 +213,13 @@ def _joining() -> list[Case]:
         rule = governance(topic_rule(read=read, write=write), join=join)
         cases.append(_ruled(f"{title}: no rule", controls=False, open_rule=rule))
         cases.append(_ruled(f"{title}: allowed in another domain", elsewhere, controls=False, open_rule=rule))
-    cases.append(_ruled("joined by relay alone", allow(criterion("relay", ["b*"])), controls=False))
+    cases.append(_ruled("joined by relay alone", allow(criterion("relay", "b*")), controls=False))
     cases.append(_ruled("joined by default ALLOW alone", controls=False, default="ALLOW"))
     one_on = governance(topic_rule(read=True, write=False))
     cases.append(
         _ruled(
             "deny subscribe where write control is off",
-            deny(criterion("subscribe", ["a*"])),
+            deny(criterion("subscribe", "a*")),
             EVERYTHING,
             open_rule=one_on,
             endpoints=_PARTITIONED,

@@ -2,116 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from tests.keystore.builder import PrivateKey, Signed, authority, certificate, signed_document
+from tests.oracles.vendors import recipe
+from tests.oracles.vendors.recipe import allow, domain_rule, domains, pubsub, topic_rule
 
-EVERY_DOMAIN = "<id_range><min>0</min><max>230</max></id_range>"
-ZERO = "<id>0</id>"
+EVERY_DOMAIN = domains((0, 230))
 CONTROL_TOPICS = ("control", "control_secure")
 LONG = ("2024-01-01T00:00:00", "2034-01-01T00:00:00")
 PAST = ("2024-01-01T00:00:00", "2025-01-01T00:00:00")
 FUTURE = ("2033-01-01T00:00:00", "2034-01-01T00:00:00")
-YES_NO = {True: "true", False: "false"}
-
-
-def topic_rule(
-    expression: str = "*",
-    *,
-    discovery: bool = True,
-    liveliness: bool = True,
-    read: bool = True,
-    write: bool = True,
-    metadata: str = "ENCRYPT",
-    data: str = "ENCRYPT",
-) -> str:
-    """One rule of a governance; the plain one is sros2's."""
-    return f"""<topic_rule><topic_expression>{expression}</topic_expression>
-<enable_discovery_protection>{YES_NO[discovery]}</enable_discovery_protection>
-<enable_liveliness_protection>{YES_NO[liveliness]}</enable_liveliness_protection>
-<enable_read_access_control>{YES_NO[read]}</enable_read_access_control>
-<enable_write_access_control>{YES_NO[write]}</enable_write_access_control>
-<metadata_protection_kind>{metadata}</metadata_protection_kind>
-<data_protection_kind>{data}</data_protection_kind></topic_rule>
-"""
-
-
 CONTROL_RULES = (
     topic_rule("control", discovery=False, liveliness=False, metadata="NONE", data="NONE"),
     topic_rule("control_secure"),
 )
 
 
-def governance(
-    *topic_rules: str,
-    join: bool = True,
-    unauthenticated: bool = False,
-    discovery: str = "ENCRYPT",
-    liveliness: str = "ENCRYPT",
-    rtps: str = "SIGN",
-    domains: str = EVERY_DOMAIN,
-    controls: bool = True,
-) -> bytes:
+def governance(*topic_rules: str, where: str = EVERY_DOMAIN, controls: bool = True, **flags: Any) -> bytes:
     """One domain rule; without topic rules, sros2's. `controls`: rules for the controls come first."""
     rules = (*(CONTROL_RULES if controls else ()), *(topic_rules or (topic_rule(),)))
-    return f"""<?xml version="1.0" encoding="UTF-8"?>
-<dds><domain_access_rules><domain_rule><domains>{domains}</domains>
-<allow_unauthenticated_participants>{YES_NO[unauthenticated]}</allow_unauthenticated_participants>
-<enable_join_access_control>{YES_NO[join]}</enable_join_access_control>
-<discovery_protection_kind>{discovery}</discovery_protection_kind>
-<liveliness_protection_kind>{liveliness}</liveliness_protection_kind>
-<rtps_protection_kind>{rtps}</rtps_protection_kind>
-<topic_access_rules>{"".join(rules)}</topic_access_rules></domain_rule></domain_access_rules></dds>
-""".encode()
+    return recipe.governance(domain_rule(*rules, where=where, **flags)).encode()
 
 
-def criterion(operation: str, topics: Sequence[str], partitions: Sequence[str] | None = None) -> str:
-    """A publish, subscribe or relay element."""
-    listed = "".join(f"<topic>{topic}</topic>" for topic in topics)
-    named = "".join(f"<partition>{partition}</partition>" for partition in partitions or ())
-    where = f"<partitions>{named}</partitions>" if partitions is not None else ""
-    return f"<{operation}><topics>{listed}</topics>{where}</{operation}>"
-
-
-def both(topics: Sequence[str], partitions: Sequence[str] | None = None) -> str:
-    """Publish and subscribe alike."""
-    return criterion("publish", topics, partitions) + criterion("subscribe", topics, partitions)
-
-
-def allow(*criteria: str, domains: str = ZERO) -> str:
-    """An allow rule."""
-    return f"<allow_rule><domains>{domains}</domains>{''.join(criteria)}</allow_rule>\n"
-
-
-def deny(*criteria: str, domains: str = ZERO) -> str:
-    """A deny rule."""
-    return f"<deny_rule><domains>{domains}</domains>{''.join(criteria)}</deny_rule>\n"
-
-
-EVERYTHING = allow(both(["*"], ["*"]), domains=EVERY_DOMAIN)
-CONTROLS_ALLOWED = allow(both(CONTROL_TOPICS), domains=EVERY_DOMAIN)
+EVERYTHING = allow(pubsub("*", partitions=("*",)), where=EVERY_DOMAIN)
+CONTROLS_ALLOWED = allow(pubsub(*CONTROL_TOPICS), where=EVERY_DOMAIN)
 
 
 def grant(
     subject: str, *rules: str, default: str = "DENY", validity: tuple[str, str] = LONG, controls: bool = True
 ) -> str:
     """A grant; `controls`: its first rule allows the controls."""
-    return f"""<grant name="of {subject}"><subject_name>{subject}</subject_name>
-<validity><not_before>{validity[0]}</not_before><not_after>{validity[1]}</not_after></validity>
-{CONTROLS_ALLOWED if controls else ""}{"".join(rules)}<default>{default}</default></grant>
-"""
+    every = (CONTROLS_ALLOWED, *rules) if controls else rules
+    start, end = validity
+    return recipe.grant(*every, subject=subject, start=start, end=end, default=default, name=f"of {subject}")
 
 
 def permissions(*grants: str) -> bytes:
     """A document."""
-    return f"""<?xml version="1.0" encoding="UTF-8"?>
-<dds><permissions>{"".join(grants)}</permissions></dds>
-""".encode()
+    return recipe.permissions(*grants).encode()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,10 +25,10 @@ from tests.oracles.vendors.pairs_material import (
     Enclave,
     governance,
     permissions,
-    topic_rule,
 )
-from tests.oracles.vendors.pairs_material import criterion as criterion_element
 from tests.oracles.vendors.pairs_material import grant as grant_element
+from tests.oracles.vendors.recipe import allow, deny, domains, topic_rule
+from tests.oracles.vendors.recipe import criterion as criterion_element
 
 SUBJECT = "CN=/second"
 ENDPOINTS_OF_A_PAIR = 40
@@ -51,7 +51,7 @@ class Criterion:
 
     def xml(self) -> str:
         """The element."""
-        return criterion_element(self.operation, self.topics, self.partitions)
+        return criterion_element(self.operation, *self.topics, partitions=self.partitions)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,9 +68,8 @@ class Rule:
 
     def xml(self) -> str:
         """The element."""
-        name = "allow_rule" if self.allow else "deny_rule"
-        ids = "".join(f"<id_range><min>{low}</min><max>{high}</max></id_range>" for low, high in self.domains)
-        return f"<{name}><domains>{ids}</domains>{''.join(each.xml() for each in self.criteria)}</{name}>\n"
+        made = allow if self.allow else deny
+        return made(*(each.xml() for each in self.criteria), where=domains(*self.domains))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
