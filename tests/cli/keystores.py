@@ -11,6 +11,8 @@ from typing import Any
 
 from keystore_audit.cli.program import run
 from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, signed_document
+from tests.model import comparing
+from tests.model.comparing import criterion
 
 AT = "2026-11-21T12:00:00Z"
 """Within every sample's and every built document's validity."""
@@ -46,18 +48,9 @@ def rule(
     publish: tuple[str, ...] = (), subscribe: tuple[str, ...] = (), *, allow: bool = True, partition: str = ""
 ) -> str:
     """A rule of domain 0 in one line."""
-    kind = "allow" if allow else "deny"
-    partitions = f"<partitions><partition>{partition}</partition></partitions>" if partition else ""
-    listed = {
-        operation: "".join(f"<topic>{topic}</topic>" for topic in topics)
-        for operation, topics in (("publish", publish), ("subscribe", subscribe))
-    }
-    criteria = "".join(
-        f"<{operation}>{partitions}<topics>{topics}</topics></{operation}>"
-        for operation, topics in listed.items()
-        if topics
-    )
-    return f"      <{kind}_rule><domains><id>0</id></domains>{criteria}</{kind}_rule>"
+    where = (partition,) if partition else ()
+    listed = (("publish", publish), ("subscribe", subscribe))
+    return comparing.rule(*(criterion(way, *each, partitions=where) for way, each in listed if each), allow=allow)
 
 
 def keystore(
