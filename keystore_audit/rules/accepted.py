@@ -19,7 +19,6 @@ _CLAUSE: Final = "keystore-audit, docs/settings.md: what is accepted has a reaso
 @rule(
     "KA909",
     Severity.MEDIUM,
-    on=FileOfUses,
     clause=_CLAUSE,
     remedy="Mend what was accepted, or accept it again with a reason that still holds and a new date; "
     "`keystore-audit baseline prune` takes what has ended out of a baseline.",
@@ -42,7 +41,6 @@ def suppression_expired(file: FileOfUses, _context: Context) -> Iterator[Violati
 @rule(
     "KA910",
     Severity.LOW,
-    on=FileOfUses,
     clause=_CLAUSE,
     remedy="Take it out, so that it hides nothing later; `keystore-audit baseline prune` does so for a baseline.",
 )

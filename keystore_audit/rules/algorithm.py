@@ -18,7 +18,6 @@ from keystore_audit.rules.subjects import CertificateUse
 @rule(
     "KA216",
     Severity.HIGH,
-    on=CertificateUse,
     clause="NIST SP 800-57 Part 1, 5.6; DDS-Security 1.1, 9.3.1",
     remedy="Use keys on prime256v1, as sros2 does. " + ISSUE_AGAIN,
     stops=True,
@@ -45,7 +44,6 @@ def _anew(use: CertificateUse) -> str | None:
 @rule(
     "KA217",
     Severity.MEDIUM,
-    on=CertificateUse,
     clause="DDS-Security 1.1, 9.3.1 (RSA with 2,048 bits or EC on prime256v1); measured",
     remedy="Use keys on prime256v1, as sros2 does. " + ISSUE_AGAIN,
     applies=is_identity,
@@ -75,7 +73,6 @@ def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[
 @rule(
     "KA218",
     Severity.HIGH,
-    on=CertificateUse,
     clause="NIST SP 800-131A; DDS-Security 1.1, 9.3.1 (SHA-256)",
     remedy=ISSUE_AGAIN,
     stops=True,

@@ -97,7 +97,6 @@ def _decided(anomaly: Anomaly, *, allowed: bool) -> str:
 @rule(
     "KA617",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause=_IN_ORDER,
     remedy=f"Put the rule before the one that decides in its place, or take it out: {WRITE_AGAIN}",
     applies=speaks,
@@ -122,7 +121,6 @@ def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violatio
 @rule(
     "KA618",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause=_IN_ORDER,
     remedy=f"Put the rule before the one that decides in its place, or take the expression out: {WRITE_AGAIN}",
     applies=speaks,
@@ -151,7 +149,6 @@ def _a_rule(anomaly: Anomaly) -> str:
 @rule(
     "KA619",
     Severity.LOW,
-    on=PermissionsUse,
     clause=_IN_ORDER,
     remedy=f"Take the rule out, so that whoever changes the other one knows what it does: {WRITE_AGAIN}",
     applies=speaks,
@@ -177,7 +174,6 @@ def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]
 @rule(
     "KA620",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause=_IN_ORDER,
     remedy=f"Name in each rule what the other one does not, so that their order does not matter: {WRITE_AGAIN}",
     applies=speaks,
@@ -207,7 +203,6 @@ def _opposed(anomaly: Anomaly) -> str:
 @rule(
     "KA621",
     Severity.INFO,
-    on=PermissionsUse,
     clause=_IN_ORDER,
     remedy="Nothing is wrong where the exception is meant; keep the order of the rules.",
     applies=speaks,
@@ -231,7 +226,6 @@ def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violatio
 @rule(
     "KA622",
     Severity.LOW,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (default: what no rule matches)",
     remedy=f"Take the rule out: what no rule allows is denied. {WRITE_AGAIN[0].upper()}{WRITE_AGAIN[1:]}",
     applies=speaks,

@@ -25,7 +25,6 @@ _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions 
 @rule(
     "KA623",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
     remedy=f"Let the rule name the domains of the governance, or take it out: {WRITE_AGAIN}",
     applies=speaks,
@@ -50,7 +49,6 @@ def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterato
 @rule(
     "KA624",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause=f"{_EXPRESSIONS}; POSIX 1003.1, 2.13.1 (bracket expressions)",
     remedy=f"Write the expression as it was meant, or name each topic: {WRITE_AGAIN}",
     applies=speaks,
@@ -74,7 +72,6 @@ def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterato
 @rule(
     "KA625",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause="ROS 2 design, topic and service names to DDS (rt/, rq/…Request, rr/…Reply)",
     remedy=f"Write the name as DDS has it, rt/chatter for /chatter: {WRITE_AGAIN}",
     applies=speaks,
@@ -106,7 +103,6 @@ def _not_ros(found: Sequence[Anomaly]) -> str:
 @rule(
     "KA626",
     Severity.LOW,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (least privilege: a right that nothing can use)",
     remedy=f"Take the right out, or give the enclave at the other end its own: {WRITE_AGAIN}",
     applies=speaks,
@@ -143,7 +139,6 @@ def _topics(names: Sequence[str]) -> str:
 @rule(
     "KA627",
     Severity.INFO,
-    on=DocumentUse,
     clause="docs/model.md, anomalies of rules",
     remedy="Write fewer expressions with several wildcards and fewer rules; look at each of the rules until then.",
     applies=taken,
@@ -176,7 +171,6 @@ def _denies(use: DocumentUse) -> bool:
 @rule(
     "KA422",
     Severity.LOW,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches)",
     remedy="Put the rule before the one that applies in its place, or take it out " + CORRECT,
     applies=speaks,
@@ -208,7 +202,6 @@ def _topics_shadowed(found: Sequence[Anomaly]) -> str:
 @rule(
     "KA423",
     Severity.LOW,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (the first domain_rule that covers the domain)",
     remedy="Let each domain be covered by one rule " + CORRECT,
     applies=speaks,

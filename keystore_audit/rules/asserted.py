@@ -18,7 +18,6 @@ from keystore_audit.rules.wording import quoted
 @rule(
     "KA740",
     Severity.HIGH,
-    on=AssertedResult,
     clause="keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
     remedy="Change what lets it through at one of the lines named (or give what `able` lacks), or change what is "
     "asserted.",
@@ -35,7 +34,6 @@ def asserted_property_violated(result: AssertedResult, context: Context) -> Iter
 @rule(
     "KA741",
     Severity.HIGH,
-    on=AlloyResult,
     clause="keystore-audit, docs/alloy-properties.md: what is asserted with --alloy-property",
     remedy="Look at the places named; `keystore-audit model KEYSTORE -o DIR --alloy-property FILE` writes all of it "
     "for the Analyzer's window.",
@@ -57,7 +55,6 @@ def _told(result: UserResult, example: str) -> str:
 @rule(
     "KA742",
     Severity.HIGH,
-    on=LabelResult,
     clause="keystore-audit, docs/settings.md: the lattice and the labels in keystore-audit.toml",
     remedy="Change what lets it through at one of the lines named, or declare who is trusted to pass it on.",
 )

@@ -38,7 +38,6 @@ _SAY_THE_ZONE: Final = (
 @rule(
     "KA901",
     Severity.HIGH,
-    on=Doubt,
     clause=_CLAUSE,
     remedy="Put the file into the form that the message asks for, and run the audit again.",
 )
@@ -62,7 +61,6 @@ def undecided(doubt: Doubt, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA902",
     Severity.INFO,
-    on=EngineRun,
     clause=_CLAUSE,
     remedy="Install keystore-audit with its extra [alloy] and run `keystore-audit engine install`.",
 )
@@ -88,7 +86,6 @@ _NO_ANSWER: Final = {
 @rule(
     "KA903",
     Severity.HIGH,
-    on=EngineRun,
     clause=_CLAUSE,
     remedy="Look at it with `keystore-audit engine`, give it more time with --timeout, or decide with --engine native.",
 )
@@ -116,7 +113,6 @@ def _disagree(answer: ProfileResult) -> bool:
 @rule(
     "KA904",
     Severity.CRITICAL,
-    on=PropertyResult,
     clause=_CLAUSE,
     remedy="Report this as a fault of keystore-audit, with what `keystore-audit model KEYSTORE -o DIR` writes.",
     applies=lambda result, _context: any(len(answer.engines) > 1 for answer in result.profiles.values()),
@@ -143,7 +139,6 @@ def engines_disagree(result: PropertyResult, _context: Context) -> Iterator[Viol
 @rule(
     "KA905",
     Severity.HIGH,
-    on=Crash,
     clause=_CLAUSE,
     remedy="Report this as a fault of keystore-audit, with the command and, where it may be shared, the keystore.",
 )
@@ -164,7 +159,6 @@ def rule_crashed(crash: Crash, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA906",
     Severity.HIGH,
-    on=PropertyResult,
     clause=_CLAUSE,
     remedy="Mend what the other findings call unread or unknown, and run the audit again.",
 )
@@ -254,7 +248,6 @@ def _asserted(result: PropertyResult) -> tuple[Location, ...]:
 @rule(
     "KA907",
     Severity.INFO,
-    on=EngineRun,
     clause=_CLAUSE,
     remedy="Nothing is wrong with the keystore; run with --engine native, or audit parts of it.",
 )
@@ -275,7 +268,6 @@ def engine_out_of_scale(run: EngineRun, _context: Context) -> Iterator[Violation
 @rule(
     "KA908",
     Severity.HIGH,
-    on=Keystore,
     clause=_CLAUSE,
     remedy="Use fewer expressions with text between two *: each can double the number of classes of names.",
 )

@@ -22,7 +22,6 @@ from keystore_audit.rules.wording import implementations, listed, located, paths
 @rule(
     "KA208",
     Severity.HIGH,
-    on=CertificateUse,
     clause="RFC 5280, 4.2.1.9 and 4.2.1.3 (basicConstraints, keyCertSign)",
     remedy=RENEW_AUTHORITY,
     explains=("identities-chain-to-the-identity-ca",),
@@ -61,7 +60,6 @@ _SEPARATE: Final = (
 @rule(
     "KA222",
     Severity.MEDIUM,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012; ros2/sros2#282",
     remedy=_SEPARATE,
     explains=(
@@ -109,7 +107,6 @@ _ROLES: Final = ((Role.IDENTITY_CA, "identity CAs"), (Role.PERMISSIONS_CA, "perm
 @rule(
     "KA223",
     Severity.MEDIUM,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1.1 (participants of a domain share their authorities)",
     remedy="Give every enclave the same CA files, links to public/ as sros2 makes them, and issue and sign again "
     "what the others issued and signed.",

@@ -19,7 +19,6 @@ from keystore_audit.rules.wording import either, listed, places, quoted, sole
 @rule(
     "KA509",
     Severity.HIGH,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (default); measured",
     remedy=f"Write <default>DENY</default> and allow what is needed: {WRITE_AGAIN}",
     applies=speaks,
@@ -44,7 +43,6 @@ def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]
 @rule(
     "KA510",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (topic expressions); ROS 2 design, SROS2 access control policies (wildcards)",
     remedy=f"Name each topic: {WRITE_AGAIN}",
     applies=speaks,
@@ -92,7 +90,6 @@ def _is_pattern(text: str) -> bool:
 @rule(
     "KA511",
     Severity.HIGH,
-    on=PermissionsUse,
     clause="ROS 2 design, SROS2 access control policies; ros2/sros2, policy/defaults (what create_enclave writes)",
     remedy="Write a policy for the enclave, `ros2 security generate_policy policy.xml` from a running system. "
     f"{SIGN_AGAIN}",

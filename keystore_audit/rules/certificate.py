@@ -83,7 +83,6 @@ def _bears_on(use: CertificateUse) -> frozenset[str]:
 @rule(
     "KA201",
     Severity.HIGH,
-    on=CertificateUse,
     clause="RFC 7468, 5; RFC 5280, 4.1",
     remedy=ISSUE_AGAIN,
     stops=True,
@@ -106,7 +105,6 @@ def certificate_unreadable(use: CertificateUse, _context: Context) -> Iterator[V
 @rule(
     "KA202",
     Severity.MEDIUM,
-    on=CertificateUse,
     clause="DDS-Security 1.1, 9.3.1; measured: of cert.pem every implementation reads the first certificate alone",
     remedy="Leave one certificate in the file, in that of an authority the one that issues or signs, and nothing else: "
     "`openssl x509 -in FILE -out FILE.new` keeps the first.",
@@ -146,7 +144,6 @@ def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Itera
 @rule(
     "KA203",
     Severity.HIGH,
-    on=CertificateUse,
     clause="RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
     remedy=ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca", "documents-signed-by-the-permissions-ca"),
@@ -180,7 +177,6 @@ def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Viola
 @rule(
     "KA204",
     Severity.HIGH,
-    on=CertificateUse,
     clause="RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
     remedy="Wait until then, or issue the certificate again on a machine whose clock is right.",
     explains=("identities-chain-to-the-identity-ca", "documents-signed-by-the-permissions-ca"),
@@ -206,7 +202,6 @@ def certificate_not_yet_valid(use: CertificateUse, context: Context) -> Iterator
 @rule(
     "KA205",
     Severity.MEDIUM,
-    on=CertificateUse,
     clause="RFC 5280, 4.1.2.5",
     remedy=ISSUE_AGAIN,
 )
@@ -227,7 +222,6 @@ def certificate_expires_soon(use: CertificateUse, context: Context) -> Iterator[
 @rule(
     "KA221",
     Severity.HIGH,
-    on=CertificateUse,
     clause="RFC 5280, 4.2: a certificate-using system MUST reject a critical extension that it does not recognize",
     remedy=ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca",),
@@ -251,7 +245,6 @@ MAX_SERIAL_OCTETS: Final = 20
 @rule(
     "KA224",
     Severity.LOW,
-    on=CertificateUse,
     clause="RFC 5280, 4.1.2.2 (positive, at most 20 octets)",
     remedy=ISSUE_AGAIN,
 )

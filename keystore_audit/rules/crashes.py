@@ -21,7 +21,6 @@ _MEASURED: Final = "fastdds-2.9"
 @rule(
     "KA517",
     Severity.CRITICAL,
-    on=DocumentUse,
     clause="Measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1; the XSD of DDS-Security 1.1 lets it pass",
     remedy="Find out who signed it, take the empty element out and sign the document again with the permissions CA.",
     stops=True,
@@ -38,7 +37,6 @@ def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Viol
 @rule(
     "KA518",
     Severity.CRITICAL,
-    on=PermissionsUse,
     clause="Measured on Cyclone DDS 0.10.2, read in 11.0.1 (access_control_parser.c); schema-invalid",
     remedy="Find out who signed it, give the rule its <domains> and sign the document again with the permissions CA.",
     stops=True,
@@ -54,7 +52,6 @@ def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Vio
 @rule(
     "KA521",
     Severity.CRITICAL,
-    on=PermissionsUse,
     clause="Measured: Fast DDS 2.9.1 and 2.14.6 crash; schema-invalid",
     remedy="Find out who signed it, write the document anew and sign it again with the permissions CA.",
     stops=True,
@@ -71,7 +68,6 @@ def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]
 @rule(
     "KA522",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause="Measured on Fast DDS 2.9.1; ros2/sros2#228",
     remedy="Say several names by one expression, take out rules that the nodes do not use, or give the nodes several "
     "enclaves. Then sign the documents again with the permissions CA.",

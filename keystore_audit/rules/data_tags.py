@@ -17,7 +17,6 @@ from keystore_audit.rules.wording import listed, quoted
 @rule(
     "KA638",
     Severity.HIGH,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3.2.3 (data_tags); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",
     remedy=f"ROS 2 has no data tags: take <data_tags> out, and allow or deny what remains: {WRITE_AGAIN}",
     applies=speaks,

@@ -170,7 +170,6 @@ def _without_a_domain(context: Context) -> Iterator[str]:
 @rule(
     "KA601",
     Severity.MEDIUM,
-    on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3 (domains of a rule); {MEASURED}",
     remedy="Let every rule name all domains that the governance covers, or the governance only those of the rules: "
     f"{WRITE_AGAIN}",
@@ -190,7 +189,6 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
 @rule(
     "KA602",
     Severity.MEDIUM,
-    on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control) and Table 63; {MEASURED}",
     remedy=ALLOW_DOMAINS,
     stops=True,
@@ -226,7 +224,6 @@ def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
 @rule(
     "KA603",
     Severity.MEDIUM,
-    on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 (domains); {MEASURED}",
     remedy=COVER_DOMAIN,
     stops=True,
@@ -242,7 +239,6 @@ def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterat
 @rule(
     "KA612",
     Severity.MEDIUM,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime in UTC); measured on Fast DDS 2.9.1 and Cyclone DDS "
     "0.10.2 with their clocks set",
     remedy="Write dates as 2026-01-31T00:00:00, without zone, fraction and 24:00, until 2262, and a day before and "
@@ -263,7 +259,6 @@ def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vio
 @rule(
     "KA614",
     Severity.HIGH,
-    on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (id_range); {MEASURED}",
     remedy=f"Write both <min> and <max>: {WRITE_AGAIN}",
 )
@@ -281,7 +276,6 @@ def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation
 @rule(
     "KA615",
     Severity.MEDIUM,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches); read in the source of OpenDDS "
     "(AccessControlBuiltInImpl.cpp)",
     remedy="Let no two rules of the governance match one topic, or give both the same access control: correct them "
@@ -303,7 +297,6 @@ def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterato
 @rule(
     "KA616",
     Severity.MEDIUM,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1 (access control); docs/profiles.md",
     remedy="Let each topic be decided by one rule, without partitions, ranges and brackets: see the lines, and "
     f"{WRITE_AGAIN}",

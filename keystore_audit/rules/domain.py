@@ -48,7 +48,6 @@ def _open_range(domains: DomainRange) -> str | None:
 @rule(
     "KA419",
     Severity.MEDIUM,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and its governance XSD (id_range); measured",
     remedy="Write both <min> and <max> " + CORRECT,
     applies=speaks,
@@ -74,7 +73,6 @@ _HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in
 @rule(
     "KA420",
     Severity.MEDIUM,
-    on=DocumentUse,
     clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
     remedy="Use domain ids up to 230 and sign the document again with the permissions CA.",
     applies=taken,
@@ -113,7 +111,6 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
 @rule(
     "KA508",
     Severity.HIGH,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
     remedy="Where KA416 says that other enclaves carry another governance, begin there. Let governance and permissions "
     f"name one domain, with ROS_DOMAIN_ID set as on the robot: {WRITE_AGAIN}",
@@ -150,7 +147,6 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
 @rule(
     "KA515",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD (id_range); measured",
     remedy=f"Write both <min> and <max>: {WRITE_AGAIN}",
     applies=speaks,

@@ -50,7 +50,6 @@ def _more(count: int) -> str:
 @rule(
     "KA640",
     Severity.HIGH,
-    on=Keystore,
     clause=DESIGN,
     remedy=f"Sign what the policy says, {CREATE_PERMISSION}, or take the right out of the policy.",
     applies=_is_given,
@@ -102,7 +101,6 @@ def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]
 @rule(
     "KA641",
     Severity.MEDIUM,
-    on=Keystore,
     clause=DESIGN,
     remedy=f"Sign what the policy says, {CREATE_PERMISSION}, or write the right into the policy. What was signed "
     "before stays valid until its end: peers take whatever document is presented to them.",
@@ -142,7 +140,6 @@ def _exceeding(rights: Iterable[DriftedRight]) -> Iterator[str]:
 @rule(
     "KA642",
     Severity.HIGH,
-    on=Keystore,
     clause=f"{DESIGN}; DDS-Security 1.1, 9.4.1.3 (grants)",
     remedy="Put every <profile> of an enclave into one <profiles>, and sign what the policy says then: "
     f"{CREATE_PERMISSION}.",
@@ -167,7 +164,6 @@ def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Viol
 @rule(
     "KA643",
     Severity.HIGH,
-    on=Keystore,
     clause=DESIGN,
     remedy=f"Take the enclave out of the policy, or create it: {CREATE_ENCLAVE}.",
     applies=_is_given,
@@ -191,7 +187,6 @@ def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Vi
 @rule(
     "KA644",
     Severity.LOW,
-    on=Keystore,
     clause=DESIGN,
     remedy="Describe the enclave in the policy, or remove it, and revoke its identity.",
     applies=_is_given,
@@ -229,7 +224,6 @@ def _weight(enclave: Enclave) -> Severity:
 @rule(
     "KA645",
     Severity.MEDIUM,
-    on=Keystore,
     clause=DESIGN,
     remedy="Sign permissions that every implementation reads alike; what to change is at the place.",
     applies=_is_given,
@@ -249,7 +243,6 @@ def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation
 @rule(
     "KA646",
     Severity.INFO,
-    on=Keystore,
     clause="ROS 2 design, SROS2 access control policies; rmw_zenoh reads its access control from its own configuration",
     remedy=f"With a DDS implementation, create permissions, {CREATE_PERMISSION}. "
     "With rmw_zenoh, audit the configuration of its routers and sessions.",

@@ -30,7 +30,6 @@ def _has(use: SignedUse, says: str, *kinds: Kind, opens: bool = False) -> Iterab
 @rule(
     "KA304",
     Severity.HIGH,
-    on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (S/MIME version 3.2, multipart/signed); measured",
     remedy=SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
@@ -44,7 +43,6 @@ def not_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA305",
     Severity.HIGH,
-    on=SignedUse,
     clause="RFC 8551, 3.5.3; RFC 2046, 5.1; OpenSSL, crypto/asn1/asn_mime.c",
     remedy=SIGN_AGAIN,
     stops=True,
@@ -61,7 +59,6 @@ def malformed_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA306",
     Severity.HIGH,
-    on=SignedUse,
     clause="RFC 5652, 5.1; ITU-T X.690 (DER)",
     remedy=SIGN_AGAIN,
     stops=True,
@@ -79,7 +76,6 @@ def cms_not_strict(use: SignedUse, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA307",
     Severity.HIGH,
-    on=SignedUse,
     clause="OpenSSL, SMIME_text (run times pass PKCS7_TEXT); measured",
     remedy="Sign with -text. " + SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
@@ -96,7 +92,6 @@ def no_text_plain_header(use: SignedUse, _context: Context) -> Iterator[Violatio
 @rule(
     "KA308",
     Severity.MEDIUM,
-    on=SignedUse,
     clause="RFC 2046, 5.1.1 (preamble and epilogue are ignored)",
     remedy="Take the text out of the file, or sign again. " + SIGN_AGAIN,
 )
@@ -111,7 +106,6 @@ def unsigned_text(use: SignedUse, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA309",
     Severity.HIGH,
-    on=SignedUse,
     clause="NIST SP 800-131A; DDS-Security 1.1, 9.4.1.1",
     remedy="Sign over SHA-256 (-md sha256). " + SIGN_AGAIN,
     stops=True,
@@ -130,7 +124,6 @@ def weak_digest(use: SignedUse, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA310",
     Severity.MEDIUM,
-    on=SignedUse,
     clause="RFC 5652, 5.1; measured: every SignerInfo has to verify",
     remedy="Sign with one authority. " + SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
@@ -147,7 +140,6 @@ def several_signers(use: SignedUse, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA311",
     Severity.MEDIUM,
-    on=SignedUse,
     clause="RFC 8551, 3.5.2 (application/pkcs7-mime); measured",
     remedy="Sign without -nodetach. " + SIGN_AGAIN,
     stops=True,
@@ -163,7 +155,6 @@ def opaque_message(use: SignedUse, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA312",
     Severity.HIGH,
-    on=SignedUse,
     clause="RFC 5652, 5.2 (eContent is absent in a detached signature)",
     remedy=SIGN_AGAIN,
     stops=True,
@@ -179,7 +170,6 @@ def two_contents(use: SignedUse, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA313",
     Severity.LOW,
-    on=SignedUse,
     clause="RFC 5652, 5.3 and 11.3; RFC 8551, 2.5",
     remedy="Sign without -noattr. " + SIGN_AGAIN,
 )
@@ -194,7 +184,6 @@ def no_signed_attributes(use: SignedUse, _context: Context) -> Iterator[Violatio
 @rule(
     "KA314",
     Severity.HIGH,
-    on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1; keystore-audit, docs/model.md (what is not read counts as able to do anything)",
     remedy="Sign with ECDSA or RSA over SHA-256. " + SIGN_AGAIN,
     stops=True,
@@ -210,7 +199,6 @@ def unsupported_signature_algorithm(use: SignedUse, _context: Context) -> Iterat
 @rule(
     "KA315",
     Severity.HIGH,
-    on=SignedUse,
     clause="RFC 5652, 5.1; DDS-Security 1.1, 9.4.1.1",
     remedy=SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),

@@ -40,7 +40,6 @@ def _found(environment: Environment, variable: str, message: str, **more: Any) -
 @rule(
     "KA670",
     Severity.CRITICAL,
-    on=Keystore,
     clause=RCL,
     remedy="Set ROS_SECURITY_ENABLE=true for every process.",
     applies=_given,
@@ -57,7 +56,6 @@ def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Viol
 @rule(
     "KA671",
     Severity.HIGH,
-    on=Keystore,
     clause=RCL,
     remedy="Set ROS_SECURITY_STRATEGY=Enforce for every process.",
     applies=_given,
@@ -78,7 +76,6 @@ def security_not_enforced(_keystore: Keystore, context: Context) -> Iterator[Vio
 @rule(
     "KA672",
     Severity.HIGH,
-    on=Keystore,
     clause=RCL,
     remedy="Let ROS_SECURITY_ENCLAVE_OVERRIDE name an enclave of the keystore, or leave it out.",
     applies=_given,
@@ -105,7 +102,6 @@ def override_names_no_enclave(keystore: Keystore, context: Context) -> Iterator[
 @rule(
     "KA673",
     Severity.MEDIUM,
-    on=Keystore,
     clause=RCL,
     remedy="Give each process its own enclave with --ros-args --enclave, and leave ROS_SECURITY_ENCLAVE_OVERRIDE out.",
     applies=_given,
@@ -129,7 +125,6 @@ def override_for_every_process(keystore: Keystore, context: Context) -> Iterator
 @rule(
     "KA674",
     Severity.HIGH,
-    on=Keystore,
     clause=RCL,
     remedy="Set ROS_SECURITY_KEYSTORE to where the keystore is on the robot.",
     applies=_given,
@@ -147,7 +142,6 @@ def no_keystore_named(_keystore: Keystore, context: Context) -> Iterator[Violati
 @rule(
     "KA675",
     Severity.HIGH,
-    on=Keystore,
     clause="rcl, domain_id.c (read); DDSI-RTPS 2.3, 9.6.1.1 (ports of a domain)",
     remedy="Set ROS_DOMAIN_ID to one of 0 to 232 that the governance covers.",
     applies=_given,
@@ -166,7 +160,6 @@ def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violati
 @rule(
     "KA676",
     Severity.HIGH,
-    on=Keystore,
     clause="keystore-audit, README.md (what it does not do); rmw_zenoh reads its access control from its own "
     "configuration",
     remedy="Use rmw_fastrtps_cpp or rmw_cyclonedds_cpp, or look by other means at what the middleware enforces.",
@@ -192,7 +185,6 @@ def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[V
 @rule(
     "KA677",
     Severity.HIGH,
-    on=Keystore,
     clause="keystore-audit, docs/profiles.md",
     remedy="Name the releases that the robot runs with --profile, or use a distribution that is still maintained.",
     applies=_given,

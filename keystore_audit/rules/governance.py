@@ -114,7 +114,6 @@ def violates(
 @rule(
     "KA401",
     Severity.HIGH,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2 and its governance XSD",
     remedy="Correct what the schema forbids " + CORRECT,
     stops=True,
@@ -131,7 +130,6 @@ def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator
 @rule(
     "KA402",
     Severity.HIGH,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
     remedy="Write plain XML, without comments, CDATA, entities and blanks in values, " + CORRECT,
     stops=True,
@@ -151,7 +149,6 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
 @rule(
     "KA403",
     Severity.HIGH,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants)",
     remedy="Set <allow_unauthenticated_participants> to false " + CORRECT,
     explains=(
@@ -179,7 +176,6 @@ def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) 
 @rule(
     "KA404",
     Severity.HIGH,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control)",
     remedy="Set <enable_join_access_control> to true " + CORRECT,
     explains=("grants-are-enforced",),
@@ -199,7 +195,6 @@ def join_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
 @rule(
     "KA405",
     Severity.HIGH,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (enable_read_access_control)",
     remedy="Set <enable_read_access_control> to true " + CORRECT,
     explains=("grants-are-enforced", "nobody-reads-without-a-grant", "nobody-writes-without-a-grant"),
@@ -223,7 +218,6 @@ def read_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
 @rule(
     "KA406",
     Severity.HIGH,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (enable_write_access_control)",
     remedy="Set <enable_write_access_control> to true " + CORRECT,
     explains=("grants-are-enforced", "nobody-writes-without-a-grant"),
@@ -240,7 +234,6 @@ def write_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[
 @rule(
     "KA416",
     Severity.HIGH,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.2 (participants of a domain share its governance); measured",
     remedy="Give every enclave the same governance.p7s, a link to enclaves/governance.p7s as sros2 makes it, in the "
     f"keystore's root: {LINK_GOVERNANCE}, {DEEPER}.",
@@ -279,7 +272,6 @@ def _meaning(file: GovernanceFile) -> object:
 @rule(
     "KA418",
     Severity.MEDIUM,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.5 (topic_access_rules)",
     remedy="Add a last <topic_rule> with <topic_expression>*</topic_expression> " + CORRECT,
     applies=speaks,
@@ -308,7 +300,6 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
 @rule(
     "KA421",
     Severity.HIGH,
-    on=DocumentUse,
     clause="DDS-Security 1.0 (20160303) against 1.1 (20170901)",
     remedy="Make the keystore again with a supported distribution of ROS 2: `ros2 security create_keystore KEYSTORE`.",
     stops=True,

@@ -47,7 +47,6 @@ def _carriers(use: CertificateUse) -> Iterator[tuple[Enclave, Certificate]]:
 @rule(
     "KA206",
     Severity.LOW,
-    on=CertificateUse,
     clause="RFC 5280, 6.1.3 (a)(2) (every certificate of a path has to be in force)",
     remedy="Plan with the date of the authority, or renew it before it ends. " + RENEW_AUTHORITY,
     applies=is_identity,
@@ -78,7 +77,6 @@ def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Itera
 @rule(
     "KA207",
     Severity.HIGH,
-    on=CertificateUse,
     clause="DDS-Security 1.1, 9.3.1 (signed by the identity CA); RFC 5280, 6.1.3 (a)(1)",
     remedy=ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca",),
@@ -116,7 +114,6 @@ def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterato
 @rule(
     "KA226",
     Severity.HIGH,
-    on=CertificateUse,
     clause="RFC 5280, 6.1; measured on Fast DDS, Cyclone DDS and libcrypto (X509_verify_cert)",
     remedy="Let identity_ca.cert.pem hold one self-signed certificate, that of the authority which issues the "
     "identities. " + ISSUE_AGAIN,
@@ -163,7 +160,6 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
 @rule(
     "KA227",
     Severity.CRITICAL,
-    on=CertificateUse,
     clause="RFC 5280, 4.1.2.6; measured: Fast DDS 2.6 to 3.6 crash",
     remedy=ISSUE_AGAIN,
     applies=is_identity,
@@ -200,7 +196,6 @@ def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tup
 @rule(
     "KA220",
     Severity.LOW,
-    on=CertificateUse,
     clause="ros2/sros2, create_enclave (the enclave's path is the common name)",
     remedy="If the enclave's folder was renamed, give it its old name again. Else issue another identity, and let its "
     "permissions name it, or no grant does and the enclave does not start (KA503): correct the policy and run "
@@ -240,7 +235,6 @@ def _shared_key(key: str, sharing: Sequence[Enclave]) -> str:
 @rule(
     "KA219",
     Severity.HIGH,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (a participant's identity is its key)",
     remedy="Give each enclave a key and certificate of its own. " + ISSUE_AGAIN,
     explains=_SHARED,
@@ -272,7 +266,6 @@ def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterat
 @rule(
     "KA225",
     Severity.HIGH,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3 (a grant is bound to a subject_name, not to a key)",
     remedy="Give each identity a subject of its own. " + ISSUE_AGAIN,
     explains=("no-subject-serves-two-enclaves",),
@@ -302,7 +295,6 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
 @rule(
     "KA228",
     Severity.HIGH,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (who has the key of a certificate is its subject); measured",
     remedy="Give each certificate a key of its own. " + ISSUE_AGAIN,
     explains=_SHARED,

@@ -26,7 +26,6 @@ _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do 
 @rule(
     "KA103",
     Severity.HIGH,
-    on=Enclave,
     clause=_UNREAD,
     remedy="Audit the whole keystore, if this is one enclave of it; else copy the file into the keystore, or let the "
     "link end within it.",
@@ -44,7 +43,6 @@ def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violat
 @rule(
     "KA104",
     Severity.HIGH,
-    on=Keystore,
     clause=_UNREAD,
     remedy="Put the directory in the place of the link, or audit its target as a keystore of its own.",
 )
@@ -66,7 +64,6 @@ def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterat
 @rule(
     "KA105",
     Severity.HIGH,
-    on=Enclave,
     clause=_UNREAD,
     remedy="Put a regular file in its place.",
     stops=True,
@@ -83,7 +80,6 @@ def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violatio
 @rule(
     "KA106",
     Severity.HIGH,
-    on=Enclave,
     clause=_UNREAD,
     remedy="Find out what the file is: those of a keystore have some kilobytes.",
 )
@@ -96,7 +92,6 @@ def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA107",
     Severity.HIGH,
-    on=Keystore,
     clause=_UNREAD,
     remedy="Run the audit as a user who may read the whole keystore.",
 )
@@ -116,7 +111,6 @@ def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
 @rule(
     "KA110",
     Severity.MEDIUM,
-    on=DocumentUse,
     clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (the signed document counts); measured: the .xml is never read",
     remedy=f"If the .xml says what is meant, sign it again: {SIGN_DOCUMENT}. Else replace it by what {SHOW_DOCUMENT} "
     "prints.",
@@ -164,7 +158,6 @@ def _first_difference(unsigned: bytes | None, signed: bytes | None) -> int | Non
 @rule(
     "KA111",
     Severity.MEDIUM,
-    on=Enclave,
     clause=f"{RUN_TIME_FILES}; DDS-Security 1.1, 9.3.1 (pkcs11 URIs)",
     remedy="Compare the token's content on the robot with what the keystore should hold, or use .pem files.",
 )
@@ -187,7 +180,6 @@ def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]
 @rule(
     "KA112",
     Severity.MEDIUM,
-    on=Keystore,
     clause="ros2/sros2, keystore layout (public/, private/, enclaves/)",
     remedy="Restore what is missing from the keystore that this one was copied from; `ros2 security create_keystore` "
     "would make new authorities.",
@@ -213,7 +205,6 @@ _MAX_NAME: Final = 255
 @rule(
     "KA113",
     Severity.MEDIUM,
-    on=Enclave,
     clause="rcl, rcl_validate_enclave_name; ROS 2 design, topic and service names",
     remedy="Make the enclave again under a name of letters, digits and underscores that begins with no digit.",
 )
@@ -237,7 +228,6 @@ def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violat
 @rule(
     "KA114",
     Severity.LOW,
-    on=Keystore,
     clause="ros2/sros2, keystore layout (an enclave is a directory)",
     remedy="Give one of the enclaves another name.",
 )
@@ -254,7 +244,6 @@ def enclave_names_differ_by_case(keystore: Keystore, _context: Context) -> Itera
 @rule(
     "KA115",
     Severity.LOW,
-    on=Keystore,
     clause="REP 2000 (Ardent to Eloquent are past their end of life)",
     remedy="Make the keystore again with a supported distribution: `ros2 security create_keystore KEYSTORE`, and for "
     f"every enclave {CREATE_ENCLAVE}. Or give it the layout, in a copy of it and in its root: {MAKE_LAYOUT}.",

@@ -88,7 +88,6 @@ def file_name(file: File) -> str:
 @rule(
     "KA101",
     Severity.HIGH,
-    on=Enclave,
     clause=RUN_TIME_FILES,
     remedy="Make the one file that is missing, as its finding says: `ros2 security create_enclave` would write "
     f"permissions that allow everything over those there are. Where there is nothing but a key: {CREATE_ENCLAVE}.",
@@ -110,7 +109,6 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
 @rule(
     "KA102",
     Severity.HIGH,
-    on=Enclave,
     clause=RUN_TIME_FILES,
     remedy="Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy), or make the "
     f"link again, in the keystore's root: {LINK_GOVERNANCE} or {LINK_CA}, {DEEPER}. `ros2 security "

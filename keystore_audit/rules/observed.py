@@ -54,7 +54,6 @@ def _beside(location: Location, message: str = "") -> Location:
 @rule(
     "KA650",
     Severity.HIGH,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, SROS2 access control policies",
     remedy=f"Add it to the policy, unless the node ought not to do it: {WRITE_AGAIN} {SUGGEST}",
     applies=_observes,
@@ -108,7 +107,6 @@ def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> V
 @rule(
     "KA651",
     Severity.LOW,
-    on=Keystore,
     clause="ROS 2 design, SROS2 access control policies; least privilege (Saltzer and Schroeder 1975)",
     remedy=f"Take out of the policy what no node needs: {WRITE_AGAIN} {SUGGEST}",
     applies=_observes,
@@ -154,7 +152,6 @@ def _granted(name: GrantedName) -> str:
 @rule(
     "KA652",
     Severity.HIGH,
-    on=Keystore,
     clause="ROS 2 design, ROS 2 security enclaves; ros2/rcl, security.c (the keystore is searched for the exact path)",
     remedy=f"Start the node in an enclave that there is, `--ros-args --enclave`, or make this one: {CREATE_ENCLAVE}.",
     applies=_observes,
@@ -182,7 +179,6 @@ def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Vi
 @rule(
     "KA653",
     Severity.HIGH,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, Topic and Service name mapping to DDS",
     remedy=f"Add what the node does with the name to the policy, or take the remapping out: {WRITE_AGAIN}",
     applies=_observes,
@@ -209,7 +205,6 @@ def used_name_without_right(_keystore: Keystore, context: Context) -> Iterator[V
 @rule(
     "KA654",
     Severity.INFO,
-    on=Keystore,
     clause="ROS 2 design, ROS 2 launch (what only running tells)",
     remedy="Give arguments with `--launch-argument`, or a graph of the running system with `--graph`.",
     applies=_observes,
@@ -243,7 +238,6 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
 @rule(
     "KA655",
     Severity.CRITICAL,
-    on=Keystore,
     clause="rcl, security.c and domain_id.c (read)",
     remedy="Take the variable out of the launch file, and let the robot's environment say it for every process.",
     applies=_observes,

@@ -28,7 +28,6 @@ _ONE_CHARACTER: Final = re.compile(r"\?|\[[^\]]*\]")
 @rule(
     "KA637",
     Severity.HIGH,
-    on=PermissionsUse,
     clause="DDS 1.4, 2.2.3.13 (PARTITION); DDS-Security 1.1, 9.4.1.3.2.3 (partitions); measured",
     remedy=f"ROS 2 uses no partitions: take them out of the rules, and name the topics alone: {WRITE_AGAIN}",
     applies=speaks,

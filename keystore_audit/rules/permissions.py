@@ -67,7 +67,6 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
 @rule(
     "KA501",
     Severity.HIGH,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD",
     remedy=SIGN_AGAIN,
     stops=True,
@@ -84,7 +83,6 @@ def permissions_schema_invalid(use: PermissionsUse, _context: Context) -> Iterat
 @rule(
     "KA502",
     Severity.HIGH,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
     remedy=f"Write plain XML, without comments, CDATA, entities and blanks in values: {WRITE_AGAIN}",
     stops=True,
@@ -119,7 +117,6 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
 @rule(
     "KA503",
     Severity.HIGH,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 4514",
     remedy=f"Let <subject_name> say what {SHOW_SUBJECT} prints: {WRITE_AGAIN}",
     applies=speaks,
@@ -180,7 +177,6 @@ def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
 @rule(
     "KA504",
     Severity.HIGH,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (grant); measured: the first one decides",
     remedy=f"Merge the grants into one, as one <profile> for each node below one <profiles>: {WRITE_AGAIN}",
     applies=speaks,
@@ -210,7 +206,6 @@ def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator
 @rule(
     "KA512",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3; measured on Cyclone DDS 0.10.2 and 11.0.1 and on Fast DDS 2.9.1",
     remedy=f"Give each enclave a document with its own grant alone: {WRITE_AGAIN}",
     applies=speaks,
@@ -309,7 +304,6 @@ def _gains(permissions: Permissions, given: Iterable[int], had: Collection[int])
 @rule(
     "KA514",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3 (allow_rule); measured",
     remedy=f"Allow what the enclave needs, ros_discovery_info among it: {WRITE_AGAIN}",
     applies=speaks,

@@ -56,7 +56,6 @@ def _faults(text: str, profiles: tuple[Profile, ...]) -> str:
 @rule(
     "KA611",
     Severity.LOW,
-    on=DocumentUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3; POSIX 1003.1, 2.13.1 (bracket expressions)",
     remedy=f"Close each [, or name each topic: {WRITE_AGAIN}",
     applies=taken,
@@ -92,7 +91,6 @@ def _reading(date: Text, reading: DateReading) -> object:
 @rule(
     "KA613",
     Severity.LOW,
-    on=PermissionsUse,
     clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",
     remedy=f"Write dates as 2026-01-31T00:00:00, in UTC and without a zone, until 2262: {WRITE_AGAIN}",
     applies=speaks,

@@ -51,7 +51,6 @@ def _octal(file: File) -> str:
 @rule(
     "KA108",
     Severity.MEDIUM,
-    on=Enclave,
     clause="DDS-Security 1.1, 9.3.1 (the private key is the identity); CWE-732",
     remedy="Run `chmod 600` on the enclave's key.pem, as the user who runs its nodes; sros2 writes keys with mode "
     "0644.",
@@ -79,7 +78,6 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
 @rule(
     "KA109",
     Severity.INFO,
-    on=Keystore,
     clause="ROS 2 design, ROS 2 security enclaves (private/ does not leave the machine where keystores are made)",
     remedy="Ship enclaves/ and public/ only, and keep private/ where identities are issued.",
 )
@@ -130,7 +128,6 @@ def _keys_of(enclave: Enclave) -> Iterator[tuple[str | None, int | None]]:
 @rule(
     "KA118",
     Severity.CRITICAL,
-    on=Keystore,
     clause="ROS 2 design, ROS 2 security enclaves (a private key belongs to one enclave or to private/); CWE-522",
     remedy="Take the key out of the file, make a new one where it belongs, and issue and sign again what it issued and "
     "signed: whoever had the file has the key.",
@@ -231,7 +228,6 @@ def _holders(keystore: Keystore) -> dict[str | None, str]:
 @rule(
     "KA116",
     Severity.HIGH,
-    on=Keystore,
     clause="CWE-732",
     remedy="Run `chmod 600` on the authority's private key; sros2 writes keys with mode 0644.",
 )
@@ -257,7 +253,6 @@ def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[
 @rule(
     "KA209",
     Severity.HIGH,
-    on=Enclave,
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.private_key is the certificate's); measured",
     remedy=ISSUE_AGAIN,
     applies=lambda enclave, _context: enclave.key is not None and enclave.key.key is not None,
@@ -285,7 +280,6 @@ def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Itera
 @rule(
     "KA210",
     Severity.HIGH,
-    on=Enclave,
     clause="RFC 5958; RFC 7468, 10",
     remedy=ISSUE_AGAIN,
     applies=lambda enclave, _context: enclave.key is not None,
@@ -305,7 +299,6 @@ def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Viol
 @rule(
     "KA211",
     Severity.HIGH,
-    on=Enclave,
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.password); measured: ROS 2 passes none",
     remedy="Take the password off with `openssl pkey -in key.pem -out key.pem.new`, put the new file in its place and "
     "run `chmod 600 key.pem`.",

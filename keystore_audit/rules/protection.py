@@ -44,7 +44,6 @@ def _said(domain_rule: DomainRule, topic_rule: TopicRule) -> str:
 @rule(
     "KA407",
     Severity.MEDIUM,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
     remedy="Set <rtps_protection_kind> to SIGN, as sros2 does, " + CORRECT,
     explains=("outsiders-cannot-inject", "outsiders-cannot-replay", "outsiders-cannot-forge-liveliness"),
@@ -68,7 +67,6 @@ def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
 @rule(
     "KA408",
     Severity.INFO,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
     remedy="Where it matters who talks to whom, set <rtps_protection_kind> to ENCRYPT, which costs computing time, "
     + CORRECT,
@@ -86,7 +84,6 @@ def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator
 @rule(
     "KA409",
     Severity.MEDIUM,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (discovery_protection_kind) and 9.4.1.2.6 (enable_discovery_protection)",
     remedy="Set <enable_discovery_protection> to true and <discovery_protection_kind> to ENCRYPT " + CORRECT,
     explains=("outsiders-cannot-learn-names",),
@@ -112,7 +109,6 @@ def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vio
 @rule(
     "KA410",
     Severity.LOW,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (liveliness_protection_kind) and 9.4.1.2.6 (enable_liveliness_protection)",
     remedy="Set <enable_liveliness_protection> to true and <liveliness_protection_kind> to SIGN or more " + CORRECT,
     explains=("outsiders-cannot-forge-liveliness",),
@@ -140,7 +136,6 @@ def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vi
 @rule(
     "KA411",
     Severity.MEDIUM,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind)",
     remedy="Set <metadata_protection_kind> to SIGN or ENCRYPT " + CORRECT,
     explains=("nobody-writes-without-a-grant", "nobody-reads-without-a-grant", "outsiders-cannot-replay"),
@@ -166,7 +161,6 @@ def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[
 @rule(
     "KA412",
     Severity.HIGH,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind, data_protection_kind)",
     remedy="Set <data_protection_kind> or <metadata_protection_kind> to ENCRYPT " + CORRECT,
     explains=("outsiders-cannot-read", "nobody-reads-without-a-grant", "relays-cannot-read"),
@@ -186,7 +180,6 @@ def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violatio
 @rule(
     "KA413",
     Severity.MEDIUM,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.5.3.3 (keys of rtps protection) and 9.4.1.2.6",
     remedy="Set <metadata_protection_kind> or <data_protection_kind> to ENCRYPT " + CORRECT,
     explains=("nobody-reads-without-a-grant", "nobody-writes-without-a-grant", "relays-cannot-read"),
@@ -212,7 +205,6 @@ def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[
 @rule(
     "KA414",
     Severity.CRITICAL,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.2.6 (protection kinds)",
     remedy="Set <metadata_protection_kind> and <data_protection_kind> to ENCRYPT and <rtps_protection_kind> to SIGN "
     + CORRECT,
@@ -236,7 +228,6 @@ def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[V
 @rule(
     "KA415",
     Severity.LOW,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.6 (data_protection_kind)",
     remedy="Set <data_protection_kind> to ENCRYPT " + CORRECT,
     applies=speaks,
@@ -260,7 +251,6 @@ _REFUSE_CONTRADICTION: Final = tuple(
 @rule(
     "KA417",
     Severity.HIGH,
-    on=GovernanceUse,
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants, rtps_protection_kind)",
     remedy="Set <allow_unauthenticated_participants> to false " + CORRECT,
     applies=speaks,

@@ -43,7 +43,6 @@ def _deployed(_keystore: Keystore, context: Context) -> bool:
 @rule(
     "KA664",
     Severity.INFO,
-    on=Keystore,
     clause="ROS 2 design, ROS 2 security enclaves (the files that a run time reads); CWE-538",
     remedy="Copy only what a run time reads: of each enclave the six files, crl.pem, and what their links lead to.",
     applies=lambda keystore, _context: bool(keystore.layout.provisioning),
@@ -68,7 +67,6 @@ def provisioning_leftover(keystore: Keystore, context: Context) -> Iterator[Viol
 @rule(
     "KA665",
     Severity.LOW,
-    on=Keystore,
     clause="NIST SP 800-57 part 1 revision 5, 5.3.6 (one to two years for authentication keys)",
     remedy="Issue identities for a year or two, `openssl x509 -req -days 365` in place of sros2's ten years, change "
     "<not_after> in permissions.xml before it is signed, and renew both in time.",
@@ -115,7 +113,6 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
 @rule(
     "KA666",
     Severity.HIGH,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
     remedy="Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker. "
     + ISSUE_AGAIN,
@@ -231,7 +228,6 @@ def _twins(keystore: Keystore, found: Sequence[_Shared]) -> set[str]:
 @rule(
     "KA667",
     Severity.INFO,
-    on=Keystore,
     clause="RFC 5652, 11.3 (signingTime); DDS-Security 1.1, 9.4.1.3 (grants name a subject, and have dates)",
     remedy="Where rights were taken away, issue the identity again under another subject, or wait until the dates of "
     "the older documents are past.",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from inspect import cleandoc
-from typing import Any, Final, Generic, TypeVar
+from types import FunctionType
+from typing import Any, Final, Generic, TypeVar, cast
 
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Location, Severity
@@ -82,24 +83,25 @@ def rule(
     code: str,
     severity: Severity,
     *,
-    on: type[S],
     clause: str,
     remedy: str,
     explains: tuple[str, ...] = (),
     stops: bool = False,
-    applies: Callable[[S, Context], bool] | None = None,
+    applies: Callable[[Any, Context], bool] | None = None,
 ) -> Callable[[Callable[[S, Context], Iterator[Violation]]], Rule[S]]:
-    """Registers a rule, which is called as its function is; mypy rejects one for another subject than `on`.
+    """Registers a rule, which is called as its function is and is about what that takes first.
 
     Raises ValueError at import for a code or name that is taken, or a function without a docstring.
     """
 
     def judged_by(check: Callable[[S, Context], Iterator[Violation]]) -> Rule[S]:
-        made = Rule(
+        function = cast(FunctionType, check)
+        subject = next(iter(function.__annotations__.values()))
+        made: Rule[S] = Rule(
             code=code,
-            name=check.__name__.replace("_", "-"),
+            name=function.__name__.replace("_", "-"),
             severity=severity,
-            on=on,
+            on=function.__globals__[subject],
             clause=clause,
             remedy=remedy,
             docstring=check.__doc__ or "",

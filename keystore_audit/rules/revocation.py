@@ -66,7 +66,6 @@ def _signed(use: RevocationUse, revocations: RevocationList) -> bool | None:
 @rule(
     "KA212",
     Severity.HIGH,
-    on=Keystore,
     clause="RFC 5280, 6.3.3; DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl)",
     remedy="Take the enclave out of the keystore, or give it a new identity. " + ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca",),
@@ -101,7 +100,6 @@ def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violatio
 @rule(
     "KA213",
     Severity.HIGH,
-    on=RevocationUse,
     clause="RFC 5280, 5 and 6.3.3 (f), (g)",
     remedy=NEW_LIST,
     stops=True,
@@ -195,7 +193,6 @@ def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, 
 @rule(
     "KA214",
     Severity.HIGH,
-    on=RevocationUse,
     clause="RFC 5280, 5.1.2.4 and 5.1.2.5 (thisUpdate, nextUpdate); measured",
     remedy=NEW_LIST,
     stops=True,
@@ -226,7 +223,6 @@ def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
 @rule(
     "KA215",
     Severity.MEDIUM,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl); measured: each peer asks its own list only",
     remedy="Put the newest crl.pem into every enclave.",
 )
@@ -259,7 +255,6 @@ def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violat
 @rule(
     "KA229",
     Severity.HIGH,
-    on=RevocationUse,
     clause="RFC 5280, 5.2.4 (delta lists) and 6.3.3; measured: run times read the first list of crl.pem",
     remedy="Let one complete list say all that is revoked. " + NEW_LIST,
 )

@@ -68,7 +68,6 @@ def _united(found: Sequence[Half]) -> tuple[str, ...]:
 @rule(
     "KA630",
     Severity.MEDIUM,
-    on=Keystore,
     clause=_PERMISSIONS_XSL,
     remedy="Allow both halves of the service, or neither: a client publishes rq/NAMERequest and subscribes to "
     f"rr/NAMEReply, a server the reverse; {WRITE_AGAIN}",
@@ -86,7 +85,6 @@ def half_service(_keystore: Keystore, context: Context) -> Iterator[Violation]:
 @rule(
     "KA631",
     Severity.MEDIUM,
-    on=Keystore,
     clause=f"ROS 2 design, actions (three services and two topics); {_PERMISSIONS_XSL}",
     remedy="Allow all of the action, or nothing: the services send_goal, cancel_goal and get_result, and the topics "
     f"feedback and status; {WRITE_AGAIN}",
@@ -140,7 +138,6 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
 @rule(
     "KA632",
     Severity.HIGH,
-    on=Keystore,
     clause="ROS 2 design, parameters (services of every node); ROS 2 design, SROS2 access control policies (least "
     "privilege)",
     remedy=f"Let each enclave ask the parameter services of its own nodes alone: {WRITE_AGAIN}",
@@ -158,7 +155,6 @@ def parameter_services_of_others(_keystore: Keystore, context: Context) -> Itera
 @rule(
     "KA633",
     Severity.HIGH,
-    on=Keystore,
     clause="ROS 2 design, managed nodes (change_state); ROS 2 design, SROS2 access control policies (least privilege)",
     remedy=f"Let the one enclave that manages the node ask change_state, and no other: {WRITE_AGAIN}",
 )
@@ -174,7 +170,6 @@ def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Itera
 @rule(
     "KA634",
     Severity.MEDIUM,
-    on=Keystore,
     clause="ROS 2 design, SROS2 access control policies (least privilege); analysis of who may publish rr/NAMEReply",
     remedy=f"Let one enclave alone reply on each service: {WRITE_AGAIN}",
 )

@@ -23,7 +23,6 @@ _DOES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
 @rule(
     "KA635",
     Severity.LOW,
-    on=Keystore,
     clause="ROS 2 design, actions (topics feedback and status below the name and _action)",
     remedy=f"Name each topic, and each action: {WRITE_AGAIN}",
 )
@@ -57,7 +56,6 @@ def _severity(found: ActionPattern) -> Severity | None:
 @rule(
     "KA636",
     Severity.INFO,
-    on=Keystore,
     clause="ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made; "
     "ros2/rclcpp, node_type_descriptions.cpp (read)",
     remedy="Include sros2's common/node.xml in the profile, add `<service>~/get_type_description</service>` to a "

@@ -22,7 +22,6 @@ _NO_DENIAL: Final = (
 @rule(
     "KA604",
     Severity.MEDIUM,
-    on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
     remedy=f"{_NO_DENIAL}: {WRITE_AGAIN}",
 )
@@ -37,7 +36,6 @@ def deny_rule_with_partitions(_keystore: Keystore, context: Context) -> Iterator
 @rule(
     "KA605",
     Severity.MEDIUM,
-    on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (a deny rule without partitions denies in all); {MEASURED}",
     remedy=f"{_NO_DENIAL}: {WRITE_AGAIN}",
 )
@@ -57,7 +55,6 @@ def deny_rule_without_partitions(_keystore: Keystore, context: Context) -> Itera
 @rule(
     "KA606",
     Severity.MEDIUM,
-    on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
     remedy=f"Give each set of partitions an <allow_rule> of its own: {WRITE_AGAIN}",
 )
@@ -74,7 +71,6 @@ def partitions_of_several_criteria(_keystore: Keystore, context: Context) -> Ite
 @rule(
     "KA607",
     Severity.MEDIUM,
-    on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3 (rules in order); {MEASURED}",
     remedy=f"List a topic in one rule, with all its partitions: {WRITE_AGAIN}",
 )
@@ -89,7 +85,6 @@ def later_rule_for_other_partitions(_keystore: Keystore, context: Context) -> It
 @rule(
     "KA608",
     Severity.MEDIUM,
-    on=Keystore,
     clause=f"DDS-Security 1.1, 9.4.1.3 (deny_rule); {MEASURED}",
     remedy=f"{_NO_DENIAL}: {WRITE_AGAIN}",
 )
@@ -111,7 +106,6 @@ _RELAY: Final = (
 @rule(
     "KA609",
     Severity.MEDIUM,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3.2.3 (relay); measured on Fast DDS 2.9.1: a reader that may relay alone "
     "receives plain data",
     remedy=f"Take the <relay> criteria out; no ROS 2 implementation relays: {WRITE_AGAIN}",
@@ -127,7 +121,6 @@ def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vi
 @rule(
     "KA610",
     Severity.MEDIUM,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch); measured on libc, ACE and "
     "Cyclone DDS 0.10.2",
     remedy=f"Name each topic, or use one * at the end and neither brackets nor backslashes: {WRITE_AGAIN}",

@@ -162,7 +162,6 @@ def _expected(use: SignedUse) -> str:
 @rule(
     "KA301",
     Severity.CRITICAL,
-    on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1 (signed with the private key of the permissions CA)",
     remedy="Find out who signed it and why. " + _READ_AND_SIGN,
     explains=_FORGED,
@@ -195,7 +194,6 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
 @rule(
     "KA302",
     Severity.CRITICAL,
-    on=SignedUse,
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
     remedy="Treat the enclave as taken over: give it a new identity, use separate authorities for identities and "
     "permissions, update implementations that accept such a document. " + _READ_AND_SIGN,
@@ -227,7 +225,6 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
 @rule(
     "KA303",
     Severity.CRITICAL,
-    on=SignedUse,
     clause="RFC 5652, 5.4 and 5.6 (message digest, signature verification); DDS-Security 1.1, 9.4.1.1",
     remedy="Find out who changed the file. " + _READ_AND_SIGN,
     explains=(_SIGNED,),
@@ -258,7 +255,6 @@ def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
 @rule(
     "KA316",
     Severity.HIGH,
-    on=SignedUse,
     clause="RFC 5652, 5.3 (issuerAndSerialNumber); measured: signers are looked up by it",
     remedy="Sign every document again after renewing the authority's certificate. " + SIGN_AGAIN,
     explains=(_SIGNED,),
@@ -285,7 +281,6 @@ def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation
 @rule(
     "KA317",
     Severity.HIGH,
-    on=DocumentUse,
     clause="DDS-Security 1.1, 9.4.1.1; measured on Cyclone DDS, Fast DDS and libcrypto (PKCS7_verify)",
     remedy="Let permissions_ca.cert.pem hold one self-signed certificate, that of the signer, without a keyUsage that "
     "forbids digital signatures, and let the message hold it too (no -nocerts). " + SIGN_AGAIN,

@@ -20,7 +20,6 @@ from keystore_audit.rules.wording import implementations
 @rule(
     "KA117",
     Severity.HIGH,
-    on=Refusal,
     clause="DDS-Security 1.1, 8.2.1 and 9.4.3 (a participant is created only with valid credentials); measured",
     remedy="Make of what the message names what every implementation takes, and sros2 makes: keys on prime256v1, "
     f"certificates and documents signed over SHA-256, one self-signed certificate in each CA file. {RENEW_AUTHORITY} "

@@ -71,7 +71,6 @@ def _at(strays: Sequence[Stray]) -> tuple[Location, ...]:
 @rule(
     "KA660",
     Severity.HIGH,
-    on=Keystore,
     clause=_CLAUSE,
     remedy=_REVOKE,
     applies=_has_strays,
@@ -122,7 +121,6 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
 @rule(
     "KA661",
     Severity.LOW,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.2 (an enclave applies the governance that it is given)",
     remedy="Delete it, or keep it where documents are signed; a governance that is validly signed takes the place of "
     "another by copying one file.",
@@ -147,7 +145,6 @@ def signed_governance_at_large(keystore: Keystore, _context: Context) -> Iterato
 @rule(
     "KA662",
     Severity.INFO,
-    on=Keystore,
     clause=_CLAUSE,
     remedy="Delete what is not needed; on a robot nothing but its own enclaves' documents is.",
     applies=_has_strays,
@@ -185,7 +182,6 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
 @rule(
     "KA663",
     Severity.HIGH,
-    on=Keystore,
     clause="keystore-audit, docs/model.md (what is not read counts as able to do anything)",
     remedy="Take the file out of the keystore if it is no document of it. A copy that peers may take goes on counting "
     "wherever it is: find out what it says.",
@@ -219,7 +215,6 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
 @rule(
     "KA668",
     Severity.HIGH,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1.3 (whoever has the key of a certificate that the identity CA issued is a "
     "participant, with what grants give its subject)",
     remedy="If a robot needs it, move its folder below enclaves/, so that it is audited with the others. If not, "
@@ -306,7 +301,6 @@ def _identity_at(each: Admitted, key: str = "the private key") -> Iterator[Locat
 @rule(
     "KA669",
     Severity.MEDIUM,
-    on=Keystore,
     clause="ros2/rmw_dds_common, security.cpp (enclaves lie in the folder enclaves/ of the keystore that is named)",
     remedy="Audit this keystore with `-r`, which audits what lies in it too. Then move it out: whoever has this "
     "keystore has its private keys.",

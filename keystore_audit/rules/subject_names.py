@@ -61,7 +61,6 @@ def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]
 @rule(
     "KA519",
     Severity.CRITICAL,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); DistinguishedName.cpp of Fast DDS, access_control_utils.c of "
     "Cyclone DDS; measured",
     remedy=SAFE_FORM,
@@ -98,7 +97,6 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
 @rule(
     "KA520",
     Severity.HIGH,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 2253; measured",
     remedy=SAFE_FORM,
     stops=True,

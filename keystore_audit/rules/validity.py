@@ -35,7 +35,6 @@ def _whose(grant: Grant) -> str:
 @rule(
     "KA505",
     Severity.HIGH,
-    on=PermissionsUse,
     clause=_CLAUSE,
     remedy=_LATER,
     applies=speaks,
@@ -56,7 +55,6 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
 @rule(
     "KA506",
     Severity.HIGH,
-    on=PermissionsUse,
     clause=_CLAUSE,
     remedy=f"Wait until then, or let the grant begin earlier: {WRITE_AGAIN}",
     applies=speaks,
@@ -76,7 +74,6 @@ def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Viola
 @rule(
     "KA507",
     Severity.MEDIUM,
-    on=PermissionsUse,
     clause=_CLAUSE,
     remedy=_LATER,
     applies=speaks,
@@ -95,7 +92,6 @@ def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violat
 @rule(
     "KA513",
     Severity.LOW,
-    on=PermissionsUse,
     clause=_CLAUSE,
     remedy=f"Let the grant end with the identity: {WRITE_AGAIN}",
     applies=speaks,
@@ -121,7 +117,6 @@ def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterat
 @rule(
     "KA516",
     Severity.HIGH,
-    on=PermissionsUse,
     clause=_CLAUSE,
     remedy=f"Let not_before come before not_after: {WRITE_AGAIN}",
     applies=speaks,

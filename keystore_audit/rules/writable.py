@@ -30,7 +30,6 @@ def _written_by_others(file: File) -> bool:
 @rule(
     "KA119",
     Severity.HIGH,
-    on=Keystore,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1 (the CA certificates decide who is trusted); CWE-732",
     remedy="Run `chmod -R go-w .` in the keystore's root, as the user who owns it. Compare what is there with what was "
     "issued: whoever could write may have done so.",

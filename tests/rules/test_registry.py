@@ -127,7 +127,7 @@ def test_a_code_or_name_that_is_taken_is_refused(
     code: str, check: Callable[[Keystore, Context], Iterator[Violation]]
 ) -> None:
     with pytest.raises(ValueError, match="registered twice"):
-        rule(code, Severity.LOW, on=Keystore, clause="x", remedy="x.")(check)
+        rule(code, Severity.LOW, clause="x", remedy="x.")(check)
 
 
 def test_a_rule_without_a_docstring_is_refused() -> None:
@@ -135,4 +135,4 @@ def test_a_rule_without_a_docstring_is_refused() -> None:
         yield from ()
 
     with pytest.raises(ValueError, match="no docstring"):
-        rule("KA998", Severity.LOW, on=Keystore, clause="x", remedy="x.")(silent)
+        rule("KA998", Severity.LOW, clause="x", remedy="x.")(silent)
