@@ -40,9 +40,9 @@ def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews)
         yield Doubt(enclave=None, location=Location(path=file.place), reason=reason)
     row = accesses.row(profile.access)
     by_enclave = (enclave_doubts(enclave, profile.trust, row, accesses) for enclave in keystore.enclaves)
-    strays = _stray_doubts(keystore, profile.trust, row, accesses)
+    others = _doubts_of_others(keystore, profile.trust, row, accesses)
     at_large = filter(None, map(at_large_doubt, identities_at_large(keystore, accesses.at)))
-    for doubt in chain(chain.from_iterable(by_enclave), strays, at_large, _possible(keystore, profile, accesses)):
+    for doubt in chain(chain.from_iterable(by_enclave), others, at_large, _possible(keystore, profile, accesses)):
         place = (doubt.location.path, doubt.location.line)
         if place not in seen:
             seen.add(place)
@@ -80,22 +80,29 @@ def _file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
     return tuple(doubt for doubt in found if doubt is not None)
 
 
-def _stray_doubts(keystore: Keystore, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
-    """Everything outside enclaves that could not be read and that a peer may take for permissions.
+def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
+    """Everything that could not be read and that a peer may take for permissions, in enclaves or outside of them.
 
-    And governance that somebody may apply who has an identity at large.
+    Its own enclave may refuse it. And governance that somebody may apply who has an identity at large.
     """
     files = permissions_cas(keystore)
+    outside = bool(identities_at_large(keystore, accesses.at))
+    documents = [
+        (e.path, each) for e in keystore.enclaves for each in (e.permissions, e.governance if outside else None)
+    ]
     for stray in (*permissions_at_large(keystore), *governance_at_large(keystore)):
         if stray.document is None:
             yield Doubt(enclave=None, location=Location(path=stray.place), reason=stray.file.detail)
+        documents.append((None, stray.document))
+    for enclave, document in documents:
+        if document is None:
             continue
-        read = accesses.read(stray.document, access)
+        read = accesses.read(document, access)
         silent = not read.is_readable and read.refusal is None
-        verdicts = {document_verdict(stray.document.signed, file, trust) for file in files}
-        doubtful = silent or envelope(stray.document.signed).verdict is Verdict.UNKNOWN
-        if doubtful and verdicts - {Verdict.REFUSED}:
-            yield document_doubt(None, stray.document, read)
+        if (silent or envelope(document.signed).verdict is Verdict.UNKNOWN) and any(
+            document_verdict(document.signed, file, trust) is not Verdict.REFUSED for file in files
+        ):
+            yield document_doubt(enclave, document, read)
 
 
 def document_doubt(enclave: str | None, file: Typed, read: ReadDocument) -> Doubt:

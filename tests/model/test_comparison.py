@@ -155,6 +155,18 @@ def test_an_unread_document_is_unknown_and_not_compared(tmp_path: Path) -> None:
     assert [change for change in found.changes if "/talker" in change.enclaves] == []
 
 
+@pytest.mark.parametrize("taken", [True, False])
+def test_an_unread_document_that_its_own_enclave_refuses_is_unknown_where_peers_take_it(
+    taken: bool, tmp_path: Path
+) -> None:
+    another = authority("another")
+    names = ("talker",) if taken else [path.strip("/") for path in BASE.members]
+    old = replace(BASE, files={f"enclaves/{name}/permissions_ca.cert.pem": another.pem for name in names})
+    unread = BASE.members["/talker"].permissions.replace("<dds>", "<dds a='&#38;'>")
+    found = compared(old, old.member("/talker", permissions=unread), tmp_path)
+    assert {(each.side, each.enclave) for each in found.unknown} == ({("new", "/talker")} if taken else set())
+
+
 def test_a_domain_leaves_out_others(tmp_path: Path) -> None:
     new = talks(TALKER, rule(criterion("publish", "rt/chatter"), domains="<id>7</id>"))
     assert compared(BASE, new, tmp_path / "0", domain=0).changes[0].direction is Direction.INFO
