@@ -156,9 +156,9 @@ def _a_rule(anomaly: Anomaly) -> str:
 def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """Nothing changes without the rule: other rules decide the same about all that it decides.
 
-    Whoever takes a right out of one of them believes it gone. Judged one after the other from the last on, rules that
-    never decide left out: all that are named can go together. The rule that `ros2 security` adds for ros_discovery_info
-    is no finding.
+    Whoever takes a right out of one of them believes it gone. Judged one after the other from the last on: all that are
+    named can go, and rules that never decide, each alone or together. The rule that `ros2 security` adds for
+    ros_discovery_info is no finding.
     """
     yield from folded(
         use,

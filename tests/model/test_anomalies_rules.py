@@ -9,6 +9,7 @@ from functools import cache, lru_cache
 from itertools import product
 from typing import NamedTuple
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -121,6 +122,14 @@ class Brute:
         firsts = {self.first[p] for p in points & self.live}
         return any(n is not None and self.rules[n].allow is not allow for n in firsts)
 
+    def heard_without(self, number: int) -> bool:
+        """Whether a later rule that fires nowhere would decide the opposite if this one went."""
+        return any(
+            not self.fires[n] and rule.allow is not self.rules[number].allow and self.sets[n] & self.fires[number]
+            for n, rule in enumerate(self.rules)
+            if n > number
+        )
+
     def whole_rules(self) -> set[tuple[AnomalyKind, int]]:
         found = set()
         for number, rule in enumerate(self.rules):
@@ -130,7 +139,7 @@ class Brute:
         kept = [number for number in range(len(self.rules)) if self.fires[number]]
         for number in reversed(kept.copy()):
             without = [n for n in kept if n != number]
-            if self.decisions(without) == self.decisions(kept):
+            if self.decisions(without) == self.decisions(kept) and not self.heard_without(number):
                 kept = without
                 helped = any(self.fires[number] & self.sets[n] for n in kept if n > number)
                 found.add((AnomalyKind.REDUNDANT if helped else AnomalyKind.SAME_AS_DEFAULT, number))
@@ -201,3 +210,16 @@ def test_anomalies_are_found_exactly(drawn, default, profile) -> None:  # type: 
     assert dead == brute.expressions()
     pairs = {(e.kind, e.rule, e.operation, e.expression, e.other, e.other_expression) for e in found if e.kind in PAIRS}
     assert pairs == brute.pairs()
+
+
+@pytest.mark.parametrize(
+    ("topic", "found"), [("a", {(AnomalyKind.UNREACHABLE, 1)}), ("b", {(AnomalyKind.SAME_AS_DEFAULT, 0)})]
+)
+def test_a_denial_changes_something_where_a_later_rule_allows_the_same(
+    topic: str, found: set[tuple[AnomalyKind, int]]
+) -> None:
+    """Without it the allow rule would decide, which never does as it stands."""
+    rules = read(
+        [(allow, ((0, 0),), [(("a" if not allow else topic,), None)], []) for allow in (False, True)], default=False
+    )
+    assert {(each.kind, each.rule) for each in found_in(rules, default=False)} == found

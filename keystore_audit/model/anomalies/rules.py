@@ -233,9 +233,10 @@ class _Order:
     def without_effect(self, *, default_allow: bool) -> Iterator[RuleAnomaly]:
         """Rules that fire, and nothing changes without them: taken out one by one, from the last on.
 
-        Rules that fire nowhere count as gone before.
+        Rules that fire nowhere count as gone before, but one that would fire without this one, and decide the opposite.
         """
         later: list[_Fired] = []
+        unheard = {True: 0, False: 0}
         allowed, matched = (-1 if default_allow else 0), 0
         for each in reversed(self._rules):
             allow, fires = each.rule.allow, each.fires
@@ -244,9 +245,10 @@ class _Order:
                     yield RuleAnomaly(kind=AnomalyKind.SAME_AS_DEFAULT, rule=each.number)
                 continue
             if not fires:
+                unheard[allow] |= each.cells
                 continue
             completed = each.number in self._implied or each.number + 1 in self._implied
-            if not completed and not fires & (~allowed if allow else allowed):
+            if not completed and not fires & ((~allowed if allow else allowed) | unheard[not allow]):
                 kept = fires & matched
                 kind = AnomalyKind.REDUNDANT if kept else AnomalyKind.SAME_AS_DEFAULT
                 cell = self._cells.best(kept or fires)
