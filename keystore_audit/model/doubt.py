@@ -87,14 +87,14 @@ def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses
     """
     files = permissions_cas(keystore)
     outside = bool(identities_at_large(keystore, accesses.at))
-    documents = [
-        (e.path, each) for e in keystore.enclaves for each in (e.permissions, e.governance if outside else None)
-    ]
+    documents: list[tuple[str | None, Typed | None]] = []
+    for enclave in keystore.enclaves:
+        documents += [(enclave.path, enclave.permissions), (enclave.path, enclave.governance if outside else None)]
     for stray in (*permissions_at_large(keystore), *governance_at_large(keystore)):
         if stray.document is None:
             yield Doubt(enclave=None, location=Location(path=stray.place), reason=stray.file.detail)
         documents.append((None, stray.document))
-    for enclave, document in documents:
+    for path, document in documents:
         if document is None:
             continue
         read = accesses.read(document, access)
@@ -102,7 +102,7 @@ def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses
         if (silent or envelope(document.signed).verdict is Verdict.UNKNOWN) and any(
             document_verdict(document.signed, file, trust) is not Verdict.REFUSED for file in files
         ):
-            yield document_doubt(enclave, document, read)
+            yield document_doubt(path, document, read)
 
 
 def document_doubt(enclave: str | None, file: Typed, read: ReadDocument) -> Doubt:
