@@ -30,6 +30,8 @@ def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trus
             continue
         if not any(signer.sha256 == authority.sha256 for authority in permissions_ca.certificates):
             return f"the signer is not in {place}"
+        if trust.pins_signer and any(signer.sha256 == each.sha256 for each in authorities_read(permissions_ca, trust)):
+            return f"another certificate of its issuer and serial number stands before the signer's in {place}"
         if trust.pins_signer:
             return not_read(place, trust)
         if not is_first_embedded(signer, signed):

@@ -5,7 +5,7 @@ The evidence comes from `keystore/`; what it means depends on the profile (DDS-S
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from enum import Enum
 from functools import lru_cache
@@ -291,15 +291,15 @@ def may_sign(
 ) -> bool:
     """Whether an enclave with this permissions CA file takes `signer` as a signer of the document.
 
-    Pinned: it is one of the file's certificates (issuer, serial number and key: here, the same bytes). Otherwise it has
-    to be in the message, the first there of its issuer and serial number, fit for S/MIME signing, and to chain to a
-    root of the file over authorities of the file and the message: CVE-2023-24010, CVE-2023-24011, CVE-2023-24012
-    (PKCS7_verify with a store and PKCS7_TEXT; measured against libcrypto). The whole chain is in force `at` an instant;
-    None: dates are not looked at.
+    Pinned: it has the key of the file's first certificate of its issuer and serial number, whatever else those have.
+    Otherwise it has to be in the message, the first there of its issuer and serial number, fit for S/MIME signing, and
+    to chain to a root of the file over authorities of the file and the message: CVE-2023-24010, CVE-2023-24011,
+    CVE-2023-24012 (PKCS7_verify with a store and PKCS7_TEXT; measured against libcrypto). The whole chain is in force
+    `at` an instant; None: dates are not looked at.
     """
     read = authorities_read(permissions_ca, trust)
     if trust.pins_signer:
-        return any(signer.sha256 == authority.sha256 for authority in read)
+        return is_pinned(signer, read)
     if not is_first_embedded(signer, signed) or not fit_to_sign(signer) or signer.unknown_critical:
         return False
     if at is not None and not in_force(signer, at):
@@ -307,10 +307,17 @@ def may_sign(
     roots = [root for root in read if is_root(root) and (at is None or in_force(root, at))]
     if any(signer.sha256 == root.sha256 for root in roots):
         return True
-    above_it = (c for c in (*read, *signed.embedded) if is_authority(c) and lets_sign(c))
+    # Of one that stands in the file and in the message, the file's: certificates are compared by identity.
+    above_it = (c for c in (*signed.embedded, *read) if is_authority(c) and lets_sign(c))
     pool = {c.sha256: c for c in above_it if at is None or in_force(c, at)}
     above = _below(list(pool.values()), [root for root in roots if root.sha256 in pool])
     return any(may_have_issued(authority, signer) for authority in above)
+
+
+def is_pinned(signer: Certificate, authorities: Iterable[Certificate]) -> bool:
+    """Whether OpenSSL, which knows a signer by issuer and serial number, finds its key among the authorities."""
+    first = first_of_number(signer, authorities)
+    return first is not None and first.key == signer.key
 
 
 def signers_taken(signed: SignedDocument, trust: Trust) -> tuple[Certificate, ...]:
@@ -321,19 +328,19 @@ def signers_taken(signed: SignedDocument, trust: Trust) -> tuple[Certificate, ..
     signers = envelope(signed).signers
     if trust.pins_signer:
         return signers
-    found = [(signer, _first_embedded(signer, signed)) for signer in signers]
+    found = [(signer, first_of_number(signer, signed.embedded)) for signer in signers]
     return tuple([first if first is not None and first.key == signer.key else signer for signer, first in found])
 
 
 def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
     """Whether it is the first certificate in the message of its issuer and serial number: the one OpenSSL takes."""
-    first = _first_embedded(signer, signed)
+    first = first_of_number(signer, signed.embedded)
     return first is not None and first.sha256 == signer.sha256
 
 
-def _first_embedded(signer: Certificate, signed: SignedDocument) -> Certificate | None:
-    """Issuers are compared by meaning (X509_NAME_cmp)."""
-    for each in signed.embedded:
+def first_of_number(signer: Certificate, among: Iterable[Certificate]) -> Certificate | None:
+    """The first of its issuer, by meaning (X509_NAME_cmp), and serial number: the one OpenSSL takes for the signer."""
+    for each in among:
         if each.serial == signer.serial and (
             each.issuer_der == signer.issuer_der or same_name(each.issuer_name, signer.issuer_name)
         ):

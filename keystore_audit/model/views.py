@@ -25,6 +25,7 @@ from keystore_audit.model.trust import (
     document_verdict,
     envelope,
     is_first_embedded,
+    is_pinned,
     signers_taken,
     signing_authorities,
     trusted_authorities,
@@ -100,6 +101,9 @@ class Views:
         self._documents = documents
         self._certificates = certificates
         self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
+        self._with_key: dict[str, list[Certificate]] = {}
+        for certificate in certificates:
+            self._with_key.setdefault(certificate.key, []).append(certificate)
         self._realms = list({trust_files(enclave): enclave for enclave in (*keystore.enclaves, *hosts)}.values())
         self._permissions_cas = list(dict.fromkeys(enclave.permissions_ca for enclave in keystore.enclaves))
         self._told: dict[tuple[str, bool], int] = {}
@@ -134,9 +138,12 @@ class Views:
         )
 
     def authorities(self, enclave: Enclave, trust: Trust) -> tuple[frozenset[int], frozenset[int], frozenset[int]]:
-        """Identity CAs that vouch, permissions CAs that count, and what is revoked."""
+        """Identity CAs that vouch, whoever counts for a permissions CA, and what is revoked."""
         vouching = trusted_authorities(enclave.identity_ca, trust) if enclave.identity_ca else ()
         signing = signing_authorities(enclave.permissions_ca, trust) if enclave.permissions_ca else ()
+        if trust.pins_signer:
+            alike = [certificate for each in signing for certificate in self._with_key[each.key]]
+            signing = tuple(certificate for certificate in alike if is_pinned(certificate, signing))
         return (
             frozenset(self._number[certificate.sha256] for certificate in vouching),
             frozenset(self._number[certificate.sha256] for certificate in signing),

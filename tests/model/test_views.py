@@ -17,6 +17,8 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.views import Kind
+from tests.keystore.builder import authority
+from tests.oracles.vendors.recipes_signers import _ca
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 STORES = sorted(
@@ -57,6 +59,21 @@ def test_what_one_system_stands_for_is_equal(store: Path) -> None:
         shared = builder.build(kind, profiles=(), reading=Reading.MAY)
         for name in names:
             assert builder.build(alone(name), profiles=(), reading=Reading.MAY) == shared, name
+
+
+def test_whoever_pins_takes_the_first_of_a_number_by_its_key(tmp_path: Path) -> None:
+    """A renewed authority of the old key and number signs for the old one, one with another key for nobody."""
+    at = datetime.fromisoformat("2026-11-21T12:00:00+00:00")
+    first = authority(serial=1)
+    renewed, twin = authority(key=first.key, serial=1), authority(serial=1)
+    for name, file, signer in (("a", first.pem + twin.pem, renewed), ("b", renewed.pem, first), ("c", twin.pem, twin)):
+        _ca("of the test", file, signer).build(tmp_path / "enclaves" / name)
+    builder, alone = builder_of(tmp_path, at)
+    system = builder.build(alone("fastdds-3.6"), profiles=(), reading=Reading.MAY)
+    realms = {enclave.label: system.realms[enclave.realm].permissions_ca for enclave in system.enclaves}
+    signers = {document.location.path.split("/")[1]: document.signers for document in system.documents}
+    assert realms["/a"] == realms["/b"] >= signers["a"] | signers["b"]
+    assert realms["/c"] == signers["c"]
 
 
 def test_kinds_are_told_apart() -> None:

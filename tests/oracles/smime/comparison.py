@@ -11,6 +11,7 @@ from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.signer_path import path_refusal
 from keystore_audit.model.trust import Verdict, document_verdict
 from tests.keystore.builder import Signed, present, read
 from tests.oracles.smime.oracle import Answer, Oracle
@@ -82,9 +83,9 @@ def said(defect: Defect) -> str:
 
 @lru_cache(maxsize=64)
 def _trusted(trusted: tuple[Signed, ...], known: tuple[Signed, ...]) -> tuple[bytes, CertificateFile, Candidates]:
+    """The certificates of the keystore are copies in files of others, as where enclaves have no links."""
     pem = b"".join(signed.pem for signed in trusted)
-    file = read(pem)
-    return pem, file, Candidates([*file.certificates, *read(b"".join(signed.pem for signed in known)).certificates])
+    return pem, read(pem), Candidates(read(*(signed.pem for signed in known), pem).certificates)
 
 
 def compare(oracle: Oracle, message: bytes, trusted: Sequence[Signed], known: Iterable[Signed] = ()) -> Comparison:
@@ -92,9 +93,11 @@ def compare(oracle: Oracle, message: bytes, trusted: Sequence[Signed], known: It
     pem, file, candidates = _trusted(tuple(trusted), tuple(known))
     document = read_signed(present(message), candidates)
     oracle.trust(pem)
+    chained = document_verdict(document, file, CHAINED)
+    lost = chained is Verdict.ACCEPTED and path_refusal(document, file, CHAINED) is not None
     return Comparison(
         document=document,
         pinned=document_verdict(document, file, PINNED),
-        chained=document_verdict(document, file, CHAINED),
+        chained=Verdict.REFUSED if lost else chained,
         answer=oracle.ask(message),
     )

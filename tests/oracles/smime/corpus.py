@@ -133,6 +133,15 @@ def _signers() -> Iterator[Case]:
         ("nobody trusted", by_openssl(stock, CA), ()),
     ):
         yield Case(name=f"signer: {title}", message=message, trusted=trusted)
+    again = certificate("sros2CA", ca=True, key=CA.key, serial=CA.certificate.serial_number)
+    for title, message, trusted, known in (
+        ("an authority before its renewal with the same key and serial number", MESSAGE, (again,), (CA,)),
+        ("an authority after its renewal with the same key and serial number", MESSAGE, (CA,), (again,)),
+        ("the first of two authorities of one name and serial number", MESSAGE, (CA, twin), ()),
+        ("the second of two authorities of one name and serial number", MESSAGE, (twin, CA), ()),
+        ("an enclave that brings the authority along", _signed_by(LEAF, CA), (CA,), ()),
+    ):
+        yield Case(name=f"signer: {title}", message=message, trusted=trusted, known=known)
     bare = by_openssl((*stock, "-nocerts"), LEAF)
     yield Case(name="signer: an enclave, certificate left out", message=bare)
     yield Case(name="signer: an enclave of the keystore, certificate left out", message=bare, known=(LEAF,))
