@@ -9,6 +9,7 @@ from random import Random
 from typing import Any
 
 from cryptography import x509
+from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.name import _ASN1Type
 from cryptography.x509.oid import NameOID
@@ -105,7 +106,10 @@ def pool() -> Pool:
     identities["root itself"] = root
     identities["below itself"] = below
     serials = [each.certificate.serial_number for each in identities.values()]
+    point = x509.IssuingDistributionPoint(None, None, False, True, None, False, False)
     made = {
+        "unknown list extension": _marked(root, unknown),
+        "of authorities alone": _marked(root, (point, True)),
         "empty": crl(root),
         "all of root": crl(root, serials),
         "stale": crl(root, end=START + timedelta(days=30)),
@@ -116,6 +120,13 @@ def pool() -> Pool:
     }
     lists = {name: each.public_bytes(Encoding.DER) for name, each in made.items()}
     return Pool(authorities, identities, lists)
+
+
+def _marked(issuer: Signed, extension: _Extension) -> x509.CertificateRevocationList:
+    """A list with an extension that nobody takes back by."""
+    builder = x509.CertificateRevocationListBuilder().issuer_name(issuer.certificate.subject)
+    dated = builder.last_update(START).next_update(START + timedelta(days=3650))
+    return dated.add_extension(*extension).sign(issuer.key, hashes.SHA256())  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

@@ -26,9 +26,15 @@ REFUSALS = frozenset({"denied", "unusable"})
 
 VENDORS = {"Fast DDS": "fastdds", "Cyclone DDS": "cyclonedds", "OpenDDS": "opendds"}
 
-NOT_OF_THE_PATH = (*(f"{role.value}: " for role in Role), "it does not load ", "it loads no CA ")
-"""Reasons of a participant that is not created beside X509_verify_cert of its identity: files that these keystores do
-not have, and how Fast DDS looks at the first certificate of the file when it loads it, a call of its own."""
+NO_PARTICIPANT = frozenset({"unusable", "unloaded", "open"})
+"""What `objections` says of an enclave of which nothing may be proven that needs its participant."""
+
+_ABSENT = tuple(f"{role.value}: " for role in Role)
+"""How reasons begin that are about files that these keystores do not have."""
+
+_LOADING = ("it does not load ", "it loads no CA ")
+"""How reasons begin of Fast DDS's look at the first certificate of the file, beside X509_verify_cert of the identity.
+"""
 
 
 def objections(
@@ -37,8 +43,9 @@ def objections(
     """Why the auditor would not call the identity accepted by a vendor's implementations at `at`; empty: it would.
 
     `denied`: peers refuse it even in the MAY reading. `doubted`: in the MUST reading alone. `unusable`: no participant
-    is created, for reasons of the identity. A code: a finding of KA2 that fails the default gate. `open`: a question of
-    KA2 that was left open. What is in `REFUSALS` says that implementations refuse the identity.
+    is created, for reasons of the identity; `unloaded`: since the CA file is not loaded. A code: a finding of KA2 that
+    fails the default gate. `open`: a question of KA2 that was left open. What is in `REFUSALS` says that
+    implementations refuse the identity.
     """
     enclave = directory / "enclaves" / "e"
     enclave.mkdir(parents=True)
@@ -77,8 +84,8 @@ def objections(
         said |= {"denied" if system.reading is Reading.MAY else "doubted" for system in systems if not _vouched(system)}
         ((place, _),) = {(place, "") for place, _variant in meaning.usability}
         reasons = {reason for name in variants for reason in meaning.usability[place, name].reasons}
-        if any(not reason.startswith(NOT_OF_THE_PATH) for reason in reasons):
-            said.add("unusable")
+        of_path = {reason for reason in reasons if not reason.startswith(_ABSENT)}
+        said |= {"unloaded" if reason.startswith(_LOADING) else "unusable" for reason in of_path}
         found[vendor] = frozenset(said)
     return found
 
