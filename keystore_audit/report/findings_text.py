@@ -1,7 +1,7 @@
 """The findings of the report for people: by enclave, worst first, each defect's remedy in full where it comes first.
 
 What does not fail the gate and stands in many enclaves alike is shown of a few of them and counted of the rest; where
-it is the same to the word, of one.
+it is the same but for the enclave's name, of one.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import Report
 from keystore_audit.report.next_step import OF_THE_AUDIT
 from keystore_audit.report.page import Page, Piece
+from keystore_audit.report.remedy import Remedies
 from keystore_audit.text import counted, some
 
 _COMMON_WORD: Final = re.compile("[A-Z][a-z]* (?!DDS)")
@@ -55,14 +56,14 @@ def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
             groups.setdefault(finding.enclave, []).append((rank, finding))
     ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
     enough: Counter[str] = Counter()
-    said: set[tuple[str, Severity, str, str]] = set()  # copies of one document say the same in each enclave
+    said: set[tuple[str, Severity, str, str]] = set()  # keys of one mode, copies of one document
     elsewhere: dict[tuple[str, str, Severity], list[str]] = {}
-    explained: dict[str, list[str]] = {}
+    remedies = Remedies()
     for enclave, ranked in ordered:
         findings = []
         for _, finding in sorted(ranked, key=lambda entry: entry[0]):  # stable: else the report's order
             minor = not (finding.fails(report.fail_on) or finding.severity.at_least(Severity.HIGH) or finding.undecided)
-            words = finding.code, finding.severity, finding.message, finding.remedy
+            words = finding.code, finding.severity, _of_any(finding), finding.remedy
             known = enough[finding.code] >= MAX_EXAMPLES or words in said
             if enclave and minor and known and not consequences.of(finding):
                 elsewhere.setdefault((finding.code, finding.name, finding.severity), []).append(enclave)
@@ -71,9 +72,14 @@ def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
                 said.add(words)
         enough.update({finding.code for finding in findings})
         if findings:
-            _group(page, enclave, findings, profiles, consequences, explained)
+            _group(page, enclave, findings, profiles, consequences, remedies)
     _elsewhere(page, elsewhere)
     _suppressed(page, [finding for finding in shown if finding.suppressed is not None])
+
+
+def _of_any(finding: Finding) -> str:
+    """The message, whichever enclave it is about."""
+    return finding.message.replace(finding.enclave, "ENCLAVE") if finding.enclave else finding.message
 
 
 def _group(
@@ -82,7 +88,7 @@ def _group(
     findings: Sequence[Finding],
     profiles: frozenset[str],
     consequences: Consequences,
-    explained: dict[str, list[str]],
+    remedies: Remedies,
 ) -> None:
     """The findings about one enclave, or about the whole keystore."""
     page.blank()
@@ -94,7 +100,7 @@ def _group(
             continue
         page.blank()
         _finding(page, finding, profiles)
-        _what_to_do(page, finding, explained)
+        _what_to_do(page, finding, remedies)
         _consequences(page, consequences.of(finding))
     for code, more in (told - Counter(dict.fromkeys(told, MAX_ALIKE))).items():
         page.blank()
@@ -117,17 +123,11 @@ def _finding(page: Page, finding: Finding, profiles: frozenset[str]) -> None:
         page.labelled("under", ", ".join(finding.profiles), indent=4, column=12)
 
 
-def _what_to_do(page: Page, finding: Finding, explained: dict[str, list[str]]) -> None:
-    """Clause and remedy, in full where they come first: a keystore repeats a defect in many enclaves.
-
-    `explained`: by remedy, the codes under which it was given.
-    """
-    codes = explained.setdefault(finding.remedy, [])
-    remedy = f"as for {codes[0]} above" if codes else finding.remedy
-    if finding.code not in codes:
+def _what_to_do(page: Page, finding: Finding, remedies: Remedies) -> None:
+    """Clause and remedy, in full where they come first: a keystore repeats a defect in many enclaves."""
+    if not remedies.told(finding):
         page.labelled("clause", finding.clause, indent=4, column=12)
-        codes.append(finding.code)
-    page.labelled("remedy", remedy, indent=4, column=12)
+    page.labelled("remedy", remedies.give(finding), indent=4, column=12)
 
 
 def _consequences(page: Page, consequences: Iterable[tuple[Finding, str]]) -> None:

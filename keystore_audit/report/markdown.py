@@ -10,6 +10,7 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import until
+from keystore_audit.report.remedy import exact
 from keystore_audit.text import instant, markdown, shorten, some
 
 MAX_LENGTH: Final = 60_000
@@ -145,7 +146,7 @@ def _finding(finding: Finding) -> Iterator[str]:
     yield f"- **{finding.severity.value} {finding.code} {markdown(finding.name)}** {markdown(finding.message)}  "
     if finding.locations:
         yield f"  {_places(finding.locations)}  "
-    yield f"  *What to do:* {markdown(finding.remedy)} ({markdown(finding.clause)})"
+    yield f"  *What to do:* {markdown(exact(finding))} ({markdown(finding.clause)})"
     yield ""
 
 

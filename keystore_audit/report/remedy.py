@@ -1,0 +1,89 @@
+"""What to do about a finding, for people: the names of its enclave and document in commands, long commands once."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+from keystore_audit.findings import Finding
+
+_PLAIN: Final = re.compile(r"(?:/\w+)+", re.ASCII)
+"""Enclaves as ROS names them: nothing in them that a shell would read otherwise."""
+
+_SIGNED: Final = re.compile(r"enclaves/(governance|(?:\w+/)+permissions)\.(?:p7s|xml)", re.ASCII)
+_NAME: Final = "'/CN=NAME'"
+_WHICH: Final = re.compile(r", (?:DOCUMENT|NAME) being [^,;.]+")
+_OF_ALL: Final = re.compile(r"\bevery (?:enclave|identity)\b")
+_BEGINS: Final = re.compile("^|(?<=[.:] )")
+"""Where a part of a remedy may begin that another one ends with."""
+
+_COMMAND: Final = re.compile("`[^`]+`")
+_LONG: Final = 100
+"""Characters of what is not said twice."""
+
+_HEAD: Final = 56
+"""Characters by which it is found above."""
+
+
+def exact(finding: Finding) -> str:
+    """The remedy with the enclave and the document that the finding is about in its commands, where they are plain."""
+    document, enclave = _named(finding)
+    remedy = finding.remedy
+    if document:
+        remedy = _WHICH.sub("", remedy).replace("DOCUMENT", document)
+    if enclave:
+        if _NAME in remedy:
+            subject = enclave.replace("/", r"\/")
+            remedy = _WHICH.sub("", remedy).replace(_NAME, f"'/CN={subject}'")
+        remedy = remedy.replace("enclaves/ENCLAVE/", f"enclaves{enclave}/").replace("ENCLAVE", enclave)
+    return remedy
+
+
+def _named(finding: Finding) -> tuple[str, str]:
+    """What DOCUMENT and ENCLAVE are in the remedy, empty where they stay."""
+    remedy, enclave = finding.remedy, finding.enclave or ""
+    signed = (_SIGNED.fullmatch(place.path) for place in finding.locations)
+    document = next((found[1] for found in signed if found), "") if "DOCUMENT" in remedy else ""
+    plain = "ENCLAVE" in remedy and _PLAIN.fullmatch(enclave) and not _OF_ALL.search(remedy)
+    return document, enclave if plain else ""
+
+
+class Remedies:
+    """Those of one report in their order: what was given above is named, and not given again."""
+
+    def __init__(self) -> None:
+        """Nothing is given yet."""
+        self._codes: dict[str, list[str]] = {}
+        self._parts: dict[str, str] = {}
+
+    def told(self, finding: Finding) -> bool:
+        """Whether the remedy was given above under the finding's own code."""
+        return finding.code in self._codes.get(finding.remedy, ())
+
+    def give(self, finding: Finding) -> str:
+        """What is to be said of the finding's remedy."""
+        remedy = finding.remedy
+        codes = self._codes.setdefault(remedy, [])
+        first = next(iter(codes), None)
+        codes.append(finding.code)
+        if first is not None:
+            return f"as for {first} above{_for(finding)}"
+        words = exact(finding)
+        parts = [remedy[found.start() :].rstrip(".") for found in _BEGINS.finditer(remedy)]
+        above = [self._parts.get(part) if len(part) >= _LONG else None for part in parts]
+        for part in [*parts, *_COMMAND.findall(remedy)]:
+            self._parts.setdefault(part, finding.code)
+        for begin, code in zip(_BEGINS.finditer(words), above, strict=True):
+            if code is not None:
+                head = words[begin.start() :].lstrip("`")[:_HEAD].rpartition(" ")[0]
+                before = words[: begin.start()]
+                go_on = "Go on as" if before.endswith(". ") else "as"
+                return f'{before}{go_on} for {code} above ("{head} …"){_for(finding)}.'
+        return words
+
+
+def _for(finding: Finding) -> str:
+    """Whose names belong into what was given above for another."""
+    document, enclave = _named(finding)
+    name = f"enclaves/{document}" if document else enclave
+    return f", for {name}" if name else ""

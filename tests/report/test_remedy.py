@@ -1,0 +1,121 @@
+"""What to do, for people: commands with the names of what the finding is about, and long ones once."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.findings import Finding, Location, Severity
+from keystore_audit.report.content import Report
+from keystore_audit.report.remedy import Remedies, exact
+from keystore_audit.report.text import render
+from keystore_audit.rules import BY_CODE
+from tools.samples.store import copy_with_modes
+
+MakeReport = Callable[..., Report]
+
+
+def about(code: str, path: str, enclave: str | None) -> Finding:
+    """A finding of the rule, with its usual remedy."""
+    rule = BY_CODE[code]
+    return Finding(
+        code=code,
+        name=rule.name,
+        severity=rule.severity,
+        message=f"Something about {enclave}.",
+        remedy=rule.remedy,
+        clause=rule.clause,
+        enclave=enclave,
+        locations=(Location(path=path, line=1, message=""),),
+        profiles=(),
+        explained_by=(),
+        fingerprint="0" * 64,
+    )
+
+
+def commands(remedy: str) -> list[str]:
+    """Those of openssl."""
+    return [each for each in remedy.split("`")[1::2] if each.startswith("openssl")]
+
+
+@pytest.mark.parametrize(
+    ("code", "path", "written"),
+    [
+        ("KA301", "enclaves/talker/permissions.p7s", "permissions.p7s"),
+        ("KA508", "enclaves/talker/permissions.p7s", "permissions.p7s"),
+        ("KA209", "enclaves/talker/key.pem", "cert.pem"),
+    ],
+)
+def test_the_command_can_be_typed_as_it_stands(
+    code: str, path: str, written: str, repository: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "keystore"
+    copy_with_modes(repository / "sample_keystores/stock/talker_listener", root, 0o600)
+    there = root / "enclaves/talker" / written
+    before = there.read_bytes()
+    remedy = exact(about(code, path, "/talker"))
+    for command in commands(remedy):
+        subprocess.run(["sh", "-ec", command], cwd=root, capture_output=True, check=True, timeout=60)
+    assert there.read_bytes() != before
+    assert not any(word in remedy for word in ("ENCLAVE", "DOCUMENT", " being "))
+    assert "create_permission KEYSTORE /talker policy.xml" in remedy
+
+
+def test_a_document_of_all_enclaves_is_named_too() -> None:
+    remedy = exact(about("KA301", "enclaves/governance.p7s", None))
+    assert "-in enclaves/governance.xml -out enclaves/governance.p7s" in remedy
+    assert "create_permission KEYSTORE ENCLAVE policy.xml" in remedy
+
+
+@pytest.mark.parametrize("enclave", [None, "/", "/a b", "/$(reboot)", "/a`b", "/a;b", "/a\n", "/ü"])
+def test_no_other_name_gets_into_a_command(enclave: str | None) -> None:
+    """A shell would read it otherwise, or the command is for every enclave."""
+    for code in ("KA301", "KA209", "KA508"):
+        finding = about(code, f"enclaves{enclave}/permissions.p7s", enclave)
+        assert exact(finding) == finding.remedy
+    every = about("KA222", "public/ca.cert.pem", "/talker")
+    assert exact(every) == every.remedy
+
+
+def test_what_several_remedies_end_with_is_given_once() -> None:
+    remedies = Remedies()
+    first = remedies.give(about("KA219", "enclaves/a/cert.pem", None))
+    assert "openssl req" in first
+    again = about("KA209", "enclaves/a/key.pem", "/a")
+    assert not remedies.told(again)
+    assert (
+        remedies.give(again)
+        == 'as for KA219 above ("Move the enclave\'s cert.pem and key.pem away and run …"), for /a.'
+    )
+    assert remedies.told(again)
+    assert remedies.give(replace(again, enclave="/b")) == "as for KA209 above, for /b"
+    other = replace(again, code="KA503", remedy=f"Let both say CN=/b. {again.remedy}", enclave="/b")
+    assert remedies.give(other).startswith('Let both say CN=/b. Go on as for KA219 above ("Move')
+    assert remedies.give(replace(other, remedy="Something else: " + again.remedy)).startswith("Something else: as for")
+
+
+def test_a_command_of_a_longer_remedy_is_found_there() -> None:
+    remedies = Remedies()
+    remedies.give(about("KA222", "public/ca.cert.pem", None))
+    said = remedies.give(about("KA408", "enclaves/governance.p7s", None))
+    assert said.endswith('as for KA222 above ("openssl smime -sign -text -in enclaves/governance.xml …").')
+    short = replace(about("KA408", "enclaves/governance.p7s", None), remedy="Run `chmod 600`.")
+    assert [Remedies().give(short), remedies.give(short)] == ["Run `chmod 600`."] * 2
+
+
+def test_lesser_findings_that_differ_by_the_enclave_alone_are_counted(make_report: MakeReport) -> None:
+    """sros2 leaves every key readable: one example, and who else."""
+    report = make_report()
+    keys = tuple(
+        replace(about("KA108", f"enclaves{name}/key.pem", name), severity=Severity.MEDIUM, fingerprint=f"{number:064}")
+        for number, name in enumerate(("/a", "/b", "/c"))
+    )
+    text = render(replace(report, findings=keys))
+    assert text.count("Something about") == 1
+    assert "2 more of it, about /b, /c." in text
+    apart = (keys[0], replace(keys[1], message="Something else about /b."), keys[2])
+    assert "One more of it, about /c." in render(replace(report, findings=apart))
