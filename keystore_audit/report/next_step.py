@@ -38,13 +38,19 @@ def next_step(report: Report) -> str:
 
 
 def _first(wanted: Sequence[Finding]) -> Finding:
-    """The cause of the worst of these, itself where none of them is; of equal ones the report's first.
+    """The cause of the worst of these, itself where none of them is; of equal ones the report's first that is a cause.
 
     A cause may be less bad than what follows from it, and worse than what stands above it.
     """
     places = {finding.fingerprint: place for place, finding in enumerate(wanted)}
     ranked = [
-        (wanted[cause].code.startswith(OF_THE_AUDIT), wanted[cause].code == PROPERTY, finding.severity.rank, cause)
+        (
+            wanted[cause].code.startswith(OF_THE_AUDIT),
+            wanted[cause].code == PROPERTY,
+            finding.severity.rank,
+            bool(wanted[cause].explained_by),
+            cause,
+        )
         for place, finding in enumerate(wanted)
         for cause in [places[mark] for mark in finding.explained_by if mark in places] or [place]
     ]

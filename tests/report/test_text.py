@@ -315,6 +315,8 @@ def test_the_cause_of_the_worst_comes_first_though_it_is_lesser(make_report: Mak
     worst = replace(signed, code="KA703", fingerprint="e" * 64, explained_by=(expires.fingerprint,))
     medium = replace(report, findings=(worst, high, expires))
     assert next_step(medium).startswith("Mend first: KA703")  # whose cause is below the gate, and may be hidden
+    equal = replace(report, findings=(replace(worst, severity=Severity.HIGH), high, expires))
+    assert next_step(equal).startswith("Mend first: KA222")  # its remedy stands under its own heading
     said = next_step(replace(medium, fail_on=Severity.MEDIUM))
     assert said.startswith("Mend first: KA205")
     assert "from which 1 other follows. Then 1 more that fails the gate: " in said
