@@ -23,6 +23,7 @@ from keystore_audit.model.surplus import StrayGrant, stray_grants
 from keystore_audit.model.trust import Verdict, envelope
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.signature import SIGN_AGAIN
 from keystore_audit.rules.subjects import stray_uses
 from keystore_audit.rules.who_takes import Taken
 from keystore_audit.rules.wording import VERBS, listed, located, more_like, of_kinds, places, quoted, sentence
@@ -188,15 +189,17 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
     applies=_has_strays,
 )
 def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """A file outside the enclaves may be a permissions document that peers take, and what it says is unknown.
+    """A file may be a permissions document that peers take, and what it says is unknown.
 
-    It was not read (too large, not readable, a link out of the keystore, one of too many, a message in another form:
-    below other text, in PEM, DER, base64 or UTF-16), or its XML has no single meaning; it then counts as giving
-    everything to everybody. So does a governance document without a single meaning where somebody has an identity
-    outside the enclaves (KA668) and may start with it. Critical where it is of a form that ends the process of the
-    implementation that reads it, since permissions come from peers too. What is wrong with a signature is in KA3.
+    No enclave has it, or it is an enclave's own in a form that no implementation reads and anybody can bring into one
+    that all do. It was not read (too large, not readable, a link out of the keystore, one of too many, a message in
+    another form: below other text, in PEM, DER, base64 or UTF-16), or its XML has no single meaning; it then counts as
+    giving everything to everybody. So does a governance document without a single meaning where somebody has an
+    identity outside the enclaves (KA668) and may start with it. Critical where it is of a form that ends the process of
+    the implementation that reads it, since permissions come from peers too. What is wrong with a signature is in KA3.
     """
     strays = {stray.place: stray for stray in (*permissions_at_large(keystore), *governance_at_large(keystore))}
+    carried = {file.place: enclave.path for enclave in keystore.enclaves for file in enclave.files.every}
     for doubt in context.meaning.doubts:
         stray = strays.get(doubt.location.path)
         document = stray.document if stray is not None else None
@@ -204,8 +207,10 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
             continue
         crashes = document is not None and any(of_kinds(document.defects, *_CRASHES))
         yield Violation(
-            message=f"{stray.place} may give anything to anybody: {sentence(doubt.reason)}.",
+            message=f"{stray.place} may give anything to anybody. {sentence(doubt.reason)}.",
             locations=(doubt.location,),
+            enclave=carried.get(stray.place),
+            remedy=SIGN_AGAIN if stray.place in carried else None,
             severity=Severity.CRITICAL if crashes else None,
             undecided=True,
             key=stray.place,

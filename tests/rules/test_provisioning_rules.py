@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import shutil
+import subprocess
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -218,6 +219,17 @@ def test_what_is_unknown_outside_enclaves_leaves_everything_open(fleet: Fleet, t
     assert effective(root, "rt/other") == "unknown"
     assert report(root).exit_code == 4
     assert "KA305" in {f.code for f in report(root).findings if f.locations and f.locations[0].path == "old"}
+
+
+def test_an_enclave_s_own_document_in_der_is_to_be_signed_again_and_not_to_be_taken_away(
+    fleet: Fleet, tmp_path: Path
+) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    own = root / "enclaves/talker/permissions.p7s"
+    taken = ["openssl", "smime", "-pk7out", "-outform", "DER", "-in", str(own)]
+    own.write_bytes(subprocess.run(taken, capture_output=True, check=True).stdout)
+    told = {each.code: each for each in report(root).findings}
+    assert (told["KA663"].enclave, told["KA663"].remedy) == ("/talker", told["KA304"].remedy)
 
 
 def test_a_document_too_large_to_be_read_is_no_pass(fleet: Fleet, tmp_path: Path) -> None:
@@ -794,4 +806,4 @@ def test_a_document_behind_a_letter_is_never_a_pass(fleet: Fleet, tmp_path: Path
     told = report(root)
     assert told.exit_code == 4
     (finding,) = [each for each in told.findings if each.code == "KA663"]
-    assert finding.message.startswith("letter may give anything to anybody: A signed message stands in it below")
+    assert finding.message.startswith("letter may give anything to anybody. A signed message stands in it below")
