@@ -14,6 +14,7 @@ from keystore_audit.rules.anomaly import folded, named, odd
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import spoken_of
 from keystore_audit.rules.governance import CORRECT
+from keystore_audit.rules.partition import of_no_node
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
@@ -77,7 +78,7 @@ def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterato
     applies=speaks,
 )
 def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Iterator[Violation]:
-    """No name that ROS 2 can produce matches the expression: a prefix is missing, or a / too many is there.
+    """No endpoint of ROS 2 is meant: a prefix is missing, a / too many is there, or it is for partitions alone.
 
     High where a deny rule has it and the topic that was most likely meant is allowed. A grant without any expression of
     ROS 2, ros_discovery_info among them, is one of a plain DDS application, and no finding; where one enclave speaks
@@ -88,6 +89,7 @@ def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Ite
         odd(use, context, AnomalyKind.NOT_ROS),
         _not_ros,
     )
+    yield from of_no_node(use)
 
 
 def _not_ros(found: Sequence[Anomaly]) -> str:

@@ -9,9 +9,10 @@ from typing import Final, NamedTuple
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import Text
-from keystore_audit.keystore.permissions import Criterion, Grant
+from keystore_audit.keystore.permissions import Criterion, Grant, Operation
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
 from keystore_audit.model.partition_patterns import EVERY_PARTITION
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.profiles.access import PartitionReading
@@ -20,16 +21,19 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN, about
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, speaks
-from keystore_audit.rules.wording import quoted
+from keystore_audit.rules.wording import VERBS, more_like, quoted
 
+_ROS: Final = re.compile(f"{DISCOVERY_TOPIC}$|r[tqr]/")
 _ONE_CHARACTER: Final = re.compile(r"\?|\[[^\]]*\]")
+
+NO_PARTITIONS: Final = f"ROS 2 uses no partitions: take them out of the rules, and name the topics alone: {WRITE_AGAIN}"
 
 
 @rule(
     "KA637",
     Severity.HIGH,
     clause="DDS 1.4, 2.2.3.13 (PARTITION); DDS-Security 1.1, 9.4.1.3.2.3 (partitions); measured",
-    remedy=f"ROS 2 uses no partitions: take them out of the rules, and name the topics alone: {WRITE_AGAIN}",
+    remedy=NO_PARTITIONS,
     applies=speaks,
 )
 def partition_evaded(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
@@ -49,6 +53,35 @@ def partition_evaded(use: PermissionsUse, _context: Context) -> Iterator[Violati
                     yield from _beyond(use, grant, criterion)
                 else:
                     yield from _evaded(use, grant, number, criterion, ways)
+
+
+def of_no_node(use: PermissionsUse) -> Iterator[Violation]:
+    """Names of ROS 2 that a grant allows in partitions alone: no node is in one."""
+    for grant in use.document.grants:
+        criteria = [criterion for each in grant.rules if each.allow for criterion in each.criteria]
+        if grant.default_allow or not any(criterion.partitions for criterion in criteria):
+            continue
+        apart: dict[tuple[Operation, str], Text] = {}
+        plain: set[tuple[Operation, str]] = set()
+        for criterion in criteria:
+            uses = [(criterion.operation, text.text) for text in criterion.topics]
+            listed = criterion.partitions or ()
+            if listed and not any(_matches(text.text, "") for text in listed):
+                apart |= dict.fromkeys(uses, listed[0]) | apart
+            else:
+                plain.update(uses)
+        found = [(*each, place) for each, place in apart.items() if each not in plain and _ROS.match(each[1])]
+        if found:
+            operation, topic, place = found[0]
+            yield about(
+                use,
+                grant,
+                place.line,
+                f"{quoted(grant.subject_name.text)} may {VERBS[operation]} {ros_name(topic)}{more_like(found)} in "
+                f"partition {quoted(place.text)} alone, and no ROS 2 node is in one: none may.",
+                remedy=NO_PARTITIONS,
+                key=f"{grant.subject_name.text} in partitions",
+            )
 
 
 def _beyond(use: PermissionsUse, grant: Grant, criterion: Criterion) -> Iterator[Violation]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pytest
 
 from keystore_audit.findings import Finding, Severity
@@ -72,3 +74,29 @@ def test_ways_around_partitions(store: Keystore, way: str) -> None:
 )
 def test_what_gets_around_nothing(store: Keystore) -> None:
     assert spoken(store) == ()
+
+
+ALONE = ruled(publish=[(["rt/map", "rt/rosout"], ["robot1"])])
+
+
+@pytest.mark.parametrize(
+    ("rules", "said"),
+    [
+        ((ALONE,), ["/map (topic) (and 1 more like it) in partition 'robot1' alone"]),
+        ((ALONE, ruled(publish=[(["rt/map"], None)])), ["/rosout (topic) in partition 'robot1' alone"]),
+        ((ALONE, ruled(publish=[(["rt/map", "rt/rosout"], ["", "robot1"])])), []),
+        ((ruled(publish=at("*")),), []),
+        ((ruled(publish=[(["Square"], ["robot1"])]), ruled(subscribe=[(["rt/map"], None)])), []),
+        ((ruled(allows=False, publish=at("robot1")),), []),
+        ((ruled(subscribe=[(["ros_discovery_info"], ["robot1"])]),), ["ros_discovery_info (discovery) in partition"]),
+    ],
+)
+def test_a_name_of_ros_that_is_allowed_in_partitions_alone_is_nobody_s(rules: Sequence[Rule], said: list[str]) -> None:
+    """ROS 2 nodes are in the default partition: such a grant looks complete and gives them nothing."""
+    found = [
+        each for each in judge(context(talking(*rules)), rules_of("anomaly_names")).findings if "in one" in each.message
+    ]
+    assert [each.code for each in found] == ["KA625"] * len(said)
+    for finding, words in zip(found, said, strict=True):
+        assert words in finding.message
+        assert "take them out of the rules" in finding.remedy

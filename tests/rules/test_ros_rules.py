@@ -221,6 +221,8 @@ def test_without_discovery_no_node_is_made() -> None:
         "/talker may not publish ros_discovery_info, subscribe to ros_discovery_info: no ROS 2 node of it is made."
     )
     assert spoken(store(allow(["square"]))) == (), "no ROS 2 name at all"
+    apart = ruled(publish=[(["rt/chatter", "ros_discovery_info"], ["robot1"])])
+    assert [each.message for each in spoken(store(apart))] == [finding.message], "ROS 2 is in no partition"
     assert spoken(store(allow(["rt/a", "ros_discovery_*"], ["ros_*"]))) == ()
     denied = allow(["ros_*"], allows=False)
     (half,) = spoken(store(denied, allow(["rt/a", "ros_discovery_info"], ["ros_discovery_info"])))

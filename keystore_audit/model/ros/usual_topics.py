@@ -180,11 +180,15 @@ def missing(grant: Grant, uses: Sequence[Use]) -> tuple[Use, ...]:
 
 
 def _is_of_ros(grant: Grant) -> bool:
-    """Whether an allow rule lists something that ROS 2 has a name for, discovery apart, or a pattern that begins so."""
+    """Whether an allow rule lists something that ROS 2 has a name for, discovery apart, or a pattern that begins so;
+    in whatever partition.
+    """
     return any(
         _may_begin_a_ros_name(text) if has_wildcard(text) else text != DISCOVERY_TOPIC and is_ros_dds_name(text)
-        for operation in DIRECTIONS
-        for text in _listed(grant, operation)
+        for rule in grant.rules
+        if rule.allow
+        for criterion in rule.criteria
+        for text in (each.text for each in criterion.topics)
     )
 
 
