@@ -8,6 +8,7 @@ import base64
 import binascii
 import re
 from collections.abc import Callable, Iterator
+from itertools import islice
 from typing import Final
 
 from keystore_audit.dataclass import replace
@@ -38,17 +39,21 @@ def _in_base64(word: bytes, before: int) -> bytes:
 BLOCK: Final = Mark(b"-----BEGIN ")
 """Of text with blocks of PEM."""
 
-_BEGINNINGS: Final = (b"MI", b"MHcCAQEE", b"MHQCAQEE", b"MC4CAQAw", b"MEECAQAw")
-"""How SEQUENCEs begin in base64: those of 128 bytes or more; private keys of less (EC, Ed25519)."""
+_HEAD: Final = re.compile(
+    rb"M(?<![A-Za-z0-9+/]M)(?=(I|HcCAQEE|HQCAQEE|C4CAQAw|EECAQAw))[A-Za-z0-9+/]{47}"  # the lone M is searched for fast
+)
+"""How SEQUENCEs begin in base64, those of 128 bytes or more and private keys of less (EC, Ed25519): what tells what a
+structure is stands where the line begins, and nowhere behind.
+"""
+
+MAX_HEADS: Final = 1_000
+"""Such beginnings in a piece of a file that are looked at; of logs and bags of data hardly any line has one."""
 
 _RUN: Final = re.compile(rb"(?:[A-Za-z0-9+/\s]|\\[nrt])+")
 """Base64, in one line or several."""
 
 _LEAST: Final = 64
 """Characters of base64 that the lines around a block have, and nothing between them."""
-
-_LINE: Final = re.compile(rb"((?<![A-Za-z0-9+/])[A-Za-z0-9+/]{48})?[A-Za-z0-9+/]*")
-"""One line of it. What tells what a structure is stands where the line begins, and nowhere behind."""
 
 _BLANK: Final = 64
 """Characters at the end of a line of PEM and at the beginning of the next that are looked at."""
@@ -90,22 +95,24 @@ def structures_in_base64(content: bytes, wanted: Callable[[bytes], bool]) -> Ite
 
 
 def may_hold_structures(data: bytes, wanted: Callable[[bytes], bool]) -> bool:
-    """Whether one begins in it, whole or not."""
-    return any(True for _run in _runs(data, wanted))
+    """Whether one begins in it, whole or not, or more begin there than are looked at."""
+    heads = list(islice(_heads(data), MAX_HEADS))
+    return len(heads) == MAX_HEADS or any(wanted(binascii.a2b_base64(head[0])) for head in heads)
 
 
 def _runs(content: bytes, wanted: Callable[[bytes], bool]) -> Iterator[bytes]:
-    """The base64 from the beginning of each on."""
-    for beginning in _BEGINNINGS:
-        position = content.find(beginning)
-        while position >= 0:
-            line = _LINE.match(content, position)
-            head, end = (line[1], line.end()) if line else (None, len(content))
-            if head is not None and not _is_in_pem(content, position) and wanted(binascii.a2b_base64(head)):
-                run = _RUN.match(content, position)
-                end = run.end() if run is not None else len(content)
-                yield content[position:end]
-            position = content.find(beginning, end)
+    """The base64 from the beginning of each on, for each way to begin once: it may be read on into one of another."""
+    ends: dict[bytes, int] = {}
+    for head in _heads(content):
+        begin, kind = head.start(), head[1]
+        if begin >= ends.get(kind, 0) and wanted(binascii.a2b_base64(head[0])):
+            run = _RUN.match(content, begin)
+            ends[kind] = run.end() if run is not None else len(content)
+            yield content[begin : ends[kind]]
+
+
+def _heads(content: bytes) -> Iterator[re.Match[bytes]]:
+    return (head for head in _HEAD.finditer(content) if not _is_in_pem(content, head.start()))
 
 
 def _is_in_pem(content: bytes, position: int) -> bool:

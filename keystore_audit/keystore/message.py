@@ -8,7 +8,7 @@ from typing import Final
 
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import IDENTIFIER, SEQUENCE, any_structure, inside
-from keystore_audit.keystore.forms import Mark, may_hold_structures, may_hold_text, texts
+from keystore_audit.keystore.forms import Mark, texts
 from keystore_audit.keystore.pem import loose_blocks
 
 _BLANK_LINES: Final = (b"\n\n", b"\n\r", b"\n\0")
@@ -19,7 +19,7 @@ TYPES: Final = (b"multipart/signed", b"pkcs7-mime")
 
 _TYPE_FIELD: Final = b"content-type"
 
-_FIELD: Final = Mark(b"Content-Type:")
+FIELD: Final = Mark(b"Content-Type:")
 """The same as everybody writes it, in other forms."""
 
 _MAX_FIELD: Final = 1024
@@ -75,17 +75,12 @@ def concealed(data: bytes, written: Iterable[bytes], encoded: Iterable[bytes]) -
         return "a signature in DER may stand in it, without the S/MIME around it"
     if _signed_in_pem(data):
         return "a signature in PEM stands in it, without the S/MIME around it"
-    others = chain(texts(data, _FIELD), written)
+    others = chain(texts(data, FIELD), written)
     if any(may_be_message(text) or _further(text) or _signed_in_pem(text) for text in others):
         return "a signed message stands in it in base64 or in UTF-16"
     if any(map(_is_signed, encoded)):
         return "a signature in base64 stands in it, without the S/MIME around it"
     return ""
-
-
-def may_be_concealed(data: bytes) -> bool:
-    """Whether a piece of a file may hold one in base64 or in UTF-16."""
-    return may_hold_text(data, _FIELD) or may_hold_structures(data, is_signed_data)
 
 
 def _signed_in_pem(data: bytes) -> bool:

@@ -23,17 +23,17 @@ from keystore_audit.keystore.der import (
 from keystore_audit.keystore.forms import BLOCK, may_hold_structures, may_hold_text, structures_in_base64, texts
 from keystore_audit.keystore.message import (
     ARMOUR,
+    FIELD,
     TYPES,
     concealed,
     ends_header,
     is_signed_data,
-    may_be_concealed,
     may_be_message,
 )
 
-MAX_SEARCHED: Final = 64 * 1024 * 1024
-"""Bytes of files too large to be read that are searched and hashed, all files of a keystore together: a fifth of a
-second.
+MAX_SEARCHED: Final = 16 * 1024 * 1024
+"""Bytes of files too large to be read that are searched and hashed, all files of a keystore together: a tenth of a
+second, and half a second whatever stands there.
 """
 
 LEAST: Final = 4096
@@ -157,11 +157,6 @@ def is_key_in_der(data: bytes) -> bool:
     return length <= _MAX_VERSION and any(inside(rest, tag) is not None for tag in _BEHIND_VERSION)
 
 
-def _may_hold_other_forms(piece: bytes) -> bool:
-    """Whether a piece of a file may hold a key or certificates in UTF-16 or in base64."""
-    return may_hold_text(piece, BLOCK) or may_hold_structures(piece, _is_looked_for)
-
-
 def _numbered(data: bytes) -> tuple[int, bytes]:
     """Of a SEQUENCE that begins with a number: how long that is, and what follows it; b"" where it does not."""
     body = inside(data, SEQUENCE) or b""
@@ -187,9 +182,12 @@ def search(descriptor: int, most: int) -> tuple[Traces, int]:
         text = before + piece
         if at == 0:
             key, certificate, message = look(piece)[:3]
+        armour = {word for word in _ARMOUR if word in text}
         key = key or _KEY in text
-        certificate = certificate or any(word in text for word in _ARMOUR) or _may_hold_other_forms(text)
-        message = message or any(word in text for word in _ARMOUR if word != _CERTIFICATE) or may_be_concealed(text)
+        encoded = may_hold_structures(text, _is_looked_for)
+        certificate = certificate or bool(armour) or encoded or may_hold_text(text, BLOCK)
+        message = message or not armour <= {_CERTIFICATE} or may_hold_text(text, FIELD)
+        message = message or (encoded and may_hold_structures(text, is_signed_data))
         lowered = text.lower()
         message = message or any(word in lowered for word in TYPES)
         ended = ended or ends_header(text)

@@ -58,6 +58,11 @@ def _sparse(path: Path) -> None:
         stream.truncate(10 << 30)
 
 
+def _beginnings(path: Path) -> None:
+    """What may begin a structure in base64, as often as it fits."""
+    path.write_bytes(b"MI " * (6 << 20))
+
+
 def _device(path: Path) -> None:
     try:
         os.mknod(path, 0o666 | stat.S_IFCHR, os.makedev(1, 5))
@@ -199,6 +204,7 @@ KINDS: Final = (
     case("a directory", replaced("permissions.p7s", os.mkdir), "KA101", exit=1),
     case("a file of 10 GB", replaced("permissions.p7s", _sparse), "KA106"),
     case("a key of 10 GB", replaced("key.pem", _sparse), "KA106", KEY),
+    case("a file of beginnings in base64", replaced("permissions.p7s", _beginnings), "KA106"),  # took a minute
     Case("a governance.xml that is a named pipe", lambda store: os.mkfifo(store.victim / "governance.xml"), (), 0),
     case("a file that nobody may read", _locked(P7S), "KA107", nobody=True),
     case("a key that nobody may read", _locked(KEY), "KA107", KEY, nobody=True),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from keystore_audit.keystore.forms import MAX_HEADS
 from keystore_audit.keystore.traces import LEAST, MAX_SEARCHED, look, search
 
 FORMS = {
@@ -236,6 +237,19 @@ def test_other_forms_in_a_large_file_may_hold_anything(before: int, certificate:
         finally:
             os.close(descriptor)
         assert (traces.certificate, traces.message) == expected
+
+
+@pytest.mark.parametrize("form", [b"MI" + b"A" * 46, b"MC4CAQAw" + b"A" * 40])
+def test_more_beginnings_in_base64_than_are_looked_at_may_be_anything(form: bytes, tmp_path: Path) -> None:
+    for number, found in ((MAX_HEADS - 1, False), (MAX_HEADS, True)):
+        path = tmp_path / str(number)
+        path.write_bytes(bytes(MIB) + b"\n\n" + (form + b"\n") * number)
+        descriptor = os.open(path, os.O_RDONLY)
+        try:
+            traces = search(descriptor, MAX_SEARCHED)[0]
+        finally:
+            os.close(descriptor)
+        assert (traces.certificate, traces.message) == (found, found)
 
 
 @pytest.mark.parametrize("before", [0, MIB - 20, 3 * MIB])
