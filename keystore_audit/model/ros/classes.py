@@ -41,9 +41,9 @@ class Affix(NamedTuple):
 
     def name(self, topic: str) -> str | None:
         """The ROS name that `topic` is made of, None where it is of none."""
-        end = len(topic) - len(self.suffix)
-        if not topic.startswith(self.prefix) or not topic.endswith(self.suffix):
+        if not topic.endswith(self.suffix) or not topic.startswith(self.prefix):
             return None
+        end = len(topic) - len(self.suffix)
         name = topic[len(self.prefix) : end] if end >= len(self.prefix) else ""
         return name if is_ros_name(name) else None
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
+from itertools import chain
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
@@ -21,7 +22,7 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
-from keystore_audit.model.permission import allowing, members
+from keystore_audit.model.permission import allowing, members, union
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.ros.channels import RosChannels, ros_channels
 from keystore_audit.model.ros.classes import REPLY, REQUEST, Affix
@@ -201,16 +202,18 @@ def _compared(enclave: Enclave, readers: Sequence[_Reader], accesses: AccessView
         affixes = tuple(dict.fromkeys(affix for role in roles for _operation, affix in ROLES[role]))
         channels = ros_channels(read, affixes, marks)
         local = LocalRights(accesses, channels.channels, at)
-        together: dict[tuple[str, int, Role, Role], list[str]] = {}
-        for reader in readers:
-            rights = _Rights(local, enclave, reader.profile)
-            for role in roles:
-                for number, has, lacks in _halves_of(role, rights, channels):
-                    together.setdefault((role, number, has, lacks), []).extend(reader.names)
-        for (role, number, has, lacks), names in together.items():
-            name = channels.classes[number].name
-            chosen = tuple(dict.fromkeys(names))
-            yield _Found(role, name, not channels.is_literal(number), has, lacks, chosen)
+        rights = [(reader, _Rights(local, enclave, reader.profile)) for reader in readers]
+        together: dict[tuple[str, Role, Role], list[tuple[int, _Reader]]] = {}
+        for role in roles:
+            telling = {each: _telling(role, each, channels) for each in ROLES[role]}
+            for reader, its in rights:
+                for has, lacks, halves_ in _halves_of(telling, its, channels):
+                    together.setdefault((role, has, lacks), []).append((halves_, reader))
+        for (role, has, lacks), found in together.items():
+            for number in members(union(halves_ for halves_, _reader in found)):
+                of = (reader.names for halves_, reader in found if halves_ >> number & 1)
+                names = tuple(dict.fromkeys(chain.from_iterable(of)))
+                yield _Found(role, channels.classes[number].name, not channels.is_literal(number), has, lacks, names)
 
 
 class _Rights:
@@ -240,21 +243,27 @@ def _telling(role: str, channel: tuple[Operation, Affix], channels: RosChannels)
     return channels.listed(operation, affix) if operation is PUBLISH else 0
 
 
-def _halves_of(role: str, rights: _Rights, channels: RosChannels) -> Iterator[tuple[int, Role, Role]]:
-    """The classes of which the enclave may do a part, in some domain."""
-    needed = ROLES[role]
-    topics = {(operation, affix): channels.of_affix(affix) for operation, affix in needed}
-    telling = {each: _telling(role, each, channels) for each in needed}
+def _halves_of(
+    telling: Mapping[tuple[Operation, Affix], int], rights: _Rights, channels: RosChannels
+) -> Iterator[tuple[Role, Role, int]]:
+    """What the enclave may and may not do of a role, in some domain, and the classes for which it is so."""
+    topics = {(operation, affix): channels.of_affix(affix) for operation, affix in telling}
     for start in channels.starts:
         has_any, lacks_any = 0, 0
         granted: dict[tuple[Operation, Affix], int] = {}
         allowed: dict[tuple[Operation, Affix], int] = {}
-        for each in needed:
+        for each in telling:
             granted[each] = channels.by_class(rights.granted[each[0]], start, topics[each])
             allowed[each] = channels.by_class(rights.allowed[each[0]], start, topics[each])
             has_any |= granted[each] & telling[each]
             lacks_any |= ~allowed[each]
-        for number in members(has_any & lacks_any & channels.unmarked):
-            has = tuple(each for each in needed if granted[each] >> number & 1)
-            lacks = tuple(each for each in needed if not allowed[each] >> number & 1)
-            yield number, has, lacks
+        alike: list[tuple[Role, Role, int]] = [((), (), has_any & lacks_any & channels.unmarked)]
+        for each in telling:
+            alike = [
+                ((*has, each) if may else has, lacks if able else (*lacks, each), among)
+                for has, lacks, classes in alike
+                for may, of_both in ((True, classes & granted[each]), (False, classes & ~granted[each]))
+                for able, among in ((True, of_both & allowed[each]), (False, of_both & ~allowed[each]))
+                if among
+            ]
+        yield from alike
