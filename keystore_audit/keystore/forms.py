@@ -29,6 +29,11 @@ class Mark:
         self.encoded = tuple(_in_base64(word, before) for before in range(3))
         self.any_encoded = re.compile(b"|".join(b"(%s)" % re.escape(each) for each in self.encoded))
 
+    def is_encoded_in(self, data: bytes) -> bool:
+        """Whether it stands there in base64."""
+        first, second, third = self.encoded
+        return first in data or second in data or third in data
+
 
 def _in_base64(word: bytes, before: int) -> bytes:
     """The characters that are the same whatever stands around it, behind so many bytes of a group of three."""
@@ -61,14 +66,14 @@ _BLANK: Final = 64
 
 def may_hold_text(data: bytes, mark: Mark) -> bool:
     """Whether text with the word stands in it in UTF-16 or in base64."""
-    return any(each in data for each in (mark.wide, *mark.encoded))
+    return mark.wide in data or mark.is_encoded_in(data)
 
 
 def texts(content: bytes, mark: Mark) -> Iterator[bytes]:
     """Text with the word that stands in it in UTF-16, or in base64: from the word on."""
     if mark.wide in content:
         yield content.replace(b"\0", b"")  # what is left of ASCII
-    if any(each in content for each in mark.encoded):
+    if mark.is_encoded_in(content):
         position = 0
         while hit := mark.any_encoded.search(content, position):
             run = _RUN.match(content, hit.start())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from itertools import chain, islice
 from typing import Final
@@ -11,7 +12,7 @@ from keystore_audit.keystore.der import IDENTIFIER, SEQUENCE, any_structure, ins
 from keystore_audit.keystore.forms import Mark, texts
 from keystore_audit.keystore.pem import loose_blocks
 
-_BLANK_LINES: Final = (b"\n\n", b"\n\r", b"\n\0")
+_BLANK_LINE: Final = re.compile(rb"\n[\n\r\0]")
 """What ends a header: OpenSSL ends lines at LF, and one that begins with CR, LF or NUL is blank (asn_mime.c)."""
 
 TYPES: Final = (b"multipart/signed", b"pkcs7-mime")
@@ -42,7 +43,7 @@ MAX_ARMOURED: Final = 10_000
 
 def ends_header(data: bytes) -> bool:
     """Whether a blank line is in it."""
-    return any(line in data for line in _BLANK_LINES)
+    return _BLANK_LINE.search(data) is not None
 
 
 def may_be_message(data: bytes) -> bool:
@@ -54,7 +55,7 @@ def may_be_message(data: bytes) -> bool:
     lowered = data.lower()
     for kind in TYPES:
         found = lowered.find(kind)
-        if found >= 0 and not any(data.find(line, 0, found) >= 0 for line in _BLANK_LINES):
+        if found >= 0 and _BLANK_LINE.search(data, 0, found) is None:
             return True
     return False
 
@@ -93,8 +94,8 @@ def _further(data: bytes) -> bool:
     lowered = data.lower()
     if not any(kind in lowered for kind in TYPES):
         return False
-    ends = [end for line in _BLANK_LINES if (end := data.find(line)) >= 0]
-    begin = 0 if data[:1] in (b"\n", b"\r") else min(ends, default=len(data))
+    end = _BLANK_LINE.search(data)
+    begin = 0 if data[:1] in (b"\n", b"\r") else end.start() if end is not None else len(data)
     for kind in TYPES:
         found = begin - 1
         for _mention in range(MAX_MENTIONS):

@@ -6,7 +6,7 @@ import os
 import stat
 from collections.abc import Iterable, Mapping
 from types import TracebackType
-from typing import Final
+from typing import Any, Final
 from urllib.parse import unquote_to_bytes
 
 from keystore_audit.dataclass import replace
@@ -247,7 +247,6 @@ class Root:
         return reading
 
     def _content(self, descriptor: int, found: os.stat_result) -> File:
-        reading = _there("", Status.PRESENT, found)
         size, too_large, content = found.st_size, "", b""
         if size > MAX_FILE_BYTES:
             too_large = f"holds {size} bytes, more than the limit of {MAX_FILE_BYTES}; it was not read"
@@ -270,8 +269,8 @@ class Root:
             ):
                 if held and traces.sha256 is not None:
                     kept.setdefault(traces.sha256, content)
-        return replace(
-            reading,
+        return _there(
+            found,
             status=Status.TOO_LARGE if too_large else Status.PRESENT,
             detail=too_large,
             content=None if too_large else content,
@@ -291,7 +290,7 @@ class Root:
             return Listing(directory=_refused(path, refusal(error, "cannot be listed", missing=missing)), entries=())
         except Refusal as refused:
             return Listing(directory=_refused(path, refused), entries=())
-        return Listing(directory=_there(path, Status.DIRECTORY, found), entries=entries)
+        return Listing(directory=_there(found, path=path, status=Status.DIRECTORY), entries=entries)
 
     def _scan(self, place: Place) -> tuple[os.stat_result, tuple[Entry, ...]]:
         found = self._descent.entry(place)
@@ -316,9 +315,9 @@ class Root:
         return found, tuple(entries)
 
 
-def _there(path: str, status: Status, found: os.stat_result) -> File:
+def _there(found: os.stat_result, *, path: str = "", **more: Any) -> File:
     shared = found.st_gid != found.st_uid
-    return File(path=path, resolved=None, status=status, mode=stat.S_IMODE(found.st_mode), shared_group=shared)
+    return File(path=path, resolved=None, mode=stat.S_IMODE(found.st_mode), shared_group=shared, **more)
 
 
 def _refused(path: str, refused: Refusal) -> File:

@@ -154,7 +154,7 @@ def is_key_in_der(data: bytes) -> bool:
     length, rest = _numbered(data)
     if inside(rest, SEQUENCE, IDENTIFIER) is not None:
         return True
-    return length <= _MAX_VERSION and any(inside(rest, tag) is not None for tag in _BEHIND_VERSION)
+    return rest != b"" and length <= _MAX_VERSION and any(inside(rest, tag) is not None for tag in _BEHIND_VERSION)
 
 
 def _numbered(data: bytes) -> tuple[int, bytes]:
