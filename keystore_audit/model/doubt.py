@@ -56,22 +56,23 @@ def enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Acc
 
 
 def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
-    yield from _file_doubts(enclave)
+    yield from file_doubts(enclave)
     unread = list_unread(enclave, trust)
     if unread is not None:
         yield _doubt(enclave, *unread)
     for document in (enclave.governance, enclave.permissions):
         if document is None:
             continue
-        verdict = document_verdict(document.signed, enclave.permissions_ca, trust)
         read = accesses.read(document, access)
         silent = not read.is_readable and read.refusal is None
-        if verdict is not Verdict.REFUSED and (silent or envelope(document.signed).verdict is Verdict.UNKNOWN):
+        if (silent or envelope(document.signed).verdict is Verdict.UNKNOWN) and (
+            document_verdict(document.signed, enclave.permissions_ca, trust) is not Verdict.REFUSED
+        ):
             yield document_doubt(enclave.path, document, read)
 
 
 @lru_cache(maxsize=16_384)
-def _file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
+def file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
     """What about its files is in doubt for every implementation alike."""
     found = [identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave)]
     file = enclave.files.files[Role.PERMISSIONS]

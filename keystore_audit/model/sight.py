@@ -1,6 +1,6 @@
 """What an enclave mostly has in common with others, and what about it keeps a participant from being created.
 
-Each answer is worked out from a `Sight` alone, once for all enclaves of which it is the same.
+Whatever does not depend on the instant is worked out once for all enclaves of which the `Sight` is the same.
 """
 
 from __future__ import annotations
@@ -13,11 +13,21 @@ from cryptography import x509
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import GovernanceFile
-from keystore_audit.keystore.issuer import names_itself
+from keystore_audit.keystore.issuer import Issue, key_identifier_fits, names_itself, suits_key
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
+from keystore_audit.model.doubt import file_doubts
 from keystore_audit.model.profiles import Trust
-from keystore_audit.model.trust import authorities_read, is_root, may_have_issued
+from keystore_audit.model.revocation import lists_carried
+from keystore_audit.model.trust import (
+    Envelope,
+    Verdict,
+    authorities_read,
+    envelope,
+    is_root,
+    issue,
+    may_have_issued,
+)
 
 REQUIRED = (
     Role.IDENTITY_CA,
@@ -31,7 +41,12 @@ REQUIRED = (
 
 
 class Sight(NamedTuple):
-    """All that bears on whether an enclave starts but whose it is and what it may do."""
+    """All that bears on whether an enclave starts but what its grants say, and the dates of its certificate.
+
+    `alone`: its directory, where it is like no other, since something in its files is in doubt or revokes.
+    """
+
+    alone: str | None
 
     absent: tuple[str, ...]
     """Reasons."""
@@ -43,15 +58,25 @@ class Sight(NamedTuple):
     identity_ca: CertificateFile | None
     permissions_ca: CertificateFile | None
     governance: GovernanceFile | None
+    issued: tuple[tuple[Issue, bool, bool], ...]
+    """All that chains ask of the certificate, for each of the identity CA file (`trust.issuers_taken`)."""
+    signed: tuple[Envelope, tuple[Certificate, ...]] | None
+    """All that is asked of the message in which the permissions are."""
 
 
 def sight_of(enclave: Enclave) -> Sight:
     """What is to be seen of the enclave."""
     certificate, key = enclave.identity, enclave.key
+    signed = enclave.permissions.signed if enclave.permissions is not None else None
+    worth = envelope(signed) if signed is not None else None
+    listed = enclave.crl is not None or enclave.files.files[Role.CRL].status.unknown or lists_carried(enclave)
+    alone = bool(listed or file_doubts(enclave) or (worth is not None and worth.verdict is Verdict.UNKNOWN))
     seen = None
     if certificate is not None:
         seen = bool(certificate.unknown_critical), certificate.key_kind, certificate.signature_algorithm
+    above = () if alone else enclave.trusts(Role.IDENTITY_CA)  # who trusts very many is in doubt
     return Sight(
+        alone=enclave.files.directory if alone else None,
         absent=tuple(_absent(enclave)),
         encrypted=key is not None and key.encrypted,
         mismatched=bool(key and key.key is not None and certificate is not None and key.key != certificate.key),
@@ -59,7 +84,14 @@ def sight_of(enclave: Enclave) -> Sight:
         identity_ca=enclave.identity_ca,
         permissions_ca=enclave.permissions_ca,
         governance=enclave.governance,
+        issued=tuple([_issue(each, certificate) for each in above]) if certificate is not None else (),
+        signed=(worth, signed.embedded) if signed is not None and worth is not None else None,
     )
+
+
+def _issue(authority: Certificate, certificate: Certificate) -> tuple[Issue, bool, bool]:
+    fits = key_identifier_fits(certificate, authority)
+    return issue(authority, certificate), suits_key(certificate, authority), fits
 
 
 def _absent(enclave: Enclave) -> Iterator[str]:

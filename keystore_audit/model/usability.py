@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from datetime import datetime
 from itertools import islice
-from typing import Final
+from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -43,15 +43,12 @@ UNGRANTED: Final = "the grant allows no"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Dated:
-    """What depends on the instant: the identity, its issuers, and the enclave's own grants with their dates."""
+    """What depends on the instant, but for the certificate and the grants of each enclave."""
 
-    certificate: Certificate | None
     identity_ca: CertificateFile | None
     """None where no authority of the file issued the identity: that is a reason of its own."""
     permissions_ca: Certificate | None
     """None where its dates do not count."""
-    grants: tuple[ReadGrant, ...] | None
-    """Those that name the certificate; None where the document says nothing."""
     skips_grants_out_of_date: bool
     joins_out_of_date: bool
     joins: JoinCheck
@@ -64,7 +61,24 @@ class _Dated:
     the signers, and of the authorities above them, count (measured)."""
 
 
+class _Own(NamedTuple):
+    """What is an enclave's own: its certificate, and the grants that name it (None: the document says nothing)."""
+
+    certificate: Certificate | None
+    grants: tuple[ReadGrant, ...] | None
+    alike: list[Enclave]
+    """Those of which all else is the same, the first for all; itself among them."""
+
+    @property
+    def limited(self) -> tuple[Certificate | ReadGrant, ...]:
+        """What of it is in force or is not."""
+        return (*filter(None, (self.certificate,)), *(self.grants or ()))
+
+
 _USABLE: Final = Usability(usable=True, reasons=())
+
+_NO_GRANT: Final = "no grant in force names"
+"""A reason that is told with the subject."""
 
 
 class Usabilities:
@@ -79,12 +93,12 @@ class Usabilities:
         self._accesses = accesses
         self._governed: dict[tuple[str, object], _Governed] = {}
         self._sights: dict[str, Sight] = {}
-        self._shared: dict[tuple[Sight, object], tuple[tuple[str, ...], ...]] = {}
+        self._own: dict[tuple[str, object, object], _Own] = {}
+        self._alike: dict[object, list[Enclave]] = {}
+        self._limited: dict[int, tuple[Certificate | ReadGrant, set[str]]] = {}
         self._standing: dict[tuple[str, object], tuple[tuple[str, ...], tuple[str, ...]]] = {}
         self._dated: dict[tuple[str, object], _Dated] = {}
-        self._answers: dict[tuple[str, object], tuple[datetime, Usability]] = {}
-        self._indexed = 0
-        self._resting: list[tuple[Certificate | ReadGrant | None, set[str]]] = []
+        self._answers: dict[tuple[object, ...], tuple[datetime, Usability]] = {}
 
     def in_domain(self, domain: int) -> Usabilities:
         """The answers for the same enclaves in this domain."""
@@ -99,72 +113,91 @@ class Usabilities:
 
         `usable` is None where something could not be read and nothing else already rules it out.
         """
-        kind = self.kind(profile)
-        key = (enclave.files.directory, kind)
+        own, kind = self._own_of(enclave, profile), self.kind(profile)
+        key = (own.alike[0].files.directory, kind, *[in_force(each, at) for each in own.limited])
         known = self._answers.get(key)
-        if known is not None and known[0] == at:
-            return known[1]
+        if known is None or known[0] != at:
+            known = self._answers[key] = (at, self._answer(own, profile, at))
+        return known[1] if _NO_GRANT not in known[1].reasons else _naming(known[1], enclave)
+
+    def _answer(self, own: _Own, profile: Profile, at: datetime) -> Usability:
+        """The answer for all that are like one enclave and of which the same is in force."""
+        enclave = own.alike[0]
+        key = (enclave.files.directory, self.kind(profile))
         if key not in self._standing:
             row = self._accesses.row(profile.access)
             self._standing[key] = (
-                self._refusals(enclave, profile, kind),
+                self._refusals(enclave, profile),
                 tuple(doubt.reason for doubt in enclave_doubts(enclave, profile.trust, row, self._accesses)),
             )
             self._dated[key] = self._dates(enclave, profile)
         refusals, doubts = self._standing[key]
-        reasons = (*refusals, *_refusals_at(self._dated[key], profile.trust, at))
+        reasons = (*refusals, *_refusals_at(self._dated[key], own, profile.trust, at))
         if reasons:
-            answer = Usability(usable=False, reasons=reasons)
-        else:
-            answer = Usability(usable=None, reasons=doubts) if doubts else _USABLE
-        self._answers[key] = (at, answer)
-        return answer
+            return Usability(usable=False, reasons=reasons)
+        return Usability(usable=None, reasons=doubts) if doubts else _USABLE
 
     def touched(self, one: datetime, other: datetime) -> frozenset[str]:
         """The directories of the enclaves, of those asked about, whose answers may differ between two instants.
 
         An answer rests on whether certificates and grants are in force. Of revocation lists nothing is ruled out.
         """
-        if len(self._dated) != self._indexed:
-            self._indexed, self._resting = len(self._dated), self._index()
-        return frozenset(
-            directory
-            for each, directories in self._resting
-            if each is None or in_force(each, one) != in_force(each, other)
-            for directory in directories
+
+        def changes(each: Certificate | ReadGrant | None) -> bool:
+            return each is None or in_force(each, one) != in_force(each, other)
+
+        together = {
+            directory for (directory, _kind), dated in self._dated.items() if any(map(changes, _rests_on(dated)))
+        }
+        groups = (each for each in self._alike.values() if each[0].files.directory in together)
+        apart = (directories for each, directories in self._limited.values() if changes(each))
+        return frozenset(each.files.directory for group in groups for each in group).union(*apart)
+
+    def _own_of(self, enclave: Enclave, profile: Profile) -> _Own:
+        """What is the enclave's own, and which others are like it for the profile."""
+        directory, row = enclave.files.directory, self._accesses.row(profile.access)
+        known = self._own.get((directory, row, profile.trust.subjects))
+        if known is None:
+            grants = self._own_grants(enclave, enclave.identity, profile)
+            alike = self._alike.setdefault(self._seen(enclave, grants, profile), [])
+            alike.append(enclave)
+            known = _Own(certificate=enclave.identity, grants=grants, alike=alike)
+            self._own[directory, row, profile.trust.subjects] = known
+            for each in known.limited:
+                self._limited.setdefault(id(each), (each, set()))[1].add(directory)
+        return known
+
+    def _seen(self, enclave: Enclave, grants: tuple[ReadGrant, ...] | None, profile: Profile) -> object:
+        """Equal for enclaves that start alike as long as the same of their own is in force."""
+        directory, row = enclave.files.directory, self._accesses.row(profile.access)
+        if directory not in self._sights:
+            self._sights[directory] = sight_of(enclave)
+        read = self._accesses.read(enclave.permissions, row) if enclave.permissions is not None else None
+        if read is not None and not read.is_readable and read.refusal is None:
+            return directory, row, profile.trust.subjects
+        said = tuple(
+            [(each.default_allow, *[(rule.allow, rule.domains) for rule in each.rules]) for each in grants or ()]
         )
+        refusal = read.refusal if read is not None else None
+        return self._sights[directory], row, profile.trust.subjects, refusal, grants is None, said
 
-    def _index(self) -> list[tuple[Certificate | ReadGrant | None, set[str]]]:
-        """What answers rest on, and the directories of whose; None for revocation lists."""
-        found: dict[int, tuple[Certificate | ReadGrant | None, set[str]]] = {}
-        for (directory, _kind), dated in self._dated.items():
-            for each in _rests_on(dated):
-                found.setdefault(id(each), (each, set()))[1].add(directory)
-        return list(found.values())
-
-    def _refusals(self, enclave: Enclave, profile: Profile, kind: object) -> tuple[str, ...]:
-        """Reasons that hold at every instant."""
-        sight = self._sights.get(enclave.files.directory)
-        if sight is None:
-            sight = self._sights[enclave.files.directory] = sight_of(enclave)
-        shared = self._shared.get((sight, kind))
-        if shared is None:
-            shared = self._shared[sight, kind] = tuple(tuple(each) for each in self._shared_refusals(sight, profile))
-        of_key, of_authorities, of_governance = shared
+    def _refusals(self, enclave: Enclave, profile: Profile) -> tuple[str, ...]:
+        """Reasons that hold at every instant, in order of the files."""
+        sight, trust = self._sights[enclave.files.directory], profile.trust
         certificate = enclave.identity
-        issued = _chain_refusals(enclave, certificate, profile.trust) if certificate is not None else ()
-        signed = self._document_refusals(Role.PERMISSIONS, enclave.permissions, enclave.permissions_ca, profile)
-        return (*of_key, *issued, *of_authorities, *signed, *of_governance)
-
-    def _shared_refusals(self, sight: Sight, profile: Profile) -> Iterator[Iterable[str]]:
-        """Before those of the chain, between them and those of the permissions, and behind: in order of the files."""
-        yield (*sight.absent, *key_refusals(sight, profile.trust))
-        signed = self._document_refusals(Role.GOVERNANCE, sight.governance, sight.permissions_ca, profile)
-        yield (*certificate_refusals(sight, profile.trust), *authority_refusals(sight, profile.trust), *signed)
-        governed = self._governed_domains(sight.governance, profile)
+        governed = self._governed_domains(enclave.governance, profile)
         none = self.domain is None
         said = UNGOVERNED[0] if none else f"{UNGOVERNED[1]} {self.domain}"
-        yield (said,) if governed == () and not profile.local.starts_ungoverned else ()
+        return (
+            *sight.absent,
+            *key_refusals(sight, trust),
+            *(_chain_refusals(enclave, certificate, trust) if certificate is not None else ()),
+            *certificate_refusals(sight, trust),
+            *authority_refusals(sight, trust),
+            *self._document_refusals(Role.GOVERNANCE, enclave.governance, enclave.permissions_ca, profile),
+            *self._document_refusals(Role.PERMISSIONS, enclave.permissions, enclave.permissions_ca, profile),
+            *((said,) if governed == () and not profile.local.starts_ungoverned else ()),
+        )
 
     def _document_refusals(
         self, role: Role, read: Typed | None, permissions_ca: CertificateFile | None, profile: Profile
@@ -189,10 +222,8 @@ class Usabilities:
         authority = enclave.permissions_ca.first if enclave.permissions_ca else None
         dated_first = trust.checks_permissions_ca and (trust.first_authority_only or trust.strict_authorities)
         return _Dated(
-            certificate=certificate,
             identity_ca=file if issued else None,
             permissions_ca=authority if dated_first else None,
-            grants=self._own_grants(enclave, certificate, profile),
             skips_grants_out_of_date=profile.access.skips_grants_out_of_date,
             joins_out_of_date=profile.access.joins_out_of_date,
             joins=profile.local.joins,
@@ -234,6 +265,13 @@ class Usabilities:
             yield from ((interval, rule) for rule in islice(covering, None if every else 1))
 
 
+def _naming(answer: Usability, enclave: Enclave) -> Usability:
+    """The answer for all that are alike as it is for this one, by its name."""
+    subject = enclave.identity.subject if enclave.identity is not None else ""
+    named = f"{_NO_GRANT} {subject or 'the empty subject'}"
+    return Usability(usable=False, reasons=tuple(named if each is _NO_GRANT else each for each in answer.reasons))
+
+
 def may_refuse_peers(enclave: Enclave, trust: Trust) -> bool:
     """Whether the enclave may refuse anybody for whom an authority of its file vouches (`refusals_of_peer`)."""
     file = enclave.identity_ca
@@ -273,19 +311,19 @@ def _signed_validly(enclave: Enclave, trust: Trust) -> Iterator[tuple[SignedDocu
 
 
 def _rests_on(dated: _Dated) -> Iterator[Certificate | ReadGrant | None]:
-    """Whatever is in force or is not; None for revocation lists."""
-    yield from (each for each in (dated.certificate, dated.permissions_ca) if each is not None)
+    """Whatever of it is in force or is not; None for revocation lists."""
+    if dated.permissions_ca is not None:
+        yield dated.permissions_ca
     for signed, file in dated.signed:
         yield from (*file.certificates, *signed.embedded)
     yield from dated.identity_ca.certificates if dated.identity_ca is not None else ()
-    yield from dated.grants or ()
     if dated.listed is not None:
         yield None
 
 
-def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
+def _refusals_at(dated: _Dated, own: _Own, trust: Trust, at: datetime) -> Iterator[str]:
     """Reasons that hold at `at`."""
-    certificate = dated.certificate
+    certificate = own.certificate
     if certificate is not None and not in_force(certificate, at):
         yield "the identity certificate is outside its validity"
     file = dated.identity_ca
@@ -305,11 +343,11 @@ def _refusals_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
         yield "a certificate above the one that signed a document is outside its validity"
     if certificate is not None and dated.listed is not None:
         yield from _revocations_at(dated.listed, certificate, trust, at)
-    if certificate is not None and dated.grants is not None:
-        eligible = (grant for grant in dated.grants if in_force(grant, at) or not dated.skips_grants_out_of_date)
+    if certificate is not None and own.grants is not None:
+        eligible = (grant for grant in own.grants if in_force(grant, at) or not dated.skips_grants_out_of_date)
         grant = next(eligible, None)
         if grant is None or not (in_force(grant, at) or dated.joins_out_of_date):
-            yield f"no grant in force names {certificate.subject or 'the empty subject'}"
+            yield _NO_GRANT
         elif dated.governed is not None and not _joins(dated.governed, grant, dated.joins):
             asked = {interval for interval, _rule in dated.governed}
             low, high = min(asked, default=(0, 232))
