@@ -15,3 +15,11 @@ def grouped(things: Iterable[_T], by: Callable[[_T], _K]) -> dict[_K, list[_T]]:
     for thing in things:
         groups.setdefault(by(thing), []).append(thing)
     return groups
+
+
+def gathered(pairs: Iterable[tuple[_K, _T]]) -> dict[_K, list[_T]]:
+    """By key its values, all in the order in which they come."""
+    values: dict[_K, list[_T]] = {}
+    for key, value in pairs:
+        values.setdefault(key, []).append(value)
+    return values

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 
 from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
@@ -174,9 +175,7 @@ class _Table:
 
     def groups(self) -> list[Group]:
         """Profiles by equal answers."""
-        kinds: dict[object, list[Profile]] = {}
-        for profile in self._profiles:
-            kinds.setdefault((self._usabilities.kind(profile), self._unclear[profile.name]), []).append(profile)
+        kinds = grouped(self._profiles, lambda profile: (self._usabilities.kind(profile), self._unclear[profile.name]))
         groups: list[Group] = []
         for alike in kinds.values():
             enclaves = {enclave.path: self._rights(enclave, alike[0]) for enclave in self._enclaves}

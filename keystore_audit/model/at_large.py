@@ -14,6 +14,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.model.lone_endpoints import NO_ENDPOINTS, Endpoints
 from keystore_audit.model.system import CertificateAtom, EnclaveAtom, RealmAtom
@@ -167,15 +168,13 @@ class _Told:
         names: Mapping[str, frozenset[int]],
     ) -> None:
         self._certificates = certificates
-        self._revoked: dict[int, list[tuple[int, int]]] = {}
-        for number, realm in enumerate(realms):
-            for moment, revoked in ((-1, realm.revoked), *realm.revoked_later):
-                for certificate in revoked:
-                    self._revoked.setdefault(certificate, []).append((number, moment))
-        self._named: dict[int, list[str]] = {}
-        for text, named in names.items():
-            for certificate in named:
-                self._named.setdefault(certificate, []).append(text)
+        self._revoked = gathered(
+            (certificate, (number, moment))
+            for number, realm in enumerate(realms)
+            for moment, revoked in ((-1, realm.revoked), *realm.revoked_later)
+            for certificate in revoked
+        )
+        self._named = gathered((certificate, text) for text, named in names.items() for certificate in named)
 
     def of(self, number: int) -> object:
         """All of one."""

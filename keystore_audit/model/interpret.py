@@ -11,6 +11,7 @@ from keystore_audit.aside import Aside
 from keystore_audit.dataclass import replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.anomalies.find import anomalies
@@ -24,7 +25,7 @@ from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usabi
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.model.permission import Permissions, members
 from keystore_audit.model.places import NamedPlace, place_regions, with_places
-from keystore_audit.model.profiles import SPEC, Access, Profile, Trust
+from keystore_audit.model.profiles import SPEC, Profile
 from keystore_audit.model.protection import protection
 from keystore_audit.model.ros.patterns import ros_patterns
 from keystore_audit.model.system import ChannelAtom, Reading, System
@@ -119,9 +120,7 @@ def usability_by_profile(
 
 def _doubts(keystore: Keystore, profiles: Sequence[Profile], accesses: AccessViews) -> tuple[Doubt, ...]:
     """What any of the kinds of implementation may act on although we could not read it."""
-    kinds: dict[tuple[Trust, Access], list[Profile]] = {}
-    for profile in profiles:
-        kinds.setdefault((profile.trust, accesses.row(profile.access)), []).append(profile)
+    kinds = grouped(profiles, lambda profile: (profile.trust, accesses.row(profile.access)))
     found: dict[tuple[str | None, Location], tuple[Doubt, list[Profile]]] = {}
     for kind in kinds.values():
         for doubt in keystore_doubts(keystore, kind[0], accesses):

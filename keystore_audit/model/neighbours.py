@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.grouped import gathered
 from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.flow import Flows, Lane, Search
@@ -108,9 +109,7 @@ def _met(node: int, own: Iterable[tuple[int, int]], others: Sequence[list[tuple[
 
 def _hops(met: Mapping[int, int], labels: Sequence[str | None], *, by_right: bool) -> list[Hop]:
     """Names with the same peers are one hop."""
-    masks: dict[int, list[int]] = {}
-    for peer, names in met.items():
-        masks.setdefault(names, []).append(peer)
+    masks = gathered((names, peer) for peer, names in met.items())
     parts: dict[int, tuple[int, ...]] = {}
     for mask, peers in masks.items():  # splits the names known so far, and adds the new ones
         new = mask

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -27,7 +28,7 @@ from keystore_audit.model.profiles import Profile, Trust
 from keystore_audit.model.revocation import revoked
 from keystore_audit.model.trust import is_authority, is_issued, may_have_issued, signing_authorities
 from keystore_audit.model.validity import ANY_ZONE, DateReading, read_date
-from keystore_audit.model.views import TrustFiles, trust_files
+from keystore_audit.model.views import trust_files
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,11 +170,7 @@ def _granted(
         if not _ended(grant, at)
     ]
     named = named_by_some((grant.subject_name.text for grant, _place in grants), certificates, profiles)
-    found: dict[int, list[Location]] = {}
-    for grant, place in grants:
-        for number in named[grant.subject_name.text]:
-            found.setdefault(number, []).append(place)
-    return found
+    return gathered((number, place) for grant, place in grants for number in named[grant.subject_name.text])
 
 
 def _ended(grant: Grant, at: datetime) -> bool:
@@ -205,9 +202,7 @@ class Takers:
 
     def __init__(self, keystore: Keystore, at: datetime) -> None:
         self._at = at
-        self._alike: dict[TrustFiles, list[Enclave]] = {}
-        for enclave in keystore.enclaves:
-            self._alike.setdefault(trust_files(enclave), []).append(enclave)
+        self._alike = grouped(keystore.enclaves, trust_files)
 
     def of(self, certificate: Certificate, profiles: Sequence[Profile]) -> Iterator[str]:
         """The paths of those that do so under some of the profiles."""

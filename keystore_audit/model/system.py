@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.behaviour import DeterminismAtom
@@ -348,10 +349,7 @@ def apart(systems: Iterable[System]) -> tuple[System, ...]:
 
 def together(systems: Iterable[System]) -> tuple[System, ...]:
     """One system for all profiles that are alike in all their readings."""
-    by_profile: dict[str, list[System]] = {}
-    for system in systems:
-        for name in system.profiles:
-            by_profile.setdefault(name, []).append(replace(system, profiles=()))
+    by_profile = gathered((name, replace(system, profiles=())) for system in systems for name in system.profiles)
     kinds: list[tuple[list[str], list[System]]] = []
     for name, readings in by_profile.items():
         alike = next((names for names, known in kinds if known == readings), None)

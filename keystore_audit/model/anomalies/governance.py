@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
@@ -90,11 +91,8 @@ def _topic_rules(read: ReadDomainRule, matcher: Matcher, effort: Effort) -> Iter
     rules = read.rule.topic_rules
     names = list(dict.fromkeys(rule.expression.text for rule in rules))
     at = {text: number for number, text in enumerate(names)}
-    holding: dict[int, list[int]] = {}
     classes = name_classes(names, matcher, effort)
-    for number, topics in enumerate(classes):
-        for member in topics.members:
-            holding.setdefault(member, []).append(number)
+    holding = gathered((member, number) for number, topics in enumerate(classes) for member in topics.members)
     winner: dict[int, TopicRule] = {}
     for rule in rules:
         held = holding.get(at[rule.expression.text], ())

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import AnomalyKind, Point, RuleAnomaly
 from keystore_audit.model.anomalies.classes import Effort, NameClass, name_classes
@@ -181,10 +182,7 @@ def _partition_classes(
 
 def _holding(texts: Sequence[str], classes: Sequence[NameClass]) -> dict[str, int]:
     """By expression, its classes: a class's members are places among `texts`, or behind them."""
-    holding: dict[int, list[int]] = {}
-    for number, each in enumerate(classes):
-        for member in each.members:
-            holding.setdefault(member, []).append(number)
+    holding = gathered((member, number) for number, each in enumerate(classes) for member in each.members)
     return {text: bits(holding.get(number, ())) for number, text in enumerate(texts)}
 
 

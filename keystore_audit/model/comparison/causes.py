@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
+from keystore_audit.grouped import gathered
 from keystore_audit.model.comparison.change import Direction, Layer
 from keystore_audit.model.comparison.drafts import Draft
 from keystore_audit.model.comparison.trust import ADDED, FILE, REMOVED, SUBJECT
@@ -23,10 +24,7 @@ class Causes:
         self.rows = agreeing(draft for draft in self.drafts if draft.kind == "protection")
         self.everybody = agreeing(draft for draft in self.drafts if draft.everybody)
         self.grants = agreeing(draft for draft in self.drafts if draft.layer is Layer.GRANTS)
-        self._of_enclave: dict[str, list[Draft]] = {}
-        for draft in self.drafts:
-            for path in draft.enclaves:
-                self._of_enclave.setdefault(path, []).append(draft)
+        self._of_enclave = gathered((path, draft) for draft in self.drafts for path in draft.enclaves)
 
     def of(self, path: str) -> list[Draft]:
         """The changes that are about an enclave."""

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer
@@ -145,9 +146,7 @@ def _own_subjects(view: View, pair: Pair, sides: Sides, side: int) -> frozenset[
 
 def _texts(view: View, pair: Pair, sides: Sides, side: int) -> Iterator[tuple[str, int]]:
     """The subject_name of each grant of the system, in order."""
-    numbers: dict[int, list[int]] = {}
-    for number, grant in enumerate(view.system.grants):
-        numbers.setdefault(grant.document, []).append(number)
+    numbers = gathered((grant.document, number) for number, grant in enumerate(view.system.grants))
     for document, grants in numbers.items():
         file = sides.documents[side][view.system.documents[document].label]
         if isinstance(file, PermissionsFile):
@@ -159,10 +158,11 @@ def _texts(view: View, pair: Pair, sides: Sides, side: int) -> Iterator[tuple[st
 def _granted(view: View, pair: Pair, sides: Sides, side: int, skipped: frozenset[str]) -> dict[str, _Granted]:
     """By subject what documents that some peer takes grant it, those `skipped` aside."""
     system = view.system
-    by_document: dict[int, list[tuple[str, int]]] = {}
-    for text, number in _texts(view, pair, sides, side):
-        if system.grants[number].document in view.taken:
-            by_document.setdefault(system.grants[number].document, []).append((text, number))
+    by_document = gathered(
+        (system.grants[number].document, (text, number))
+        for text, number in _texts(view, pair, sides, side)
+        if system.grants[number].document in view.taken
+    )
     found: dict[str, _Granted] = {}
     unguarded = _unguarded(pair.old) & _unguarded(pair.new)  # elsewhere the change of protection says so
     for document, several in by_document.items():

@@ -10,6 +10,7 @@ from functools import reduce
 from typing import Final, NamedTuple
 
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison.causes import Causes, agreeing
 from keystore_audit.model.comparison.change import Direction, Layer
@@ -239,9 +240,7 @@ class Reach:
         self, found: dict[tuple[Draft | None, bool | None, tuple[str, ...]], dict[str, list[str]]]
     ) -> Iterator[Draft]:
         for (cause, starts, reasons), paths in found.items():
-            groups: dict[tuple[str, ...], list[str]] = {}
-            for path, names in paths.items():
-                groups.setdefault(tuple(names), []).append(path)
+            groups = gathered((tuple(names), path) for path, names in paths.items())
             direction = Direction.GAINED if starts else Direction.LOST
             what = "starts now" if starts else "no longer starts"
             for profiles, several in groups.items():

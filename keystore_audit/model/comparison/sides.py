@@ -9,6 +9,7 @@ from zoneinfo import ZoneInfo
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
@@ -68,10 +69,7 @@ class View:
     @cached_property
     def rules_of(self) -> dict[int, list[RuleAtom]]:
         """The rules of each grant, in order."""
-        found: dict[int, list[RuleAtom]] = {}
-        for rule in self.system.rules:
-            found.setdefault(rule.grant, []).append(rule)
-        return found
+        return grouped(self.system.rules, lambda rule: rule.grant)
 
     def own_grant(self, path: str) -> int | None:
         """The grant of the enclave's own document that counts."""
@@ -153,9 +151,7 @@ class Sides:
     def _paired(self) -> Iterator[Pair]:
         """One pair for the profiles that have both keystores' views in common."""
         olds, news = (self._views(keystore) for keystore in self.keystores)
-        pairs: dict[tuple[int, int], list[Profile]] = {}
-        for profile in self.profiles:
-            pairs.setdefault((id(olds[profile.name]), id(news[profile.name])), []).append(profile)
+        pairs = grouped(self.profiles, lambda profile: (id(olds[profile.name]), id(news[profile.name])))
         for alike in pairs.values():
             names = tuple(profile.name for profile in alike)
             yield Pair(profiles=names, lead=alike[0], old=olds[names[0]], new=news[names[0]])

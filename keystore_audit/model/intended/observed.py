@@ -12,6 +12,7 @@ from datetime import datetime
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered, grouped
 from keystore_audit.intent.intent import Intent, Origin, SetVariable, Unresolved, UsedName
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -166,13 +167,10 @@ class _Told:
     """What the files say, by enclave."""
 
     def __init__(self, intents: Sequence[Intent], kind: LayoutKind) -> None:
-        self.needs: dict[str, list[Need]] = {}
-        for need in needs(intents, kind):
-            self.needs.setdefault(need.enclave, []).append(need)
-        self.names: dict[str, list[UsedName]] = {}
-        for intent in intents:
-            for used in intent.names:
-                self.names.setdefault(enclave_of(used.enclave, used.node, kind), []).append(used)
+        self.needs = grouped(needs(intents, kind), lambda need: need.enclave)
+        self.names = gathered(
+            (enclave_of(used.enclave, used.node, kind), used) for intent in intents for used in intent.names
+        )
         self.nodes = {
             path: tuple(dict.fromkeys(node.name for node in nodes)) for path, nodes in nodes_of(intents, kind).items()
         }

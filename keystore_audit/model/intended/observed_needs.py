@@ -12,6 +12,7 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered
 from keystore_audit.intent.intent import Action, IntendedNode, Intent, Origin
 from keystore_audit.intent.ros_names import ROOT, is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
@@ -152,10 +153,7 @@ def _listing_usual(intent: Intent) -> frozenset[str]:
 
 def nodes_of(intents: Iterable[Intent], kind: LayoutKind) -> Mapping[str, tuple[IntendedNode, ...]]:
     """The nodes by the path of their enclave, in the order of the files."""
-    found: dict[str, list[IntendedNode]] = {}
-    for intent in intents:
-        for node in intent.nodes:
-            found.setdefault(enclave_of(node.enclave, node.name, kind), []).append(node)
+    found = gathered((enclave_of(node.enclave, node.name, kind), node) for intent in intents for node in intent.nodes)
     return {path: tuple(nodes) for path, nodes in found.items()}
 
 

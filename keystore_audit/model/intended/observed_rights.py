@@ -11,6 +11,7 @@ from functools import cached_property
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
+from keystore_audit.grouped import grouped
 from keystore_audit.intent.intent import Action
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
@@ -60,10 +61,7 @@ class Deciders:
         self.accesses = accesses
         self.domain = domain
         self.profiles = profiles
-        kind_of = Usabilities(None, accesses).kind
-        kinds: dict[object, list[Profile]] = {}
-        for profile in profiles:
-            kinds.setdefault(kind_of(profile), []).append(profile)
+        kinds = grouped(profiles, Usabilities(None, accesses).kind)
         self.kinds: tuple[tuple[Profile, tuple[str, ...]], ...] = tuple(
             (alike[0], tuple(profile.name for profile in alike)) for alike in kinds.values()
         )

@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
@@ -23,7 +24,7 @@ from keystore_audit.model.expression import Matcher
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
 from keystore_audit.model.permission import allowing, members, union
-from keystore_audit.model.profiles import Access, Local, Profile
+from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.ros.channels import RosChannels, ros_channels
 from keystore_audit.model.ros.classes import REPLY, REQUEST, Affix
 from keystore_audit.model.ros.texts import DocumentLines, is_surely_whole
@@ -118,9 +119,7 @@ class _Search:
         self._at = at
         self._accesses = accesses
         self._usability = usability
-        readers: dict[tuple[Access, Local], list[Profile]] = {}
-        for profile in profiles:
-            readers.setdefault((accesses.row(profile.access), profile.local), []).append(profile)
+        readers = grouped(profiles, lambda profile: (accesses.row(profile.access), profile.local))
         self._readers = [
             _Reader(alike[0], row, tuple(profile.name for profile in alike)) for (row, _), alike in readers.items()
         ]

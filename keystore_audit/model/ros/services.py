@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered, grouped
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.domains import Interval, contains
@@ -93,10 +94,7 @@ class Services:
         self._matcher = matcher
         self._domains = domains
         self._budget = Budget(MAX_MATCHES, "too many patterns match too many services to tell who may use them")
-        self._answering: dict[str, list[Holder]] = {}
-        for holder in self._holders:
-            for service in holder.replies:
-                self._answering.setdefault(service, []).append(holder)
+        self._answering = gathered((service, holder) for holder in self._holders for service in holder.replies)
         self._sorted = (
             sorted(self._answering) if any(each.wild_requests or each.wild_replies for each in holders) else []
         )
@@ -280,13 +278,8 @@ class _Answers:
     """The patterns of answers, with their `owners`, found by how they begin."""
 
     def __init__(self, holders: Iterable[Holder], matcher: Matcher) -> None:
-        self.owners: dict[str, list[Holder]] = {}
-        for holder in holders:
-            for text in holder.wild_replies:
-                self.owners.setdefault(text, []).append(holder)
-        self._by_prefix: dict[str, list[str]] = {}
-        for text in self.owners:
-            self._by_prefix.setdefault(parse(text, matcher).prefix[2:], []).append(text)
+        self.owners = gathered((text, holder) for holder in holders for text in holder.wild_replies)
+        self._by_prefix = grouped(self.owners, lambda text: parse(text, matcher).prefix[2:])
         self._prefixes = sorted(self._by_prefix)
         self._lengths = sorted({len(prefix) for prefix in self._prefixes})
 
