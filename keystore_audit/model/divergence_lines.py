@@ -15,10 +15,10 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import enclaves_views
 from keystore_audit.model.divergence_values import LocalValues, PeerValues
+from keystore_audit.model.effective import Peers
 from keystore_audit.model.inventory import Typed
-from keystore_audit.model.permission import Permissions, bits, members
+from keystore_audit.model.permission import bits, members
 from keystore_audit.model.profiles import PartitionReading, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.substitution import Cause
@@ -224,15 +224,7 @@ class DecidingLines:
         return known
 
 
-class _Peers:
-    """The realms of one system, as enclaves meet them."""
-
-    def __init__(self, system: System) -> None:
-        self.system = system
-        self.permissions = Permissions(system)
-        self.realms = enclaves_views(system, self.permissions)
-        self.numbers = {enclave.label: number for number, enclave in enumerate(system.enclaves)}
-
+class _Peers(Peers):
     def chosen(self, realm: int, identity: int | None, document: int) -> int | None:
         """The grant of a document that the realm's peers take for the certificate's."""
         accepted = self.realms[realm].accepted & {document}

@@ -25,9 +25,10 @@ def allowing(rulings: Iterable[tuple[int, bool]]) -> int:
     """The channels that the first ruling about them allows: channels, and whether they are allowed."""
     allowed, decided = 0, 0
     for channels, allow in rulings:
-        if allow:
-            allowed |= channels & ~decided
-        decided |= channels
+        if channels:  # most rules of thousands are about another operation
+            if allow:
+                allowed |= channels & ~decided if decided else channels
+            decided |= channels
     return allowed
 
 
@@ -123,19 +124,12 @@ class Decisions:
     def allowed(self, grant: int, operation: Operation) -> int:
         """Channels on which the first matching rule allows, or none matches and the default does."""
         known = self._allowed.get((grant, operation))
-        if known is not None:
-            return known
-        allowed, decided = 0, 0
-        for rule in self._rules[grant]:
-            applies = self._matches(rule, operation)
-            if applies:
-                if rule.allow:
-                    allowed |= applies & ~decided if decided else applies
-                decided |= applies
-        if self._system.grants[grant].default_allow:
-            allowed |= self.all_channels & ~decided
-        self._allowed[grant, operation] = allowed
-        return allowed
+        if known is None:
+            rulings = [(self._matches(rule, operation), rule.allow) for rule in self._rules[grant]]
+            if self._system.grants[grant].default_allow:
+                rulings.append((self.all_channels, True))
+            known = self._allowed[grant, operation] = allowing(rulings)
+        return known
 
     def _matches(self, rule: RuleAtom, operation: Operation) -> int:
         """Channels whose domain, topic and partition the rule matches."""

@@ -159,8 +159,7 @@ def _is_refused(sides: Sides, pair: Pair, path: str) -> bool:
 
 
 def _document(view: View, path: str) -> int | None:
-    system = view.system
-    return system.realms[system.enclaves[view.numbers[path]].realm].governance
+    return view.system.realms[view.enclave(path).realm].governance
 
 
 def _parts(view: View, document: int | None) -> list[_Part]:

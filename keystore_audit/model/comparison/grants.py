@@ -161,7 +161,7 @@ def _naming(view: View, path: str) -> GrantAtom | None:
     own = view.own_grant(path)
     if own is not None:
         return view.system.grants[own]
-    enclave = view.system.enclaves[view.numbers[path]]
+    enclave = view.enclave(path)
     for grant in view.system.grants if enclave.permissions is not None else ():
         if grant.document == enclave.permissions and enclave.identity in grant.names:
             return grant

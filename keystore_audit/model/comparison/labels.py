@@ -93,8 +93,8 @@ def _labelled(sides: Sides, label: str, globs: Globs) -> _Labelled:
     usable: dict[str, int] = {}
     for pair in sides.pairs:
         for view in (pair.old, pair.new):
-            for path, number in view.numbers.items():
-                names = union(view.accepted(number, operation) for operation in Operation)
+            for path in view.numbers:
+                names = union(view.accepted(path, operation) for operation in Operation)
                 usable[path] = usable.get(path, 0) | names
                 theirs |= names if path in paths else 0
     named, used = theirs & ~sides.named(AMBIENT), union(usable.values())

@@ -119,7 +119,7 @@ def _begin_later(view: View) -> list[int]:
 
 def _side(view: View, later: list[int], path: str, mask: int) -> _Side:
     system = view.system
-    enclave = system.enclaves[view.numbers[path]]
+    enclave = view.enclave(path)
     found: set[_Later] = set()
     where = None
     for number in later:

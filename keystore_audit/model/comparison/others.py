@@ -194,7 +194,7 @@ class SameGrants:
     def of(self, pair: Pair, path: str) -> bool:
         """Whether the enclave's own permissions have, as these profiles read them."""
         views = pair.old, pair.new
-        documents = [view.system.enclaves[view.numbers[path]].permissions for view in views]
+        documents = [view.enclave(path).permissions for view in views]
         one, other = (
             self._grants(view, pair, side).get(document, []) if document is not None else None
             for side, (view, document) in enumerate(zip(views, documents, strict=True))

@@ -78,7 +78,7 @@ class Reach:
         written, read = 0, 0  # by right before or after: no more than that shows in what keys make possible
         for operation in Operation:
             told = {True: 0, False: 0}
-            before, after = (view.accepted(number, operation) for view, number in zip(views, numbers, strict=True))
+            before, after = (view.accepted(path, operation) for view in views)
             written |= before | after if operation is Operation.PUBLISH else 0
             read |= before | after if operation is Operation.SUBSCRIBE else 0
             for gained, channels in self._both_ways(before, after):
@@ -131,7 +131,7 @@ class Reach:
         if right.operation == JOIN:
             return told
         operation = Operation(right.operation)
-        before, after = (view.accepted(view.numbers[path], operation) for view in (pair.old, pair.new))
+        before, after = (view.accepted(path, operation) for view in (pair.old, pair.new))
         return told | (after & ~before if right.gained else before & ~after)
 
     def _outsiders(self, pair: Pair) -> None:
@@ -146,11 +146,8 @@ class Reach:
         gained = draft.kind == ADDED
         view = pair.new if gained else pair.old
         for path in draft.enclaves:
-            number = view.numbers.get(path)
-            if number is None:  # it could not be read
-                continue
-            for operation in Operation:
-                channels = view.accepted(number, operation) & self._sides.mask
+            for operation in Operation:  # nothing where it could not be read
+                channels = view.accepted(path, operation) & self._sides.mask
                 if channels:
                     what = f"{_with(gained)} {WORDS[operation.value]}"
                     self._found.note(_Key(Layer.ACCESS, what, gained, operation.value, draft), path, pair, channels)
@@ -260,7 +257,7 @@ def _granting(view: View, path: str, operation: str, channels: int, *, own: bool
     """The rule of the enclave's `own` document, or of some other, that decides; for joining, the grant."""
     if own:
         return deciding(view, view.own_grant(path), Operation(operation), channels)
-    enclave = view.system.enclaves[view.numbers[path]]
+    enclave = view.enclave(path)
     for number in view.presented(path):
         if view.system.grants[number].document == enclave.permissions:
             continue

@@ -13,17 +13,17 @@ from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import RealmView, enclaves_views
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.claims import named
 from keystore_audit.model.comparison.change import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains, merged
 from keystore_audit.model.doubt import enclave_doubts, keystore_doubts
+from keystore_audit.model.effective import Peers
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import Typed, documents_of, system_documents
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.own_rights import OwnRights
-from keystore_audit.model.permission import Decisions, Permissions, bits, members, union
+from keystore_audit.model.permission import Decisions, bits, members, union
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.system import Reading, RuleAtom, System
 from keystore_audit.model.systems import SystemBuilder
@@ -34,21 +34,12 @@ MAX_SHOWN = 3
 """Names that stand for a change; the rest are counted."""
 
 
-class View:
+class View(Peers):
     """One keystore under one system, what could not be read left out."""
 
     def __init__(self, system: System, decisions: Decisions) -> None:
-        self.system = system
+        super().__init__(system, decisions)
         self.decisions = decisions
-        self.permissions = Permissions(system, None, decisions)
-        self.numbers: dict[str, int] = {}
-        for number, enclave in enumerate(system.enclaves):
-            self.numbers.setdefault(enclave.label, number)
-
-    @cached_property
-    def realms(self) -> list[RealmView]:
-        """How the peers of each realm that enclaves are of see every enclave."""
-        return enclaves_views(self.system, self.permissions)
 
     def letting_in(self, path: str) -> tuple[int, ...]:
         """The realms, by their places, that take the enclave for who it says it is, whatever the dates."""
@@ -73,18 +64,14 @@ class View:
 
     def own_grant(self, path: str) -> int | None:
         """The grant of the enclave's own document that counts."""
-        enclave = self.system.enclaves[self.numbers[path]]
+        enclave = self.enclave(path)
         if enclave.permissions is None:
             return None
         return next(iter(self.permissions.chosen(enclave.identity, frozenset({enclave.permissions}))), None)
 
     def presented(self, path: str) -> list[int]:
         """The grants that count of all documents that name the enclave and that some peer takes."""
-        return self.permissions.chosen(self.system.enclaves[self.numbers[path]].identity, self.taken)
-
-    def accepted(self, enclave: int, operation: Operation) -> int:
-        """The channels on which some peer accepts the operation from the enclave."""
-        return union(realm.abilities(enclave).by_right(operation) for realm in self.realms)
+        return self.permissions.chosen(self.enclave(path).identity, self.taken)
 
     def made(self, enclave: int, operation: Operation) -> int:
         """The channels on which its own implementation makes a writer (PUBLISH) or a reader of the enclave."""
