@@ -14,27 +14,22 @@ from keystore_audit.errors import UsageError
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.channels import Channels, ReadRegion
+from keystore_audit.model.channels import Channels
 from keystore_audit.model.claim import Place
-from keystore_audit.model.claims import Claim, Globs, named
+from keystore_audit.model.claims import IN_DEFAULT_PARTITION, Claim, Globs, named
 from keystore_audit.model.decision import illegal_names
 from keystore_audit.model.domains import contains
-from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import matching
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.named_enclaves import left_out
 from keystore_audit.model.profiles import VARIANTS, JoinCheck, Local, Profile, Trust
 from keystore_audit.model.revocation import list_dates
-from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.usability import Usabilities, may_refuse_peers, refusals_of_peer
 from keystore_audit.model.validity import LAST, SECOND
 
 MAX_PAIRS: Final = 10_000
 """Pairs of places of one claim: some ten seconds."""
-
-IN_DEFAULT_PARTITION: Final[ReadRegion] = (Matcher.POSIX, (Area(topics=("*",), partitions=DEFAULT_PARTITION),))
-"""Every topic in the one partition in which the nodes of ROS 2 are."""
 
 _SILENT: Final = frozenset({"Ed25519", "Ed448"})
 """Kinds of keys with which no implementation proves who it is: the handshake's algorithms are ECDSA and RSA-PSS."""

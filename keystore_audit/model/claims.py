@@ -20,7 +20,7 @@ from keystore_audit.model.globs import all_matching, at, named_paths
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.named_enclaves import at_large, named_enclaves, with_all_certificates
 from keystore_audit.model.names import AMBIENT
-from keystore_audit.model.semantics import Area
+from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import Reading, System, apart, together
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 
@@ -133,8 +133,6 @@ def claim_regions(claims: Iterable[Claim]) -> tuple[ReadRegion, ...]:
         if not claim.include_ambient:
             regions[named(AMBIENT)] = None
         if claim.kind is ClaimKind.ABLE:
-            from keystore_audit.model.ability import IN_DEFAULT_PARTITION
-
             regions[IN_DEFAULT_PARTITION] = None
     for labelling in _labellings(claims):
         from keystore_audit.model.labels import label_regions  # most settings have no labels
@@ -151,6 +149,15 @@ def _labellings(claims: Iterable[Claim]) -> list[Labelling]:
 def named(topics: tuple[str, ...]) -> ReadRegion:
     """The region of globs on DDS topics, in every partition."""
     return Matcher.POSIX, (Area(topics=topics, partitions=None),)
+
+
+def by_default(topic: str) -> ReadRegion:
+    """The topic in the default partition, where the nodes of ROS 2 are."""
+    return Matcher.POSIX, (Area(topics=(topic,), partitions=DEFAULT_PARTITION),)
+
+
+IN_DEFAULT_PARTITION: Final = by_default("*")
+"""Every topic there."""
 
 
 def topic_regions(topics: tuple[str, ...]) -> tuple[ReadRegion, ...]:

@@ -22,7 +22,7 @@ from keystore_audit.model.domains import describe
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.permission import allowing, bits
 from keystore_audit.model.profiles import Access, Local, Profile
-from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding
+from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding, is_controlled
 from keystore_audit.model.subject import names
 
 WILDCARDS: Final = frozenset("*?[")
@@ -163,7 +163,7 @@ class LocalRights:
             yield from self._loose(enclave, access, operation, place)
         for domain_rule, topic, channels in self._topic_rules(enclave, access, local):
             governed |= channels
-            if not _controls(topic, operation):
+            if not is_controlled(topic, operation):
                 explain = partial(_uncontrolled, domain_rule, topic, operation, place)
                 yield Step(channels, True, explain, by_permissions=False)
         if governed != self._all:
@@ -177,7 +177,7 @@ class LocalRights:
         rules = self._accesses.read(enclave.governance, access).domain_rules if enclave.governance else ()
         for domain_rule in rules or ():
             for topic in domain_rule.topic_rules:
-                if not _controls(topic.rule, operation):
+                if not is_controlled(topic.rule, operation):
                     channels = self._region(access, topic.region) & self._domains(domain_rule)
                     explain = partial(_uncontrolled, domain_rule, topic.rule, operation, place)
                     yield Step(channels, True, explain, by_permissions=False)
@@ -331,10 +331,6 @@ def _likeness(text: str, topic: str) -> int:
 
 def _shared_beginning(one: str, other: str) -> int:
     return next((n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
-
-
-def _controls(topic: TopicRule, operation: Operation) -> bool:
-    return topic.enable_write_access_control if operation is Operation.PUBLISH else topic.enable_read_access_control
 
 
 def _uncontrolled(domain_rule: ReadDomainRule, topic: TopicRule, operation: Operation, place: str) -> Decision:

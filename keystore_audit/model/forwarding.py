@@ -19,10 +19,10 @@ from keystore_audit.model.behaviour import (
     Spread,
 )
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.claims import named
+from keystore_audit.model.claims import by_default, named
 from keystore_audit.model.domains import contains
 from keystore_audit.model.flow import Flows, Lane
-from keystore_audit.model.forwards import Declared, Determinism, Forward, by_default
+from keystore_audit.model.forwards import Declared, Determinism, Forward
 from keystore_audit.model.globs import matching
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.named_enclaves import means_everybody

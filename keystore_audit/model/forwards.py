@@ -15,16 +15,15 @@ from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims import (
     Globs,
     Marks,
+    by_default,
     check_granted,
     granted_channels,
     marked,
     named,
 )
-from keystore_audit.model.expression import Matcher
 from keystore_audit.model.globs import named_paths, nearest
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import AMBIENT
-from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.system import System
 
 UNREAD: Final = "it depends on what could not be read"
@@ -91,11 +90,6 @@ class Declared:
         if not self.claims:
             return ()
         return (named(AMBIENT), *(region for topic in topics for region in (named((topic,)), by_default(topic))))
-
-
-def by_default(topic: str) -> ReadRegion:
-    """The topic in the default partition, where the nodes of ROS 2 are."""
-    return Matcher.POSIX, (Area(topics=(topic,), partitions=DEFAULT_PARTITION),)
 
 
 def leading_to(low: Iterable[str], forwards: Sequence[Forward]) -> tuple[Forward, ...]:

@@ -15,6 +15,7 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import BudgetExceeded
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.governance import GovernanceFile
@@ -197,12 +198,11 @@ def own_endpoints(
 
     `alone`: by holder. Whose realm could not be read is left out: there everybody may do anything.
     """
-    found: dict[tuple[int, int], list[Endpoints]] = {}
-    for holder, each in zip(holders, alone, strict=True):
-        if holder.realm in realms:
-            own = each.possible if may else each.certain
-            found.setdefault((holder.identity, realms[holder.realm]), []).append(own)
-    return found
+    return gathered(
+        ((holder.identity, realms[holder.realm]), each.possible if may else each.certain)
+        for holder, each in zip(holders, alone, strict=True)
+        if holder.realm in realms
+    )
 
 
 def _named(

@@ -15,6 +15,9 @@ from keystore_audit.errors import UsageError
 from keystore_audit.intent.ros_names import FULL_NAME, is_ros_name
 from keystore_audit.keystore.permissions import Operation
 
+Use = tuple[Operation, str]
+"""An operation on a DDS topic, or (in policies) on all that an expression matches."""
+
 DISCOVERY_TOPIC: Final = "ros_discovery_info"
 
 AMBIENT_TOPICS: Final = frozenset({"rt/rosout", "rt/parameter_events", DISCOVERY_TOPIC})
@@ -124,7 +127,7 @@ def ros_name(dds: str) -> str:
     return str(name) if name is not None else f'"{dds}"'
 
 
-def dds_channels(operation: str, name: str) -> tuple[tuple[Operation, str], ...]:
+def dds_channels(operation: str, name: str) -> tuple[Use, ...]:
     """Return what `operation` on the ROS name `name` needs: DDS operations on DDS topics, all of them.
 
     `operation`: publish, subscribe or relay (of a topic), request or reply (of a service), call or execute (of an
@@ -135,7 +138,7 @@ def dds_channels(operation: str, name: str) -> tuple[tuple[Operation, str], ...]
     return dds_expressions(operation, name)
 
 
-def dds_expressions(operation: str, name: str) -> tuple[tuple[Operation, str], ...]:
+def dds_expressions(operation: str, name: str) -> tuple[Use, ...]:
     """Return what sros2 makes of the right to `operation` on `name`, which may have wildcards: as `dds_channels`.
 
     The name is taken as it is; raises UsageError for another operation.
@@ -159,7 +162,7 @@ def dds_expressions(operation: str, name: str) -> tuple[tuple[Operation, str], .
     )
 
 
-def _service(operation: str, name: str) -> tuple[tuple[Operation, str], ...]:
+def _service(operation: str, name: str) -> tuple[Use, ...]:
     request = REQUEST_PREFIX + name + REQUEST_SUFFIX
     reply = REPLY_PREFIX + name + REPLY_SUFFIX
     if operation == "request":

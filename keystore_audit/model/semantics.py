@@ -107,6 +107,11 @@ def deciding(named: Iterable[ReadGrant], at: datetime, access: Access) -> ReadGr
     return None
 
 
+def is_controlled(topic: TopicRule, operation: Operation) -> bool:
+    """Whether peers ask for a grant for the operation."""
+    return topic.enable_write_access_control if operation is Operation.PUBLISH else topic.enable_read_access_control
+
+
 def read_domain_rules(governance: Governance, access: Access) -> tuple[ReadDomainRule, ...]:
     """The domain rules in order: of those that cover a domain the first counts, of its topic rules the first match."""
     return tuple(

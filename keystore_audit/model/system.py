@@ -320,12 +320,8 @@ class System:
 
     def holders(self) -> dict[int, list[int]]:
         """By key, who has it: enclaves and identities at large, those apart that could not be read."""
-        found: dict[int, list[int]] = {}
-        for number, enclave in enumerate(self.enclaves):
-            key = self.key_of(number)
-            if key is not None and not enclave.opaque:
-                found.setdefault(key, []).append(number)
-        return found
+        keys = ((self.key_of(n), n) for n, enclave in enumerate(self.enclaves) if not enclave.opaque)
+        return gathered((key, number) for key, number in keys if key is not None)
 
     def realms_of_enclaves(self) -> list[int]:
         """The realms that enclaves are of; in the others are identities at large alone, with files of their own."""

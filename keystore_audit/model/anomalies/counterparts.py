@@ -12,8 +12,8 @@ from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import domain_bits
 from keystore_audit.model.expression import Matcher, Pattern, parse
-from keystore_audit.model.names import AMBIENT, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX
-from keystore_audit.model.semantics import ReadGrant, ReadRule
+from keystore_audit.model.names import AMBIENT, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX, Use
+from keystore_audit.model.semantics import ReadGrant, ReadRule, is_controlled
 
 _OF_SERVICES: Final = (f"{REQUEST_PREFIX}/", f"{REPLY_PREFIX}/", f"{SERVICE_PREFIX}/")
 _OF_ACTIONS: Final = "/_action/"
@@ -56,7 +56,7 @@ class Counterparts:
         self._by_topic: Mapping[str, Sequence[ReadGrant]] | None = None
         self._decisions: dict[tuple[int, Operation], _Decisions] = {}
 
-    def missing(self, grant: ReadGrant) -> Iterator[tuple[Operation, str]]:
+    def missing(self, grant: ReadGrant) -> Iterator[Use]:
         """The topics that the grant allows by name and nobody may be at the other end of."""
         if self._default:
             return
@@ -162,11 +162,7 @@ def _open(governances: Iterable[GovernanceFile], operation: Operation) -> tuple[
             for file in governances
             for domain_rule in (file.governance.domain_rules if file.governance else ())
             for topic in domain_rule.topic_rules
-            if not (
-                topic.enable_write_access_control
-                if operation is Operation.PUBLISH
-                else topic.enable_read_access_control
-            )
+            if not is_controlled(topic, operation)
         )
     )
 

@@ -13,7 +13,7 @@ from keystore_audit.model.anomalies.rules import rule_anomalies
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import describe, domain_bits
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.names import DISCOVERY_TOPIC, TOPIC_PREFIX
+from keystore_audit.model.names import DISCOVERY_TOPIC, TOPIC_PREFIX, Use
 from keystore_audit.model.semantics import DIRECTIONS, ReadGrant, ReadRule
 
 _WHOLE_RULE: Final = frozenset({AnomalyKind.UNREACHABLE, AnomalyKind.REDUNDANT, AnomalyKind.SAME_AS_DEFAULT})
@@ -143,19 +143,15 @@ def ungoverned_rules(grant: ReadGrant, governed: int) -> Iterator[Anomaly]:
     if outside and any(rule.allow and domain_bits(rule.domains) & governed for rule in grant.rules):
         for rule in outside:
             if not rule.of_peers:
-                yield _about_rule(AnomalyKind.UNGOVERNED_DOMAIN, grant, rule)
-
-
-def _about_rule(kind: AnomalyKind, grant: ReadGrant, rule: ReadRule) -> Anomaly:
-    return Anomaly(
-        kind=kind,
-        allow=rule.allow,
-        subject=grant.grant.subject_name.text,
-        line=rule.line,
-        texts=tuple(dict.fromkeys(rule.texts())),
-        other_text=describe(rule.domains),
-        key=f"{'allow' if rule.allow else 'deny'} {_signature(rule)}",
-    )
+                yield Anomaly(
+                    kind=AnomalyKind.UNGOVERNED_DOMAIN,
+                    allow=rule.allow,
+                    subject=grant.grant.subject_name.text,
+                    line=rule.line,
+                    texts=tuple(dict.fromkeys(rule.texts())),
+                    other_text=describe(rule.domains),
+                    key=f"{'allow' if rule.allow else 'deny'} {_signature(rule)}",
+                )
 
 
 def expression_anomalies(grant: ReadGrant, matchers: Sequence[Matcher], effort: Effort) -> Iterator[Anomaly]:
@@ -219,10 +215,10 @@ def _matches(text: str, matcher: Matcher, topic: str, effort: Effort) -> bool:
     return parse(text, matcher).matches(topic)
 
 
-def counterpart_anomalies(grant: ReadGrant, missing: Iterable[tuple[Operation, str]]) -> Iterator[Anomaly]:
+def counterpart_anomalies(grant: ReadGrant, missing: Iterable[Use]) -> Iterator[Anomaly]:
     """Topics that the grant allows and nobody is at the other end of."""
     subject = grant.grant.subject_name.text
-    lines: dict[tuple[Operation, str], int | None] | None = None
+    lines: dict[Use, int | None] | None = None
     for operation, topic in missing:
         if lines is None:  # nearly always nothing is missing
             lines = _lines(grant)
@@ -236,9 +232,9 @@ def counterpart_anomalies(grant: ReadGrant, missing: Iterable[tuple[Operation, s
         )
 
 
-def _lines(grant: ReadGrant) -> dict[tuple[Operation, str], int | None]:
+def _lines(grant: ReadGrant) -> dict[Use, int | None]:
     """The first line of each expression of its allow rules."""
-    lines: dict[tuple[Operation, str], int | None] = {}
+    lines: dict[Use, int | None] = {}
     for criterion in grant.grant.allowed:
         for text in criterion.topics:
             lines.setdefault((criterion.operation, text.text), text.line)

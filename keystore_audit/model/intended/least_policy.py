@@ -15,8 +15,8 @@ from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.decision import WILDCARDS
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.intended.observed_needs import Channel, Usual, enclave_of, missing_usual, usual_rights
-from keystore_audit.model.names import dds_expressions
+from keystore_audit.model.intended.observed_needs import Usual, enclave_of, missing_usual, usual_rights
+from keystore_audit.model.names import Use, dds_expressions
 
 UNNAMED: Final = "/node"
 """The node of a right that no file gives a node to; names are absolute, so that nothing hangs on it."""
@@ -176,7 +176,7 @@ class _Denials:
                 return self.rights
         return ()
 
-    def _hits(self, channel: Channel) -> bool:
+    def _hits(self, channel: Use) -> bool:
         operation, topic = channel
         return channel in self._names or any(
             each is operation and pattern.matches(topic) for each, pattern in self._patterns

@@ -22,7 +22,8 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
 from keystore_audit.model.decision import WILDCARDS
 from keystore_audit.model.intended.observed_needs import Need, enclave_of, needs, nodes_of, usages, usual_channels
-from keystore_audit.model.intended.observed_rights import Deciders, PointRights, Verdict
+from keystore_audit.model.intended.observed_rights import Deciders, JointRuling, PointRights
+from keystore_audit.model.names import Use
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.semantics import DIRECTIONS
@@ -209,7 +210,7 @@ class _Comparison:
             if self._rights.verdict(profile, every).ruling in (Ruling.DENY, Ruling.UNKNOWN)
         ]
         for need in self._needs if kinds else ():
-            denied: list[tuple[Verdict, tuple[str, ...]]] = []
+            denied: list[tuple[JointRuling, tuple[str, ...]]] = []
             for profile, names in kinds:
                 verdict = self._rights.verdict(profile, need.channels)
                 if verdict.ruling is Ruling.DENY:
@@ -248,7 +249,7 @@ class _Comparison:
         usual = set(usual_channels(self._nodes))
         names: dict[tuple[Operation, Point], GrantedName] = {}
         endless: GrantedName | None = None
-        known: set[tuple[Operation, str]] = set()
+        known: set[Use] = set()
         allowing: list[str] = []
         for profile, alike in self._deciders.kinds:
             found = self._granted(profile)

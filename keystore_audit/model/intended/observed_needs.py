@@ -17,10 +17,7 @@ from keystore_audit.intent.intent import Action, IntendedNode, Intent, Origin
 from keystore_audit.intent.ros_names import ROOT, is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.names import DISCOVERY_TOPIC, PARAMETER_SERVICES, dds_channels
-
-Channel = tuple[Operation, str]
-"""An operation on a DDS topic."""
+from keystore_audit.model.names import DISCOVERY_TOPIC, PARAMETER_SERVICES, Use, dds_channels
 
 LOG: Final = "/rosout"
 EVENTS: Final = "/parameter_events"
@@ -28,7 +25,7 @@ CLOCK: Final = "/clock"
 TYPE_DESCRIPTION: Final = "get_type_description"
 """The service that every node offers below its name since Iron (REP 2016), and that sros2's policies do not name."""
 
-DISCOVERY: Final[tuple[Channel, ...]] = (
+DISCOVERY: Final[tuple[Use, ...]] = (
     (Operation.PUBLISH, DISCOVERY_TOPIC),
     (Operation.SUBSCRIBE, DISCOVERY_TOPIC),
 )
@@ -67,7 +64,7 @@ class Need:
     location: Location
 
     @property
-    def channels(self) -> tuple[Channel, ...]:
+    def channels(self) -> tuple[Use, ...]:
         """What it takes, all of it."""
         return DISCOVERY if self.action is None else dds_channels(self.action.value, self.name)
 
@@ -157,12 +154,12 @@ def nodes_of(intents: Iterable[Intent], kind: LayoutKind) -> Mapping[str, tuple[
     return {path: tuple(nodes) for path, nodes in found.items()}
 
 
-def usages(name: str) -> tuple[tuple[Channel, ...], ...]:
+def usages(name: str) -> tuple[tuple[Use, ...], ...]:
     """Everything that a node can do with a ROS name, as DDS channels: as a topic, a service or an action."""
     return tuple(dds_channels(action.value, name) for action in Action)
 
 
-def usual_channels(nodes: Iterable[str]) -> Iterator[Channel]:
+def usual_channels(nodes: Iterable[str]) -> Iterator[Use]:
     """What is granted to these nodes without being an excess."""
     yield from DISCOVERY
     for node in nodes:

@@ -19,8 +19,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point, document_channels
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import contains
-from keystore_audit.model.intended.observed_needs import Channel
-from keystore_audit.model.names import dds_channels
+from keystore_audit.model.names import Use, dds_channels
 from keystore_audit.model.permission import bits, union
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
@@ -30,7 +29,7 @@ from keystore_audit.model.window import Window
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class JointRuling:
     """What one kind of implementation says to channels all of which are needed.
 
     `ruling`: ALLOW in every domain in which it starts, DENY in one of them, UNKNOWN; None where it starts in none.
@@ -44,8 +43,8 @@ class Verdict:
     location: Location | None = None
 
 
-_NOWHERE = Verdict(ruling=None)
-_ALLOWED = Verdict(ruling=Ruling.ALLOW)
+_NOWHERE = JointRuling(ruling=None)
+_ALLOWED = JointRuling(ruling=Ruling.ALLOW)
 
 
 class Deciders:
@@ -91,13 +90,13 @@ class PointRights:
         self._always: dict[tuple[str, Operation], int] = {}
         self._ever: dict[tuple[str, Operation], int] = {}
 
-    def verdict(self, profile: Profile, needed: Sequence[Channel]) -> Verdict:
+    def verdict(self, profile: Profile, needed: Sequence[Use]) -> JointRuling:
         """Whether all of it may be done in the default partition."""
         started = self._started(profile)
         if not started:
             return _NOWHERE
         if any(usable is None for _domain, usable in started):
-            return Verdict(ruling=Ruling.UNKNOWN, reason="whether a participant starts cannot be told")
+            return JointRuling(ruling=Ruling.UNKNOWN, reason="whether a participant starts cannot be told")
         if all(self._everywhere(profile, operation) >> self._points[topic, ""] & 1 for operation, topic in needed):
             return _ALLOWED
         return self._denial(profile, needed)
@@ -171,7 +170,7 @@ class PointRights:
             found = self._starts[profile.name] = [(domain, usable) for domain, usable in asked if usable is not False]
         return found
 
-    def _denial(self, profile: Profile, needed: Sequence[Channel]) -> Verdict:
+    def _denial(self, profile: Profile, needed: Sequence[Use]) -> JointRuling:
         """Where not all of it is allowed, and why."""
         started = self._started(profile)
         denied = [
@@ -185,7 +184,7 @@ class PointRights:
         decision = self._local.decide(self._enclave, profile, operation, channel, (topic, ""))
         which = f"{operation.value} {topic}: " if len(needed) > 1 else ""
         where = dict.fromkeys(domain for domain, _operation, _topic in denied)
-        return Verdict(
+        return JointRuling(
             ruling=Ruling.DENY,
             domains="" if len(where) == len(started) else ", ".join(self._label(domain) for domain in where),
             reason=which + decision.reason,

@@ -13,11 +13,8 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims import named
 from keystore_audit.model.intended.observed_needs import DISCOVERY, Usual, enclave_of, missing_usual
-from keystore_audit.model.names import dds_channels, dds_expressions
+from keystore_audit.model.names import Use, dds_channels, dds_expressions
 from keystore_audit.model.system import NodeAtom, System
-
-Point = tuple[Operation, str]
-"""An operation, and a DDS topic or (of policies) an expression for some."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,8 +24,8 @@ class WiredNode:
     enclave: str
     name: str
     location: Location
-    uses: frozenset[Point]
-    denied: frozenset[Point]
+    uses: frozenset[Use]
+    denied: frozenset[Use]
 
 
 def wiring(intents: Sequence[Intent], kind: LayoutKind) -> tuple[WiredNode, ...]:
@@ -38,8 +35,8 @@ def wiring(intents: Sequence[Intent], kind: LayoutKind) -> tuple[WiredNode, ...]
     not say how they are used are left out.
     """
     places: dict[tuple[str, str], Location] = {}
-    uses: dict[tuple[str, str], set[Point]] = {}
-    denied: dict[tuple[str, str], set[Point]] = {}
+    uses: dict[tuple[str, str], set[Use]] = {}
+    denied: dict[tuple[str, str], set[Use]] = {}
     for intent in intents:
         for node in intent.nodes:
             key = (enclave_of(node.enclave, node.name, kind), node.name)

@@ -19,12 +19,11 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.coverage import TOPICS, allows_everything, covers, has_wildcard, may_cover
 from keystore_audit.model.expression import Matcher, Pattern, parse
-from keystore_audit.model.names import ACTION_PART, ACTION_TOPICS
-from keystore_audit.model.ros.classes import Affix, classify_ros_names
+from keystore_audit.model.names import ACTION_PART
+from keystore_audit.model.ros.classes import OF_ACTIONS, Affix, classify_ros_names
 from keystore_audit.model.semantics import DIRECTIONS
 
 STATUS: Final = Affix("rt", f"{ACTION_PART}status")
-_AFFIXES: Final = tuple(Affix("rt", ACTION_PART + topic) for topic in ACTION_TOPICS)
 
 MAX_ACTIONS: Final = 1_000
 """Actions that a keystore names, of which an example is looked for; without one it is made up."""
@@ -186,9 +185,9 @@ def taken_in(expression: str, decide: Callable[[], bool] = lambda: True) -> str 
     """
     pattern = parse(expression, Matcher.POSIX)
     for name in _likely(pattern):
-        if any(affix.name(affix.topic(name)) and pattern.matches(affix.topic(name)) for affix in _AFFIXES):
+        if any(affix.name(affix.topic(name)) and pattern.matches(affix.topic(name)) for affix in OF_ACTIONS):
             return name
-    if not any(_may_match(pattern, affix) for affix in _AFFIXES) or not decide():
+    if not any(_may_match(pattern, affix) for affix in OF_ACTIONS) or not decide():
         return None
     return _searched(expression)
 
@@ -199,7 +198,7 @@ def _likely(pattern: Pattern) -> Iterator[str]:
     yield from (f"{begin}/a", f"{begin}a", "/a")
     if len(pattern.pieces) == 1:
         spelled = "".join(token if isinstance(token, str) else "a" for token in pattern.pieces[0])
-        for affix in _AFFIXES:
+        for affix in OF_ACTIONS:
             yield f"/{spelled[len(affix.prefix) + 1 : len(spelled) - len(affix.suffix)]}"
 
 
@@ -217,7 +216,7 @@ def _may_match(pattern: Pattern, affix: Affix) -> bool:
 def _searched(expression: str) -> str | None:
     """The same, decided over all names."""
     try:
-        classes = classify_ros_names([parse(expression, Matcher.POSIX)], _AFFIXES, budget=_STATES)
+        classes = classify_ros_names([parse(expression, Matcher.POSIX)], OF_ACTIONS, budget=_STATES)
     except BudgetExceeded:
         return None
     return next((each.name for each in classes if any(each.members)), None)
@@ -235,7 +234,7 @@ class _Rules:
 
     def reach(self, pattern: Pattern, action: str, effort: _Effort) -> bool:
         """Whether a rule lets the grant's holder use feedback or status of the action; `pattern`: one of theirs."""
-        for affix in _AFFIXES:
+        for affix in OF_ACTIONS:
             topic = affix.topic(action)
             own = pattern.matches(topic)
             for allow, texts, wild in self._rules:

@@ -21,7 +21,15 @@ from keystore_audit.model.matching.automaton import STATE_UNITS, Automaton
 from keystore_audit.model.matching.search import residual_names
 from keystore_audit.model.matching.tokens import Token
 from keystore_audit.model.matching.universe import DEAD, Universe, ros_alphabet
-from keystore_audit.model.names import REPLY_PREFIX, REPLY_SUFFIX, REQUEST_PREFIX, REQUEST_SUFFIX
+from keystore_audit.model.names import (
+    ACTION_PART,
+    ACTION_TOPICS,
+    REPLY_PREFIX,
+    REPLY_SUFFIX,
+    REQUEST_PREFIX,
+    REQUEST_SUFFIX,
+    TOPIC_PREFIX,
+)
 
 DEFAULT_BUDGET: Final = 10_000
 """States of the automaton and of its walks in step, together: about half a second. What people write needs 1,000."""
@@ -50,6 +58,8 @@ class Affix(NamedTuple):
 
 REQUEST: Final = Affix(REQUEST_PREFIX, REQUEST_SUFFIX)
 REPLY: Final = Affix(REPLY_PREFIX, REPLY_SUFFIX)
+OF_ACTIONS: Final = tuple(Affix(TOPIC_PREFIX, ACTION_PART + topic) for topic in ACTION_TOPICS)
+"""The topics of an action."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,18 +22,17 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
+from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, Use
 from keystore_audit.model.permission import allowing, members, union
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.ros.channels import RosChannels, ros_channels
-from keystore_audit.model.ros.classes import REPLY, REQUEST, Affix
+from keystore_audit.model.ros.classes import OF_ACTIONS, REPLY, REQUEST, Affix
 from keystore_audit.model.ros.texts import DocumentLines, is_surely_whole
 from keystore_audit.model.semantics import DIRECTIONS
 
 _GOALS: Final = tuple(Affix("rq", f"{ACTION_PART}{service}Request") for service in ACTION_SERVICES)
 _ANSWERS: Final = tuple(Affix("rr", f"{ACTION_PART}{service}Reply") for service in ACTION_SERVICES)
-_TOPICS: Final = tuple(Affix("rt", ACTION_PART + topic) for topic in ACTION_TOPICS)
-_OF_ACTIONS: Final = tuple(f"rq?*{ACTION_PART}{service}Request" for service in ACTION_SERVICES)
+_PARTS_OF_ACTIONS: Final = tuple(f"rq?*{ACTION_PART}{service}Request" for service in ACTION_SERVICES)
 """The requests that are parts of actions: as services they are not looked at."""
 
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
@@ -44,10 +43,10 @@ ROLES: Final[Mapping[str, Role]] = {
     "reply": ((PUBLISH, REPLY), (SUBSCRIBE, REQUEST)),
     "call": (
         *((PUBLISH, affix) for affix in _GOALS),
-        *((SUBSCRIBE, affix) for affix in (*_ANSWERS, *_TOPICS)),
+        *((SUBSCRIBE, affix) for affix in (*_ANSWERS, *OF_ACTIONS)),
     ),
     "execute": (
-        *((PUBLISH, affix) for affix in (*_ANSWERS, *_TOPICS)),
+        *((PUBLISH, affix) for affix in (*_ANSWERS, *OF_ACTIONS)),
         *((SUBSCRIBE, affix) for affix in _GOALS),
     ),
 }
@@ -70,8 +69,8 @@ class Half:
     role: str
     name: str
     several: bool
-    has: tuple[tuple[Operation, str], ...]
-    lacks: tuple[tuple[Operation, str], ...]
+    has: tuple[Use, ...]
+    lacks: tuple[Use, ...]
     location: Location
     profiles: tuple[str, ...]
 
@@ -197,7 +196,7 @@ def _named(enclave: Enclave, shared: Iterable[_Found], profiles: int) -> Iterato
 def _compared(enclave: Enclave, readers: Sequence[_Reader], accesses: AccessViews, at: datetime) -> Iterator[_Found]:
     """The halves of an enclave under all readers, equal ones together."""
     read = accesses.by_row((reader.profile for reader in readers), (enclave.permissions, enclave.governance))
-    for roles, marks in ((SERVICE_ROLES, _OF_ACTIONS), (ACTION_ROLES, ())):
+    for roles, marks in ((SERVICE_ROLES, _PARTS_OF_ACTIONS), (ACTION_ROLES, ())):
         affixes = tuple(dict.fromkeys(affix for role in roles for _operation, affix in ROLES[role]))
         channels = ros_channels(read, affixes, marks)
         local = LocalRights(accesses, channels.channels, at)
@@ -237,7 +236,7 @@ def _telling(role: str, channel: tuple[Operation, Affix], channels: RosChannels)
     operation, affix = channel
     if role in SERVICE_ROLES:
         return channels.naming(operation, affix, f"{affix.prefix}/")
-    if affix not in _TOPICS:
+    if affix not in OF_ACTIONS:
         return channels.naming(operation, affix, ACTION_PART)
     return channels.listed(operation, affix) if operation is PUBLISH else 0
 

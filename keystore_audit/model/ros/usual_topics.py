@@ -30,14 +30,14 @@ from keystore_audit.model.names import (
     REPLY_PREFIX,
     REPLY_SUFFIX,
     SUFFIX_OF,
+    Use,
     dds_expressions,
     is_ros_dds_name,
 )
 from keystore_audit.model.profiles import Profile
-from keystore_audit.model.semantics import DIRECTIONS
+from keystore_audit.model.semantics import DIRECTIONS, is_controlled
 
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
-Use = tuple[Operation, str]
 
 USUAL: Final[tuple[Use, ...]] = (
     (PUBLISH, "rt/rosout"),
@@ -131,8 +131,7 @@ def _controls(enclave: Enclave, operation: Operation, topic: str) -> bool:
         return True
     for domain_rule in governance.domain_rules:
         rule = next((each for each in domain_rule.topic_rules if _matched([each.expression], topic)), None)
-        publishes = operation is PUBLISH
-        if rule is None or (rule.enable_write_access_control if publishes else rule.enable_read_access_control):
+        if rule is None or is_controlled(rule, operation):
             return True
     return False
 
