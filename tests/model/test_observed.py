@@ -163,7 +163,7 @@ def sros2_allows(entries: Sequence[tuple[Action, str, bool]], operation: Operati
 
 def test_a_right_is_needed_once_and_where_it_is_said_first() -> None:
     one, other = graph(log("/talker"), does("/talker", "publish", "/a", line=4)), seen([(Action.PUBLISH, "/a")])
-    found = [need for need in needs((one, other), LayoutKind.SROS2) if need.name == "/a"]
+    found = [need for need in needs((one, other)) if need.name == "/a"]
     assert [(need.location.line, need.usual) for need in found] == [(4, False)]
 
 

@@ -15,7 +15,7 @@ from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.decision import WILDCARDS
 from keystore_audit.model.expression import Matcher, parse
-from keystore_audit.model.intended.observed_needs import Usual, enclave_of, missing_usual, usual_rights
+from keystore_audit.model.intended.observed_needs import Usual, in_layout, missing_usual, usual_rights
 from keystore_audit.model.names import Use, dds_expressions
 
 UNNAMED: Final = "/node"
@@ -70,8 +70,8 @@ class LeastPolicy:
 
 def least_policy(intents: Sequence[Intent], kind: LayoutKind, usages: Usages, *, usual: bool = True) -> LeastPolicy:
     """What the files say that nodes do. `usual` False: without what every node does beside its work."""
-    draft = _Draft(kind, usages)
-    for intent in intents:
+    draft = _Draft(usages)
+    for intent in in_layout(intents, kind):
         draft.add(intent)
     return draft.policy(usual=usual)
 
@@ -79,8 +79,7 @@ def least_policy(intents: Sequence[Intent], kind: LayoutKind, usages: Usages, *,
 class _Draft:
     """A policy in the making: rights by enclave and node."""
 
-    def __init__(self, kind: LayoutKind, usages: Usages) -> None:
-        self._kind = kind
+    def __init__(self, usages: Usages) -> None:
         self._usages = usages
         self._allowed: dict[str, dict[str, dict[tuple[Action, str], None]]] = {}
         self._denied: dict[str, dict[tuple[Action, str], None]] = {}
@@ -94,8 +93,7 @@ class _Draft:
             if right.allow:
                 self._of(right.enclave, right.node)[right.action, right.name] = None
             else:
-                path = enclave_of(right.enclave, right.node, self._kind)
-                self._denied.setdefault(path, {})[right.action, right.name] = None
+                self._denied.setdefault(right.enclave, {})[right.action, right.name] = None
         for used in intent.names:
             self._use(used)
         if intent.origin is not Origin.POLICY:  # a policy says everything that it wants
@@ -115,18 +113,16 @@ class _Draft:
         return LeastPolicy(enclaves=enclaves, doubts=tuple(self._doubts), wildcards=wildcards)
 
     def _of(self, enclave: str, node: str) -> dict[tuple[Action, str], None]:
-        path = enclave_of(enclave, node, self._kind)
-        return self._allowed.setdefault(path, {}).setdefault(node or UNNAMED, {})
+        return self._allowed.setdefault(enclave, {}).setdefault(node or UNNAMED, {})
 
     def _use(self, used: UsedName) -> None:
         """A name that a node uses in a way that only the keystore tells."""
-        path = enclave_of(used.enclave, used.node, self._kind)
         rights = self._of(used.enclave, used.node)
-        actions = self._usages(path, used.name)
+        actions = self._usages(used.enclave, used.name)
         for action in actions:
             rights[action, used.name] = None
         if not actions:
-            who = used.node or f"a node of {path}"
+            who = used.node or f"a node of {used.enclave}"
             reason = f"{who} uses {used.name}, and neither the file nor the keystore says how"
             self._doubts[f"{used.location}: {reason}."] = None
 

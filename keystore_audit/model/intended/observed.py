@@ -12,7 +12,7 @@ from datetime import datetime
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
-from keystore_audit.grouped import gathered, grouped
+from keystore_audit.grouped import grouped
 from keystore_audit.intent.intent import Intent, Origin, SetVariable, Unresolved, UsedName
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -21,7 +21,7 @@ from keystore_audit.keystore.permissions import Grant, Operation, PermissionsFil
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
 from keystore_audit.model.decision import WILDCARDS
-from keystore_audit.model.intended.observed_needs import Need, enclave_of, needs, nodes_of, usages, usual_channels
+from keystore_audit.model.intended.observed_needs import Need, in_layout, needs, nodes_of, usages, usual_channels
 from keystore_audit.model.intended.observed_rights import Deciders, JointRuling, PointRights
 from keystore_audit.model.names import Use
 from keystore_audit.model.profiles import Profile
@@ -130,9 +130,9 @@ def observe(
     `domain`: the one that the robots use; None: every one that a governance covers. Where anything in the files could
     not be worked out, nothing is called excess.
     """
-    kind = keystore.layout.kind
+    intents = in_layout(intents, keystore.layout.kind)
     unresolved = tuple(each for intent in intents for each in intent.unresolved)
-    told = _Told(intents, kind)
+    told = _Told(intents)
     deciders = Deciders(profiles, at, accesses, domain)
     compared = [
         _Comparison(enclave, told, deciders, complete=not unresolved)
@@ -154,11 +154,10 @@ def observe(
 
 def _unknown(intents: Sequence[Intent], keystore: Keystore) -> Iterator[UnknownEnclave]:
     """Not where the user gave the folder of one enclave: the others are elsewhere."""
-    kind = keystore.layout.kind
     known = {enclave.path for enclave in keystore.enclaves}
-    if kind is LayoutKind.ENCLAVE:
+    if keystore.layout.kind is LayoutKind.ENCLAVE:
         return
-    for path, nodes in sorted(nodes_of(intents, kind).items()):
+    for path, nodes in sorted(nodes_of(intents).items()):
         if path not in known:
             names = tuple(dict.fromkeys(node.name for node in nodes))
             yield UnknownEnclave(path=path, nodes=names, locations=tuple(node.location for node in nodes))
@@ -167,16 +166,14 @@ def _unknown(intents: Sequence[Intent], keystore: Keystore) -> Iterator[UnknownE
 class _Told:
     """What the files say, by enclave."""
 
-    def __init__(self, intents: Sequence[Intent], kind: LayoutKind) -> None:
-        self.needs = grouped(needs(intents, kind), lambda need: need.enclave)
-        self.names = gathered(
-            (enclave_of(used.enclave, used.node, kind), used) for intent in intents for used in intent.names
-        )
+    def __init__(self, intents: Sequence[Intent]) -> None:
+        self.needs = grouped(needs(intents), lambda need: need.enclave)
+        self.names = grouped((used for intent in intents for used in intent.names), lambda used: used.enclave)
         self.nodes = {
-            path: tuple(dict.fromkeys(node.name for node in nodes)) for path, nodes in nodes_of(intents, kind).items()
+            path: tuple(dict.fromkeys(node.name for node in nodes)) for path, nodes in nodes_of(intents).items()
         }
         graphs = [intent for intent in intents if intent.origin is Origin.GRAPH]
-        self.graphed = frozenset(nodes_of(graphs, kind))
+        self.graphed = frozenset(nodes_of(graphs))
         self.enclaves = frozenset((*self.needs, *self.names, *self.nodes))
 
 

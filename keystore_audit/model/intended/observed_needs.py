@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
-from keystore_audit.grouped import gathered
+from keystore_audit.grouped import grouped
 from keystore_audit.intent.intent import Action, IntendedNode, Intent, Origin
 from keystore_audit.intent.ros_names import ROOT, is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
@@ -85,30 +85,43 @@ def usual_rights(node: str) -> Iterator[tuple[Action, str, Usual]]:
         yield Action.REPLY, f"{node}/{TYPE_DESCRIPTION}", Usual.OFTEN
 
 
-def enclave_of(enclave: str, node: str, kind: LayoutKind) -> str:
-    """The path of the enclave that a keystore of this layout has for the node.
+def in_layout(intents: Sequence[Intent], kind: LayoutKind) -> Sequence[Intent]:
+    """The files with the enclaves that a keystore of this layout has for their nodes.
 
     Before Foxy there were no enclaves, and `--enclave` was not known: the folder has the node's name.
     """
-    return node if kind in _NO_ENCLAVES and enclave == ROOT and node else enclave
+    if kind not in _NO_ENCLAVES:
+        return intents
+
+    def enclave(told: str, node: str) -> str:
+        return node if told == ROOT and node else told
+
+    return [
+        replace(
+            intent,
+            nodes=tuple(replace(each, enclave=enclave(each.enclave, each.name)) for each in intent.nodes),
+            rights=tuple(replace(each, enclave=enclave(each.enclave, each.node)) for each in intent.rights),
+            names=tuple(replace(each, enclave=enclave(each.enclave, each.node)) for each in intent.names),
+        )
+        for intent in intents
+    ]
 
 
-def needs(intents: Sequence[Intent], kind: LayoutKind) -> tuple[Need, ...]:
+def needs(intents: Iterable[Intent]) -> tuple[Need, ...]:
     """What nodes certainly do, each right of an enclave once, where it is said first; usual ones after the others."""
     found: dict[tuple[str, Action | None, str], Need] = {}
-    for need in (*_told(intents, kind), *_usual(intents, kind)):
+    for need in (*_told(intents), *_usual(intents)):
         found.setdefault((need.enclave, need.action, need.name), need)
     return tuple(found.values())
 
 
-def _told(intents: Iterable[Intent], kind: LayoutKind) -> Iterator[Need]:
+def _told(intents: Iterable[Intent]) -> Iterator[Need]:
     for intent in intents:
         for right in intent.rights:
             if right.allow:
-                enclave = enclave_of(right.enclave, right.node, kind)
                 usual = (right.action, right.name) in {(action, name) for action, name, _ in usual_rights(right.node)}
                 yield Need(
-                    enclave=enclave,
+                    enclave=right.enclave,
                     node=right.node,
                     action=right.action,
                     name=right.name,
@@ -117,14 +130,14 @@ def _told(intents: Iterable[Intent], kind: LayoutKind) -> Iterator[Need]:
                 )
 
 
-def _usual(intents: Iterable[Intent], kind: LayoutKind) -> Iterator[Need]:
+def _usual(intents: Iterable[Intent]) -> Iterator[Need]:
     """Of every node what the file leaves out."""
     for intent in intents:
         left_out = missing_usual(intent, frozenset({Usual.ALWAYS}))
         discovering = ((node, None, DISCOVERY_TOPIC) for node in intent.nodes)
         for node, action, name in (*left_out, *discovering):
-            enclave = enclave_of(node.enclave, node.name, kind)
-            yield Need(enclave=enclave, node=node.name, action=action, name=name, usual=True, location=node.location)
+            place = node.location
+            yield Need(enclave=node.enclave, node=node.name, action=action, name=name, usual=True, location=place)
 
 
 def missing_usual(intent: Intent, wanted: frozenset[Usual]) -> Iterator[tuple[IntendedNode, Action, str]]:
@@ -148,9 +161,9 @@ def _listing_usual(intent: Intent) -> frozenset[str]:
     )
 
 
-def nodes_of(intents: Iterable[Intent], kind: LayoutKind) -> Mapping[str, tuple[IntendedNode, ...]]:
+def nodes_of(intents: Iterable[Intent]) -> Mapping[str, tuple[IntendedNode, ...]]:
     """The nodes by the path of their enclave, in the order of the files."""
-    found = gathered((enclave_of(node.enclave, node.name, kind), node) for intent in intents for node in intent.nodes)
+    found = grouped((node for intent in intents for node in intent.nodes), lambda node: node.enclave)
     return {path: tuple(nodes) for path, nodes in found.items()}
 
 

@@ -12,7 +12,7 @@ from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims import named
-from keystore_audit.model.intended.observed_needs import DISCOVERY, Usual, enclave_of, missing_usual
+from keystore_audit.model.intended.observed_needs import DISCOVERY, Usual, in_layout, missing_usual
 from keystore_audit.model.names import Use, dds_channels, dds_expressions
 from keystore_audit.model.system import NodeAtom, System
 
@@ -37,20 +37,19 @@ def wiring(intents: Sequence[Intent], kind: LayoutKind) -> tuple[WiredNode, ...]
     places: dict[tuple[str, str], Location] = {}
     uses: dict[tuple[str, str], set[Use]] = {}
     denied: dict[tuple[str, str], set[Use]] = {}
-    for intent in intents:
+    for intent in in_layout(intents, kind):
         for node in intent.nodes:
-            key = (enclave_of(node.enclave, node.name, kind), node.name)
+            key = (node.enclave, node.name)
             places.setdefault(key, node.location)
             uses.setdefault(key, set()).update(DISCOVERY)
         for right in intent.rights:
-            key = (enclave_of(right.enclave, right.node, kind), right.node)
+            key = (right.enclave, right.node)
             places.setdefault(key, right.location)
             points = dds_expressions(right.action.value, right.name)
             (uses if right.allow else denied).setdefault(key, set()).update(points)
         for node, action, name in missing_usual(intent, frozenset({Usual.ALWAYS})):
             if intent.origin is not Origin.POLICY:
-                key = (enclave_of(node.enclave, node.name, kind), node.name)
-                uses[key].update(dds_channels(action.value, name))
+                uses[node.enclave, node.name].update(dds_channels(action.value, name))
     return tuple(
         WiredNode(
             enclave=enclave,

@@ -22,38 +22,31 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, Use
+from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, Use, dds_expressions
 from keystore_audit.model.permission import allowing, members, union
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.ros.channels import RosChannels, ros_channels
-from keystore_audit.model.ros.classes import OF_ACTIONS, REPLY, REQUEST, Affix
+from keystore_audit.model.ros.classes import OF_ACTIONS, Affix
 from keystore_audit.model.ros.texts import DocumentLines, is_surely_whole
 from keystore_audit.model.semantics import DIRECTIONS
 
-_GOALS: Final = tuple(Affix("rq", f"{ACTION_PART}{service}Request") for service in ACTION_SERVICES)
-_ANSWERS: Final = tuple(Affix("rr", f"{ACTION_PART}{service}Reply") for service in ACTION_SERVICES)
 _PARTS_OF_ACTIONS: Final = tuple(f"rq?*{ACTION_PART}{service}Request" for service in ACTION_SERVICES)
 """The requests that are parts of actions: as services they are not looked at."""
 
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
 Role = tuple[tuple[Operation, Affix], ...]
 
-ROLES: Final[Mapping[str, Role]] = {
-    "request": ((PUBLISH, REQUEST), (SUBSCRIBE, REPLY)),
-    "reply": ((PUBLISH, REPLY), (SUBSCRIBE, REQUEST)),
-    "call": (
-        *((PUBLISH, affix) for affix in _GOALS),
-        *((SUBSCRIBE, affix) for affix in (*_ANSWERS, *OF_ACTIONS)),
-    ),
-    "execute": (
-        *((PUBLISH, affix) for affix in (*_ANSWERS, *OF_ACTIONS)),
-        *((SUBSCRIBE, affix) for affix in _GOALS),
-    ),
-}
-"""What each operation needs, as in `names.dds_channels`."""
-
 SERVICE_ROLES: Final = ("request", "reply")
 ACTION_ROLES: Final = ("call", "execute")
+
+ROLES: Final[Mapping[str, Role]] = {
+    role: tuple(
+        (operation, Affix(topic[:2], topic[2:]))
+        for operation, topic in sorted(dds_expressions(role, ""), key=lambda use: use[0] is not PUBLISH)
+    )
+    for role in (*SERVICE_ROLES, *ACTION_ROLES)
+}
+"""What each takes (`names.dds_expressions`), what is published first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
