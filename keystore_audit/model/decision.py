@@ -6,7 +6,7 @@ What its peers accept from it is another question (`model.effective`): a comprom
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from datetime import datetime
 from functools import cached_property, partial
 from typing import Final, NamedTuple
@@ -19,7 +19,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point
 from keystore_audit.model.domains import describe
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.expression import any_matches, parse
 from keystore_audit.model.permission import allowing, bits
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding, is_controlled
@@ -289,8 +289,8 @@ class LocalRights:
         matcher = self._accesses.row(profile.access).matcher
         topic, partition = asked.name
         return any(
-            (in_any_partition or area.partitions is None or _matched(area.partitions, partition, matcher))
-            and _matched(area.topics, topic, matcher)
+            (in_any_partition or area.partitions is None or any_matches(area.partitions, partition, matcher))
+            and any_matches(area.topics, topic, matcher)
             for area in rule.region(operation)
         )
 
@@ -314,10 +314,6 @@ _PAST: Final = {Operation.PUBLISH: "published", Operation.SUBSCRIBE: "subscribed
 
 def _allowing(grant: ReadGrant) -> list[ReadRule]:
     return [rule for rule in grant.rules if rule.allow and not rule.of_peers]
-
-
-def _matched(texts: Iterable[str], name: str, matcher: Matcher) -> bool:
-    return any(parse(text, matcher).matches(name) for text in texts)
 
 
 def _domain_of(rule: ReadRule) -> str:

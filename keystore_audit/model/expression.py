@@ -11,7 +11,7 @@ ASCII; `str.isascii` tells which expressions are not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import Enum
 from functools import lru_cache, partial
 from typing import Final
@@ -150,6 +150,11 @@ def parse(text: str, matcher: Matcher) -> Pattern:
         pieces=pieces(reading.tokens) if rewinds else searched,
         rewinds=rewinds,
     )
+
+
+def any_matches(texts: Iterable[str], name: str, matcher: Matcher) -> bool:
+    """Whether one of the expressions matches the name."""
+    return any(parse(text, matcher).matches(name) for text in texts)
 
 
 def _leading_characters(piece: Piece) -> str:

@@ -11,7 +11,7 @@ from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import domain_bits
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.expression import Matcher, Pattern, any_matches, parse
 from keystore_audit.model.names import AMBIENT, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX, Use
 from keystore_audit.model.semantics import ReadGrant, ReadRule, is_controlled
 
@@ -70,14 +70,14 @@ class Counterparts:
         self._effort.compare(1)
         if parse(topic, self._matcher).literal != topic:
             return True
-        if any(parse(text, self._matcher).matches(topic) for text in self._open[_COUNTERPART[operation][0]]):
+        if any_matches(self._open[_COUNTERPART[operation][0]], topic, self._matcher):
             return True
         mine = domain_bits(grant.rules[0].domains) if self._simple else self._places(grant, operation, topic)
         if not mine:
             return True
         if self._simple:
             self._effort.compare(len(self._wild[operation]) // 64)
-            return any(parse(text, self._matcher).matches(topic) for text in self._wild[operation])
+            return any_matches(self._wild[operation], topic, self._matcher)
         return any(
             mine & self._places(each, other, topic)
             for each in self._candidates(topic)

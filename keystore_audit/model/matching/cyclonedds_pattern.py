@@ -17,7 +17,7 @@ import re
 from functools import partial
 from typing import Final
 
-from keystore_audit.model.matching.tokens import ANY_CHARACTER, NO_CHARACTER, CharSet, Reading, Single, Token, scanned
+from keystore_audit.model.matching.tokens import ANY_CHARACTER, NO_CHARACTER, CharSet, Reading, Single, scanned
 
 _NEVER: Final = "which Cyclone DDS never matches"
 _NOTHING_CLOSES: Final = f"has a [ that nothing closes, {_NEVER}"
@@ -33,22 +33,19 @@ def parse_cyclonedds(text: str) -> Reading:
     """Read `text`."""
     if not _SPECIAL.search(text):
         return Reading(tokens=text)
-    tokens: list[Token] = []
-    malformed: str | None = None
-    for token, fault in scanned(text, partial(_brackets, text), escapes=False):
-        tokens.append(token)
-        malformed = malformed or fault
-        if token == NO_CHARACTER:  # nothing behind it counts, and to read on could take quadratic time
-            break
-    return Reading(tokens=tokens, malformed=malformed)
+    tokens, faults = scanned(text, partial(_brackets, text), escapes=False)
+    return Reading(tokens=tokens, malformed=next(iter(faults), None))
 
 
 def _brackets(text: str, place: int) -> tuple[Single, int, str | None]:
-    """Read from behind a `[`: what the brackets take, where the text goes on, and what is malformed in them."""
+    """Read from behind a `[`: what the brackets take, where the text goes on, and what is malformed in them.
+
+    Where they never match, nothing behind them counts, and to read on could take quadratic time.
+    """
     negated = text.startswith("!", place)
     place += negated
     if text.startswith("]", place):
-        return (ANY_CHARACTER, place, _ALL_BUT_NOTHING) if negated else (NO_CHARACTER, place, _EMPTY)
+        return (ANY_CHARACTER, place, _ALL_BUT_NOTHING) if negated else (NO_CHARACTER, len(text), _EMPTY)
     ranges: list[tuple[int, int]] = []
     fault: str | None = None
     low = ""
@@ -61,7 +58,7 @@ def _brackets(text: str, place: int) -> tuple[Single, int, str | None]:
             if low == "]":
                 fault = fault or _RANGE_FROM_CLOSE
             if place + 1 == len(text) or text[place + 1] == "]":
-                return NO_CHARACTER, place, _NO_RANGE_END
+                return NO_CHARACTER, len(text), _NO_RANGE_END
             high = text[place + 1]
             place += 2
         if low > high:

@@ -16,7 +16,7 @@ import re
 from functools import partial
 from typing import Final
 
-from keystore_audit.model.matching.tokens import LAST_CHARACTER, NO_CHARACTER, CharSet, Reading, Single, Token, scanned
+from keystore_audit.model.matching.tokens import LAST_CHARACTER, NO_CHARACTER, CharSet, Reading, Single, scanned
 
 _READS_BEYOND: Final = (
     "has a [ that nothing closes: OpenDDS reads on in the memory behind it, so nobody can say what it matches"
@@ -31,14 +31,10 @@ def parse_opendds(text: str) -> Reading:
     """Read `text`; its stars are to be taken as the module says: that is `Pattern.rewinds`."""
     if not _SPECIAL.search(text):
         return Reading(tokens=text)
-    tokens: list[Token] = []
-    malformed: str | None = None
-    for token, fault in scanned(text, partial(_brackets, text), escapes=True):
-        tokens.append(token)
-        if fault == _READS_BEYOND:
-            return Reading(tokens=tokens, malformed=fault, undefined=True)
-        malformed = malformed or fault
-    return Reading(tokens=tokens, malformed=malformed)
+    tokens, faults = scanned(text, partial(_brackets, text), escapes=True)
+    if _READS_BEYOND in faults:
+        return Reading(tokens=tokens, malformed=_READS_BEYOND, undefined=True)
+    return Reading(tokens=tokens, malformed=next(iter(faults), None))
 
 
 def _brackets(text: str, place: int) -> tuple[Single, int, str | None]:

@@ -15,7 +15,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from keystore_audit.model.matching.tokens import NO_CHARACTER, CharSet, Reading, Single, Token, scanned
+from keystore_audit.model.matching.tokens import NO_CHARACTER, CharSet, Reading, Single, scanned
 
 _DIFFERENTLY: Final = "which implementations read differently"
 _NOTHING_CLOSES: Final = f"has a [ that nothing closes, {_DIFFERENTLY}"
@@ -54,12 +54,8 @@ def parse_posix(text: str, *, escapes: bool) -> Reading:
     if not _SPECIAL.search(text):
         return Reading(tokens=text)
     brackets = _Brackets(text, escapes=escapes)
-    tokens: list[Token] = []
-    malformed: str | None = None
-    for token, fault in scanned(text, brackets.read, escapes=escapes):
-        tokens.append(token)
-        malformed = malformed or fault
-    return Reading(tokens=tokens, malformed=malformed, undefined=brackets.undefined)
+    tokens, faults = scanned(text, brackets.read, escapes=escapes)
+    return Reading(tokens=tokens, malformed=next(iter(faults), None), undefined=brackets.undefined)
 
 
 class _Brackets:

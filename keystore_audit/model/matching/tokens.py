@@ -81,30 +81,36 @@ _TRAILING_BACKSLASH: Final = "ends in a backslash with nothing to escape, so it 
 
 def scanned(
     text: str, brackets: Callable[[int], tuple[Single, int, str | None]], *, escapes: bool
-) -> Iterator[tuple[Token, str | None]]:
-    """The tokens of an expression, each with what is malformed in it.
+) -> tuple[list[Token], list[str]]:
+    """The tokens of an expression, and all that is malformed in it.
 
     `brackets`: from the place behind a `[` what they take, where the text goes on, and what is malformed in them.
     `escapes`: whether a backslash takes the next character's meaning away.
     """
+    tokens: list[Token] = []
+    faults: list[str | None] = []
     place = 0
     while place < len(text):
         character = text[place]
         place += 1
         if character == "*":
-            yield STAR, None
+            tokens.append(STAR)
         elif character == "?":
-            yield ANY_CHARACTER, None
+            tokens.append(ANY_CHARACTER)
         elif character == "\0":
-            yield NO_CHARACTER, _NUL
+            tokens.append(NO_CHARACTER)
+            faults.append(_NUL)
         elif character == "[":
             token, place, fault = brackets(place)
-            yield token, fault
+            tokens.append(token)
+            faults.append(fault)
         elif character == "\\" and escapes:
-            yield (text[place], None) if place < len(text) else (NO_CHARACTER, _TRAILING_BACKSLASH)
+            tokens.append(text[place] if place < len(text) else NO_CHARACTER)
+            faults.append(_TRAILING_BACKSLASH if place == len(text) else None)
             place += 1
         else:
-            yield character, None
+            tokens.append(character)
+    return tokens, [fault for fault in faults if fault is not None]
 
 
 def pieces(tokens: Iterable[Token]) -> tuple[Piece, ...]:

@@ -11,7 +11,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels, ReadRegion, domain_covers
 from keystore_audit.model.domains import contains, domain_classes
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.expression import Matcher, any_matches
 from keystore_audit.model.matching.patterns import Patterns
 from keystore_audit.model.permission import bits
 from keystore_audit.model.profiles import Access
@@ -148,7 +148,7 @@ def _found(
         matched = {
             place
             for area in region
-            if area.partitions is None or any(parse(text, matcher).matches("") for text in area.partitions)
+            if area.partitions is None or any_matches(area.partitions, "", matcher)
             for text in area.topics
             for place in places[patterns.number(text, matcher)]
         }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.findings import Location
@@ -11,7 +11,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.attacker import RealmView, enclaves_views
 from keystore_audit.model.coverage import allows_everything, has_wildcard
 from keystore_audit.model.domains import Interval, contains
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.expression import Matcher, any_matches
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.ros.texts import Lines
@@ -176,10 +176,6 @@ def _allows(grant: ReadGrant, matcher: Matcher, operation: Operation, topic: str
 
 
 def _matches(area: Area, matcher: Matcher, topic: str, partition: str) -> bool:
-    if area.partitions is not None and not _any_matches(area.partitions, matcher, partition):
+    if area.partitions is not None and not any_matches(area.partitions, partition, matcher):
         return False
-    return topic in area.topics or _any_matches(filter(has_wildcard, area.topics), matcher, topic)
-
-
-def _any_matches(texts: Iterable[str], matcher: Matcher, name: str) -> bool:
-    return any(parse(text, matcher).matches(name) for text in texts)
+    return topic in area.topics or any_matches(filter(has_wildcard, area.topics), topic, matcher)
