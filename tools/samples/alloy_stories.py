@@ -18,7 +18,6 @@ def stories() -> Iterator[Story]:
     """The pair of KA741."""
     yield from pair(
         "KA741",
-        "asserted-alloy-property-violated",
         bad=Case(
             "A property in Alloy says that the talker alone speaks on /chatter; the listener may publish it too.",
             _listener("rt/chatter"),

@@ -31,7 +31,6 @@ def _governance() -> Iterator[Story]:
     weak, strong = TopicRule(metadata="SIGN"), TopicRule(expression="rt/chatter")
     yield from pair(
         "KA422",
-        "topic-rule-shadowed",
         bad=Case(
             "The governance encrypts /chatter, in a rule behind the one for every topic, which only signs: /chatter is "
             "signed.",
@@ -46,7 +45,6 @@ def _governance() -> Iterator[Story]:
     robot, bench = DomainRule(domains=BOTH), replace(QUIET, domains=(5,))
     yield from pair(
         "KA423",
-        "domain-rule-shadowed",
         bad=Case(
             "The governance encrypts all messages of domain 5, in a rule behind the one for both domains, which only "
             "signs them.",
@@ -60,7 +58,6 @@ def _void() -> Iterator[Story]:
     everything, secret = Rule(publish=("rt/arm/*",)), Rule(publish=("rt/arm/secret",), allow=False)
     yield from pair(
         "KA617",
-        "rule-unreachable",
         bad=Case(
             "The grant allows all topics of the arm and denies one of them, in this order: the first rule that matches "
             "decides, and the denial never does.",
@@ -72,7 +69,6 @@ def _void() -> Iterator[Story]:
     legs = Rule(publish=("rt/leg/*",))
     yield from pair(
         "KA618",
-        "expression-unreachable",
         bad=Case(
             "A deny rule names a topic of the arm and one of the leg, but the arm's topics are all allowed before it: "
             "half of the rule is void.",
@@ -88,7 +84,6 @@ def _superfluous() -> Iterator[Story]:
     talking, status = Rule(publish=("rt/chatter",)), Rule(publish=("rt/chatter", "rt/status"))
     yield from pair(
         "KA619",
-        "rule-redundant",
         bad=Case(
             "Two rules allow /chatter. Whoever takes it out of one of them believes the right gone.",
             with_rules(talking, status),
@@ -97,7 +92,6 @@ def _superfluous() -> Iterator[Story]:
     )
     yield from pair(
         "KA622",
-        "rule-same-as-default",
         bad=Case(
             "A rule denies what nothing allows, so that the default denies it anyway.",
             with_rules(Rule(publish=("rt/secret",), allow=False), talking),
@@ -108,7 +102,6 @@ def _superfluous() -> Iterator[Story]:
     announced = replace(DISCOVERY, domains=BOTH)
     yield from pair(
         "KA623",
-        "rule-in-no-governed-domain",
         bad=Case(
             "A copy of the rule is for the domain of the test bench, which the governance does not cover.",
             with_grant(rules=(talking, bench, announced)),
@@ -124,7 +117,6 @@ def _ordered() -> Iterator[Story]:
     states = Rule(publish=("rt/*_state",))
     yield from pair(
         "KA620",
-        "rules-correlated",
         bad=Case(
             "All topics of the arm are denied and all states allowed: whether the arm's state is allowed hangs on the "
             "order of the rules.",
@@ -137,7 +129,6 @@ def _ordered() -> Iterator[Story]:
     )
     yield from pair(
         "KA621",
-        "rule-generalised",
         bad=Case(
             "One topic of the arm is denied before all of them are allowed: the usual way to write an exception, which "
             "hangs on the order.",
@@ -151,7 +142,6 @@ def _names() -> Iterator[Story]:
     arms = Rule(publish=("rt/arm_*",))
     yield from pair(
         "KA624",
-        "expression-matches-nothing",
         bad=Case(
             "The range in brackets ends before it begins: no arm with a digit is denied.",
             with_rules(Rule(publish=("rt/arm_[9-0]",), allow=False), arms),
@@ -160,7 +150,6 @@ def _names() -> Iterator[Story]:
     )
     yield from pair(
         "KA625",
-        "expression-matches-no-ros-name",
         bad=Case(
             "The prefix rt/ is missing, so that the talker may not publish /chatter.",
             with_rules(Rule(publish=("chatter",), subscribe=("rt/clock",))),
@@ -170,7 +159,6 @@ def _names() -> Iterator[Story]:
     misspelt = replace(LISTENER_GRANT, rules=(Rule(subscribe=("rt/chater",)), DISCOVERY))
     yield from pair(
         "KA626",
-        "grant-without-counterpart",
         bad=Case(
             "The listener may subscribe to a topic that nobody may publish: its name is misspelt, and what the talker "
             "publishes nobody reads.",
@@ -187,7 +175,6 @@ def _too_much() -> Iterator[Story]:
 
     yield from pair(
         "KA627",
-        "rules-not-compared",
         bad=Case(
             "Rules name topics by nine words that may stand anywhere in them: which rules are void, or hang on their "
             "order, takes more classes of names than are looked at.",

@@ -23,7 +23,6 @@ def stories() -> Iterator[Story]:
 def _files() -> Iterator[Story]:
     yield from pair(
         "KA201",
-        "certificate-unreadable",
         bad=Case(
             "The talker's cert.pem lost its end: the block is there, the DER inside is cut short. What a "
             "robot makes of it cannot be said from here.",
@@ -33,7 +32,6 @@ def _files() -> Iterator[Story]:
     )
     yield from pair(
         "KA202",
-        "certificate-file-holds-more",
         bad=Case(
             "cert.pem holds a chain, the identity and then the authority that issued it. The run times "
             "read the first certificate and no further, so that the second only looks as if it counted.",
@@ -46,7 +44,6 @@ def _files() -> Iterator[Story]:
 def _dates() -> Iterator[Story]:
     yield from pair(
         "KA203",
-        "certificate-expired",
         bad=Case(
             "The talker's identity ended in June 2026: no peer has accepted a new session since.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, not_after=day(2026, 6, 1))),
@@ -55,7 +52,6 @@ def _dates() -> Iterator[Story]:
     )
     yield from pair(
         "KA204",
-        "certificate-not-yet-valid",
         bad=Case(
             "The talker's identity begins in 2027, as after a signing machine whose clock ran ahead: "
             "until then every peer refuses it.",
@@ -65,7 +61,6 @@ def _dates() -> Iterator[Story]:
     )
     yield from pair(
         "KA205",
-        "certificate-expires-soon",
         bad=Case(
             "The talker's identity ends on 5 December 2026, two weeks after the audit: time to issue it again.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, not_after=day(2026, 12, 5))),
@@ -75,7 +70,6 @@ def _dates() -> Iterator[Story]:
     short = replace(IDENTITY_CA, not_after=day(2099, 1, 1))
     yield from pair(
         "KA206",
-        "certificate-outlives-its-ca",
         bad=Case(
             "The identity CA ends a year before the identity that it issued: the last year of the "
             "identity is worth nothing, and whoever plans by its date is a year late.",
@@ -88,7 +82,6 @@ def _dates() -> Iterator[Story]:
 def _issuers() -> Iterator[Story]:
     yield from pair(
         "KA207",
-        "not-issued-by-identity-ca",
         bad=Case(
             "The talker's identity names the identity CA as its issuer, but another key signed it: one "
             "from a second keystore, say, whose authority has the same name as every sros2 authority has. "
@@ -100,7 +93,6 @@ def _issuers() -> Iterator[Story]:
     no_ca = replace(IDENTITY_CA, ca=False, path_length=None)
     yield from pair(
         "KA208",
-        "authority-not-a-ca",
         bad=Case(
             "The identity CA's certificate says CA:FALSE: OpenSSL accepts nothing that it issued (RFC 5280, 6.1.4 k).",
             replace(with_talker(certificate=replace(TALKER_CERTIFICATE, issuer=no_ca)), identity_ca=no_ca),
@@ -112,7 +104,6 @@ def _issuers() -> Iterator[Story]:
 def _keys() -> Iterator[Story]:
     yield from pair(
         "KA209",
-        "key-does-not-match-certificate",
         bad=Case(
             "key.pem belongs to another certificate: Fast DDS refuses to start; Cyclone DDS starts and "
             "never finishes a handshake.",
@@ -122,7 +113,6 @@ def _keys() -> Iterator[Story]:
     )
     yield from pair(
         "KA210",
-        "private-key-unreadable",
         bad=Case(
             "key.pem is a PEM block whose content is no key. A build of OpenSSL with other providers "
             "might read it; this audit cannot.",
@@ -132,7 +122,6 @@ def _keys() -> Iterator[Story]:
     )
     yield from pair(
         "KA211",
-        "private-key-encrypted",
         bad=Case(
             "key.pem is under a password. ROS 2 passes none on to the run time, so that the participant is refused.",
             with_talker(changes={"key.pem": TALKER_CERTIFICATE.key.encrypted_pem("sample")}),

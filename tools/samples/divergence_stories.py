@@ -36,7 +36,6 @@ def _participants() -> Iterator[Story]:
     talking = Rule(publish=("rt/chatter",))
     yield from pair(
         "KA601",
-        "rule-of-another-domain",
         bad=Case(
             "The governance covers domains 0 and 5, the talker's rules are for domain 0. Fast DDS does not look at the "
             "domain of a rule when it asks about its own endpoints: the talker publishes in domain 5 as well.",
@@ -47,7 +46,6 @@ def _participants() -> Iterator[Story]:
     open_topic = (TopicRule(expression="rt/clock", write_access_control=False), TopicRule())
     yield from pair(
         "KA602",
-        "join-checked-differently",
         bad=Case(
             "The governance covers domains 0 and 5 and lets everybody publish /clock; the talker's rules are for "
             "domain 0. Cyclone DDS asks no permissions of who joins a domain with such a topic: the talker starts in "
@@ -61,7 +59,6 @@ def _participants() -> Iterator[Story]:
     )
     yield from pair(
         "KA603",
-        "starts-in-ungoverned-domain",
         bad=Case(
             "The robot is in domain 7, the governance covers domain 0. Fast DDS starts all the same, with nothing "
             "protected and without a topic; the others refuse.",
@@ -80,7 +77,6 @@ def _partitions() -> Iterator[Story]:
     here = Rule(publish=(Criterion(topics=(COMMAND,), partitions=("lab",)),))
     yield from pair(
         "KA604",
-        "deny-rule-with-partitions",
         bad=Case(
             "The talker may not publish /cmd_vel in the partition lab, and may elsewhere. Fast DDS does not look at "
             "the partitions of a deny rule and denies it everywhere; so does Cyclone DDS 0.10, in its own way.",
@@ -90,7 +86,6 @@ def _partitions() -> Iterator[Story]:
     )
     yield from pair(
         "KA605",
-        "deny-rule-without-partitions",
         bad=Case(
             "A deny rule takes /cmd_vel from the talker, a later one allows it in the partition lab. The specification "
             "denies it in every partition, Cyclone DDS 11 in the default one alone: there the talker drives in lab.",
@@ -104,7 +99,6 @@ def _partitions() -> Iterator[Story]:
     )
     yield from pair(
         "KA606",
-        "partitions-of-several-criteria",
         bad=Case(
             "One rule allows /chatter in the partition public and /map in private. Fast DDS puts the partitions of "
             "both together: the talker publishes /map in public.",
@@ -116,7 +110,6 @@ def _partitions() -> Iterator[Story]:
     secret = replace(read, partitions=("secret",))
     yield from pair(
         "KA637",
-        "partition-evaded",
         bad=Case(
             "The talker may not read /map in the partition secret, and may in *, which is meant for all others. Its "
             "reader goes into the partition *, which the denial does not match, and meets the writers in secret.",
@@ -126,7 +119,6 @@ def _partitions() -> Iterator[Story]:
     )
     yield from pair(
         "KA638",
-        "data-tags-ignored",
         bad=Case(
             "The talker may publish /map with endpoints that have the data tag survey, it is thought. Implementations "
             "pass over the tag: it may with all.",
@@ -137,7 +129,6 @@ def _partitions() -> Iterator[Story]:
     two = tuple(Rule(publish=(Criterion(topics=("rt/map",), partitions=(name,)),)) for name in ("east", "west"))
     yield from pair(
         "KA607",
-        "later-rule-for-other-partitions",
         bad=Case(
             "A rule allows /map in the partition east, the next one in west. Fast DDS stops at the first that lists "
             "the topic: nothing is published in west.",
@@ -154,7 +145,6 @@ def _rules() -> Iterator[Story]:
     denied = replace(LISTENER_GRANT, rules=(Rule(publish=("rt/chatter",), allow=False), *LISTENER_GRANT.rules))
     yield from pair(
         "KA608",
-        "deny-rule-blocks-topic",
         bad=Case(
             "The listener may not publish /chatter, says a deny rule, and may subscribe to it. Cyclone DDS 0.10 denies "
             "the whole topic to it: the listener hears nothing.",
@@ -164,7 +154,6 @@ def _rules() -> Iterator[Story]:
     )
     yield from pair(
         "KA609",
-        "relay-read-differently",
         bad=Case(
             "The talker may relay /camera, which the specification means for passing on what it cannot read. Fast DDS "
             "gives its reader the samples in plain.",
@@ -174,7 +163,6 @@ def _rules() -> Iterator[Story]:
     )
     yield from pair(
         "KA610",
-        "expression-read-differently",
         bad=Case(
             "The talker may publish arm_[^s]: on every arm but s, as Fast DDS reads it. Cyclone DDS reads the "
             "arms ^ and s: the one that was to be left out.",
@@ -184,7 +172,6 @@ def _rules() -> Iterator[Story]:
     )
     yield from pair(
         "KA611",
-        "expression-malformed",
         bad=Case(
             "Somebody wanted to keep the talker from the arms a and b, and forgot the closing bracket: the rule denies "
             "one odd name, or none. Nothing else allows the arms today.",
@@ -200,7 +187,6 @@ def _rules() -> Iterator[Story]:
 def _values() -> Iterator[Story]:
     yield from pair(
         "KA612",
-        "date-read-differently",
         bad=Case(
             "The grant begins on New Year's Day in Tonga, whose zone is 13 hours ahead. Cyclone DDS reads zones up to "
             "12 hours and takes the date for long past: the talker has its rights six weeks early.",
@@ -210,7 +196,6 @@ def _values() -> Iterator[Story]:
     )
     yield from pair(
         "KA613",
-        "date-not-portable",
         bad=Case(
             "The grant ends at midnight in Helsinki. Fast DDS does not read the zone: there it ends two hours later on "
             "a robot that is set to UTC.",
@@ -221,7 +206,6 @@ def _values() -> Iterator[Story]:
     everywhere = Rule(publish=(COMMAND,), domains=BOTH)
     yield from pair(
         "KA614",
-        "range-lets-more",
         bad=Case(
             "The talker may not publish /cmd_vel from domain 0 on, which the specification reads as everywhere, Fast "
             "DDS and Cyclone DDS as domain 0: in domain 5 the next rule allows it.",
@@ -244,7 +228,6 @@ def _values() -> Iterator[Story]:
     clock = TopicRule(expression="rt/clock", write_access_control=False)
     yield from pair(
         "KA615",
-        "any-governance-rule-counts",
         bad=Case(
             "/clock is under access control, and every topic that begins with c is not. Of rules that match a topic "
             "the first decides; on OpenDDS one without access control is enough, and the talker sets the clock.",

@@ -23,7 +23,6 @@ def stories() -> Iterator[Story]:
 def _rights() -> Iterator[Story]:
     yield from pair(
         "KA640",
-        "policy-right-not-granted",
         options=TALKER_ALONE,
         bad=Case(
             "The policy lets the talker publish /chatter; its permissions were signed before that was written. Under "
@@ -34,7 +33,6 @@ def _rights() -> Iterator[Story]:
     )
     yield from pair(
         "KA641",
-        "right-beyond-policy",
         options=TALKER_ALONE,
         bad=Case(
             "The permissions let the talker publish /cmd_vel, which was written into permissions.xml by hand for an "
@@ -46,35 +44,29 @@ def _rights() -> Iterator[Story]:
 
 
 def _enclaves() -> Iterator[Story]:
-    for side, policy, text in (
-        (
-            "bad",
-            "two_profiles",
-            (
-                "The policy has a second <profiles> for the talker, with the node that logs. `ros2 security` makes a "
-                "grant of it that no implementation asks, so that the logger's right is in the keystore by hand alone."
-            ),
+    both = with_rules(replace(TALKING, publish=("rt/chatter", "rt/log")))
+    yield from pair(
+        "KA642",
+        bad=Case(
+            "The policy has a second <profiles> for the talker, with the node that logs. `ros2 security` makes a "
+            "grant of it that no implementation asks, so that the logger's right is in the keystore by hand alone.",
+            both,
+            ("--policy", "policies/two_profiles.policy.xml"),
         ),
-        ("good", "one_profiles", "The policy has both nodes in one <profiles>, and the keystore what it says."),
-    ):
-        both = replace(TALKING, publish=("rt/chatter", "rt/log"))
-        yield Story(
-            directory=f"rules/KA642-policy-profiles-lost/{side}",
-            rule="KA642",
-            text=text,
-            tree=with_rules(both).tree(),
-            options=("--policy", f"policies/{policy}.policy.xml"),
-        )
+        good=Case(
+            "The policy has both nodes in one <profiles>, and the keystore what it says.",
+            both,
+            ("--policy", "policies/one_profiles.policy.xml"),
+        ),
+    )
     yield from pair(
         "KA643",
-        "policy-enclave-missing",
         options=BOTH,
         bad=Case("The policy speaks of a listener, for which nobody created an enclave.", ONE),
         good=Case("The keystore has both enclaves of the policy.", TWO),
     )
     yield from pair(
         "KA644",
-        "enclave-not-in-policy",
         options=TALKER_ALONE,
         bad=Case("The keystore has a listener of which the policy says nothing: it was removed there alone.", TWO),
         good=Case("The policy speaks of the one enclave that there is.", ONE),
@@ -85,7 +77,6 @@ def _undecided() -> Iterator[Story]:
     xml = Permissions(grants=(TALKER_GRANT,)).xml()
     yield from pair(
         "KA645",
-        "drift-undecided",
         options=TALKER_ALONE,
         bad=Case(
             "A comment inside a topic's name: Fast DDS reads /chat, others /chatter. Whether that is what the policy "
@@ -97,7 +88,6 @@ def _undecided() -> Iterator[Story]:
     unsigned = {"permissions.p7s": None}
     yield from pair(
         "KA646",
-        "policy-not-enforced-by-permissions",
         options=BOTH,
         bad=Case(
             "Identities, and no permissions: made for rmw_zenoh, which has its access control elsewhere. That the "

@@ -20,7 +20,6 @@ def stories() -> Iterator[Story]:
     """The pair of KA740, and the samples below flows/."""
     yield from pair(
         "KA740",
-        "asserted-property-violated",
         bad=Case(
             "The settings say that nothing gets from the listener to the talker; the listener may publish /answer, to "
             "which the talker subscribes.",

@@ -43,7 +43,6 @@ def _participants() -> Iterator[Story]:
     lax = DomainRule(domains=(5,), rtps="NONE", allow_unauthenticated=True)
     yield from pair(
         "KA701",
-        "only-authenticated-participants-join",
         bad=Case(
             "Domain 0 is strict; domain 5, opened for a demonstration, lets in participants that never "
             "proved who they are.",
@@ -53,7 +52,6 @@ def _participants() -> Iterator[Story]:
     )
     yield from pair(
         "KA702",
-        "identities-chain-to-the-identity-ca",
         bad=Case(
             "The listener's identity was issued by the permissions CA, the two authorities' keys having "
             "been mixed up. Nobody who trusts the identity CA accepts it.",
@@ -63,7 +61,6 @@ def _participants() -> Iterator[Story]:
     )
     yield from pair(
         "KA704",
-        "no-identity-serves-two-enclaves",
         bad=Case(
             "The listener has a certificate of its own over the talker's key, as when a request is signed "
             "twice under two names: whoever takes one robot's key is both.",
@@ -76,7 +73,6 @@ def _participants() -> Iterator[Story]:
 def _authorities() -> Iterator[Story]:
     yield from pair(
         "KA706",
-        "one-ca-for-one-role",
         bad=Case(
             "Identities and rights are signed by one authority, as sros2 makes it: only implementations that pin the "
             "signer tell who somebody is from what it may do.",
@@ -89,7 +85,6 @@ def _authorities() -> Iterator[Story]:
     grant = replace(LISTENER_GRANT, subject="CN=/talker")
     yield from pair(
         "KA707",
-        "no-subject-serves-two-enclaves",
         bad=Case(
             "The listener's certificate bears the talker's subject, copied with the command that made it: each may "
             "present the permissions of the other.",
@@ -105,7 +100,6 @@ def _documents() -> Iterator[Story]:
     permissions = Permissions(grants=(replace(TALKER_GRANT, rules=(more, DISCOVERY)),))
     yield from pair(
         "KA703",
-        "documents-signed-by-the-permissions-ca",
         bad=Case(
             "CVE-2023-24010: one authority serves both roles, and the talker signed itself /cmd_vel with "
             "its own key. `openssl smime -verify -CAfile` calls that valid, and so do Cyclone DDS up to "
@@ -123,7 +117,6 @@ def _documents() -> Iterator[Story]:
     bundle = PERMISSIONS_CA.pem() + IDENTITY_CA.pem()
     yield from pair(
         "KA705",
-        "no-enclave-grants-itself-rights",
         bad=Case(
             "The authorities are separate, but permissions_ca.cert.pem holds both certificates, put "
             "together by somebody who knew bundles from web servers. Fast DDS reads both, and where it does "
@@ -139,7 +132,6 @@ def _outsiders() -> Iterator[Story]:
     readable = replace(CHATTER, metadata="SIGN", data="NONE")
     yield from pair(
         "KA711",
-        "outsiders-cannot-read",
         bad=Case(
             "For speed, /chatter alone was taken out of encryption: it is signed, and whoever listens on "
             "the network reads it.",
@@ -153,7 +145,6 @@ def _outsiders() -> Iterator[Story]:
     announced = replace(CHATTER, discovery_protection=False)
     yield from pair(
         "KA712",
-        "outsiders-cannot-learn-names",
         bad=Case(
             "/chatter alone is announced in clear: its data stays secret, its name, type and place do not.",
             governed(TWO, domain(announced)),
@@ -163,7 +154,6 @@ def _outsiders() -> Iterator[Story]:
     bare = replace(CHATTER, metadata="NONE", data="NONE")
     yield from pair(
         "KA713",
-        "outsiders-cannot-inject",
         bad=Case(
             "Messages are not authenticated as a whole, and /chatter has no protection of its own: "
             "whoever reaches the network writes it.",
@@ -180,7 +170,6 @@ def _replays() -> Iterator[Story]:
     recorded = replace(CHATTER, metadata="NONE")
     yield from pair(
         "KA714",
-        "outsiders-cannot-replay",
         bad=Case(
             "The payload of /chatter is encrypted, its submessages and the messages are not even signed: yesterday's "
             "message is taken again today.",
@@ -191,7 +180,6 @@ def _replays() -> Iterator[Story]:
     unsaid = replace(CHATTER, liveliness_protection=False)
     yield from pair(
         "KA715",
-        "outsiders-cannot-forge-liveliness",
         bad=Case(
             "Messages are not signed as a whole, and of /chatter liveliness is not protected: anybody keeps a dead "
             "talker alive.",
@@ -204,7 +192,6 @@ def _replays() -> Iterator[Story]:
 def _grants() -> Iterator[Story]:
     yield from pair(
         "KA721",
-        "grants-are-enforced",
         bad=Case(
             "Reading and writing take a grant, joining does not: an identity whose every right was "
             "withdrawn still gets the keys that participants share.",
@@ -215,7 +202,6 @@ def _grants() -> Iterator[Story]:
     uncontrolled = replace(CHATTER, write_access_control=False)
     yield from pair(
         "KA722",
-        "nobody-writes-without-a-grant",
         bad=Case(
             "For /chatter alone, publish rules are not looked at: the listener, which may only read, writes.",
             governed(TWO, replace(QUIET, topics=(uncontrolled, TopicRule()))),
@@ -230,7 +216,6 @@ def _insiders() -> Iterator[Story]:
     bystander = with_listener(permissions=Permissions(grants=(elsewhere,)))
     yield from pair(
         "KA723",
-        "nobody-reads-without-a-grant",
         bad=Case(
             "/chatter is encrypted as part of whole messages only, with the key that all participants "
             "hold: the listener, which has no grant for it, reads it all the same.",
@@ -243,7 +228,6 @@ def _insiders() -> Iterator[Story]:
     )
     yield from pair(
         "KA724",
-        "readers-cannot-forge",
         bad=Case(
             "sros2's own governance: who can check a message can make one, since the key is the same. The "
             "listener can write /chatter in the talker's name to any other reader.",
@@ -259,7 +243,6 @@ def _insiders() -> Iterator[Story]:
     passed_on = replace(CHATTER, data="NONE")
     yield from pair(
         "KA725",
-        "relays-cannot-read",
         bad=Case(
             "The listener may only pass /chatter on, and only submessages are encrypted, whose keys a relay holds: it "
             "reads what it passes on.",
@@ -277,7 +260,6 @@ def _insiders() -> Iterator[Story]:
     domains = (QUIET, replace(QUIET, domains=(7,)))
     yield from pair(
         "KA731",
-        "no-enclave-bridges-domains",
         bad=Case(
             "Domain 0 is the robot's, domain 7 the operator's. The listener reads /chatter in one and writes /status "
             "in the other.",

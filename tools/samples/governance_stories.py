@@ -29,7 +29,6 @@ def _documents() -> Iterator[Story]:
     text = Governance(rules=(QUIET,)).xml()
     yield from pair(
         "KA401",
-        "governance-schema-invalid",
         bad=Case(
             "The governance does not say whether joining takes a grant: the element is missing. DDS-Security "
             "1.1 requires it; an implementation may refuse the document or put a default of its own.",
@@ -39,7 +38,6 @@ def _documents() -> Iterator[Story]:
     )
     yield from pair(
         "KA402",
-        "governance-ambiguous",
         bad=Case(
             "A comment stands inside the topic expression. Fast DDS reads the text before it (rt/), "
             "Cyclone DDS joins the pieces (rt/*), so that one signed file protects different topics.",
@@ -52,7 +50,6 @@ def _documents() -> Iterator[Story]:
     )
     yield from pair(
         "KA416",
-        "governances-differ",
         bad=Case(
             "The listener carries an older governance, in which messages are signed, not encrypted. "
             "Enclaves whose protection differs never match, without a word in any log.",
@@ -62,7 +59,6 @@ def _documents() -> Iterator[Story]:
     )
     yield from pair(
         "KA421",
-        "dds-security-1-0-document",
         bad=Case(
             "The governance has the form of DDS-Security 1.0, as Ardent wrote it: it cannot say whether "
             "liveliness is protected, and each implementation answers that for itself.",
@@ -76,7 +72,6 @@ def _access() -> Iterator[Story]:
     bare = replace(QUIET, rtps="NONE")
     yield from pair(
         "KA403",
-        "unauthenticated-participants-allowed",
         bad=Case(
             "Participants that never proved who they are may join the domain. Topics are still encrypted, "
             "so that they get no data; they see who is there, and any topic added without protection is "
@@ -87,7 +82,6 @@ def _access() -> Iterator[Story]:
     )
     yield from pair(
         "KA404",
-        "join-access-control-off",
         bad=Case(
             "Any identity of the CA may join the domain, whatever its permissions say: it holds the keys "
             "that all participants share.",
@@ -97,7 +91,6 @@ def _access() -> Iterator[Story]:
     )
     yield from pair(
         "KA405",
-        "read-access-control-off",
         bad=Case(
             "Subscribe rules of permissions are not looked at: every participant reads every topic.",
             governed(ONE, replace(QUIET, topics=(TopicRule(read_access_control=False),))),
@@ -106,7 +99,6 @@ def _access() -> Iterator[Story]:
     )
     yield from pair(
         "KA406",
-        "write-access-control-off",
         bad=Case(
             "Publish rules of permissions are not looked at: every participant writes every topic.",
             governed(ONE, replace(QUIET, topics=(TopicRule(write_access_control=False),))),
@@ -115,7 +107,6 @@ def _access() -> Iterator[Story]:
     )
     yield from pair(
         "KA417",
-        "unauthenticated-with-rtps-protection",
         bad=Case(
             "Unauthenticated participants are allowed, and every message must be protected by a key that "
             "they cannot have. Fast DDS refuses to start with that since 2.6.5.",
@@ -128,7 +119,6 @@ def _access() -> Iterator[Story]:
 def _domain_kinds() -> Iterator[Story]:
     yield from pair(
         "KA407",
-        "rtps-protection-none",
         bad=Case(
             "Whole messages are not authenticated: outsiders can forge what is not a topic's payload, "
             "such as the headers that say from whom a message comes.",
@@ -138,7 +128,6 @@ def _domain_kinds() -> Iterator[Story]:
     )
     yield from pair(
         "KA408",
-        "rtps-protection-sign-only",
         bad=Case(
             "Whole messages are authenticated, not encrypted, as in sros2's own governance: outsiders see "
             "who sends how much to whom.",
@@ -148,7 +137,6 @@ def _domain_kinds() -> Iterator[Story]:
     )
     yield from pair(
         "KA409",
-        "discovery-unprotected",
         bad=Case(
             "Topics are announced in clear: outsiders learn every topic's name and type without any key.",
             governed(ONE, replace(STOCK, topics=(TopicRule(discovery_protection=False),))),
@@ -157,7 +145,6 @@ def _domain_kinds() -> Iterator[Story]:
     )
     yield from pair(
         "KA410",
-        "liveliness-unprotected",
         bad=Case(
             "Liveliness messages are not protected: outsiders can keep a dead writer alive.",
             governed(ONE, replace(STOCK, liveliness="NONE")),
@@ -172,7 +159,6 @@ def _topic_kinds() -> Iterator[Story]:
 
     yield from pair(
         "KA411",
-        "metadata-protection-none",
         bad=Case(
             "Submessages are bare: sequence numbers and heartbeats can be read, and changed by whoever joined.",
             governed(ONE, with_topic(metadata="NONE")),
@@ -181,7 +167,6 @@ def _topic_kinds() -> Iterator[Story]:
     )
     yield from pair(
         "KA412",
-        "payload-in-clear",
         bad=Case(
             "Message, submessage and payload are each signed and none is encrypted: outsiders read the data.",
             governed(ONE, with_topic(metadata="SIGN", data="SIGN")),
@@ -191,7 +176,6 @@ def _topic_kinds() -> Iterator[Story]:
     quiet = replace(QUIET, topics=(TopicRule(metadata="SIGN", data="SIGN"),))
     yield from pair(
         "KA413",
-        "payload-open-to-insiders",
         bad=Case(
             "Only whole messages are encrypted, with a key that all participants share: whoever joined "
             "reads every topic, grant or not.",
@@ -204,7 +188,6 @@ def _topic_kinds() -> Iterator[Story]:
     )
     yield from pair(
         "KA414",
-        "samples-unauthenticated",
         bad=Case(
             "Message, submessage and payload are all unprotected: anybody on the network writes any "
             "topic, as if there were no security.",
@@ -217,7 +200,6 @@ def _topic_kinds() -> Iterator[Story]:
     )
     yield from pair(
         "KA415",
-        "data-protection-none",
         bad=Case(
             "Submessages are encrypted and payloads are not: a relay or a durable store, which undoes the "
             "first, holds the data in clear.",
@@ -230,7 +212,6 @@ def _topic_kinds() -> Iterator[Story]:
 def _reach() -> Iterator[Story]:
     yield from pair(
         "KA418",
-        "topics-without-rule",
         bad=Case(
             "The governance has a rule for rt/* only. For services, actions and ros_discovery_info there "
             "is none: no implementation creates them, so that no node starts.",
@@ -240,7 +221,6 @@ def _reach() -> Iterator[Story]:
     )
     yield from pair(
         "KA419",
-        "domain-range-open",
         bad=Case(
             "The domain range has a minimum and no maximum: for the specification that is every domain, "
             "for Fast DDS and Cyclone DDS domain 0 alone.",
@@ -250,7 +230,6 @@ def _reach() -> Iterator[Story]:
     )
     yield from pair(
         "KA420",
-        "domain-above-230",
         bad=Case(
             "The governance also names domain 231. Cyclone DDS refuses the whole document for that, and "
             "with it domain 0.",

@@ -67,7 +67,6 @@ def _with_crl(crl: bytes) -> Store:
 def _revocation() -> Iterator[Story]:
     yield from pair(
         "KA212",
-        "identity-revoked",
         bad=Case(
             "The identity CA revoked the talker's certificate, and the keystore still ships it: whoever "
             "holds the list refuses the talker.",
@@ -77,7 +76,6 @@ def _revocation() -> Iterator[Story]:
     )
     yield from pair(
         "KA213",
-        "crl-invalid",
         bad=Case(
             "The permissions CA signed the list, not the identity CA: it revokes nothing, and OpenSSL, "
             "looking for a list of the issuer and finding none, refuses every identity.",
@@ -87,7 +85,6 @@ def _revocation() -> Iterator[Story]:
     )
     yield from pair(
         "KA214",
-        "crl-stale",
         bad=Case(
             "The next list was due on 1 November 2026 and did not come: with a stale list every identity is refused.",
             _with_crl(revocation_list(STOLEN, next_update=day(2026, 11, 1))),
@@ -96,7 +93,6 @@ def _revocation() -> Iterator[Story]:
     )
     yield from pair(
         "KA229",
-        "revocation-without-effect",
         bad=Case(
             "The list that revokes the stolen identity was appended to crl.pem, and run times read the first: whoever "
             "has the identity is let in as before.",
@@ -107,7 +103,6 @@ def _revocation() -> Iterator[Story]:
     crl = {"crl.pem": revocation_list(STOLEN)}
     yield from pair(
         "KA215",
-        "crl-not-everywhere",
         bad=Case(
             "The talker refuses revoked identities, the listener has no list and accepts them: revocation "
             "holds only where the list is.",
@@ -128,7 +123,6 @@ def _with_curve(curve: str) -> Store:
 def _algorithms() -> Iterator[Story]:
     yield from pair(
         "KA216",
-        "weak-key",
         bad=Case(
             "The talker's key is on a curve of 224 bits: below what NIST SP 800-57 allows beyond 2030.",
             _with_curve("P-224"),
@@ -137,7 +131,6 @@ def _algorithms() -> Iterator[Story]:
     )
     yield from pair(
         "KA217",
-        "key-outside-dds-security",
         bad=Case(
             "The talker's key is on secp384r1: strong, but DDS-Security 1.1 (9.3.1) knows RSA 2048 and "
             "prime256v1 only, and Cyclone DDS refuses anything else.",
@@ -147,7 +140,6 @@ def _algorithms() -> Iterator[Story]:
     )
     yield from pair(
         "KA218",
-        "weak-signature-algorithm",
         bad=Case(
             "The identity CA signed the talker's certificate with SHA-1, for which collisions have been made.",
             with_talker(certificate=replace(TALKER_CERTIFICATE, digest="sha1")),
@@ -156,7 +148,6 @@ def _algorithms() -> Iterator[Story]:
     )
     yield from pair(
         "KA221",
-        "unknown-critical-extension",
         bad=Case(
             "The talker's certificate holds a critical extension that no verifier knows: each must then "
             "refuse it (RFC 5280, 4.2).",
@@ -166,7 +157,6 @@ def _algorithms() -> Iterator[Story]:
     )
     yield from pair(
         "KA224",
-        "irregular-serial-number",
         bad=Case(
             "The talker's serial number has 25 octets, RFC 5280 (4.1.2.2) allows 20: some tools cut it "
             "off, and then a revocation misses.",
@@ -180,7 +170,6 @@ def _names() -> Iterator[Story]:
     renamed = replace(TALKER_CERTIFICATE, subject="/announcer")
     yield from pair(
         "KA220",
-        "subject-differs-from-enclave",
         bad=Case(
             "The enclave /talker has an identity called /announcer, and a grant for that name. It works, "
             "and whoever reads the rights of /announcer looks for a folder that is not there.",
@@ -193,7 +182,6 @@ def _names() -> Iterator[Story]:
     namesake = replace(LISTENER_CERTIFICATE, subject="/talker")
     yield from pair(
         "KA225",
-        "subject-shared-by-certificates",
         bad=Case(
             "Talker and listener have different keys and one name, /talker. Grants are for names: each "
             "may present the other's permissions, and the listener publishes.",
@@ -205,7 +193,6 @@ def _names() -> Iterator[Story]:
     )
     yield from pair(
         "KA226",
-        "identity-refused-by-implementations",
         bad=Case(
             "identity_ca.cert.pem was made a bundle, with another authority first. Fast DDS looks through it, Cyclone "
             "DDS reads the first certificate and refuses everybody.",
@@ -215,7 +202,6 @@ def _names() -> Iterator[Story]:
     )
     yield from pair(
         "KA227",
-        "identity-without-subject",
         bad=Case(
             "The request was made with -subj / and the authority did not look: the certificate has no subject. Fast "
             "DDS crashes on it.",
@@ -226,7 +212,6 @@ def _names() -> Iterator[Story]:
     admin = replace(TALKER_CERTIFICATE, subject="/admin")
     yield from pair(
         "KA228",
-        "identity-key-certified-again",
         bad=Case(
             "Behind the talker's certificate stands another for the same key, CN=/admin, made for a maintenance "
             "day. Run times read the first; whoever takes the talker has both.",
@@ -236,7 +221,6 @@ def _names() -> Iterator[Story]:
     )
     yield from pair(
         "KA117",
-        "enclave-does-not-start",
         bad=Case(
             "The permissions CA was made with SHA-384, as a guide of the company wants it. Fast DDS knows SHA-256 "
             "alone for authorities and does not load it.",
@@ -246,7 +230,6 @@ def _names() -> Iterator[Story]:
     )
     yield from pair(
         "KA118",
-        "private-key-where-robots-have-it",
         bad=Case(
             "`openssl req -x509 -keyout ca.pem -out ca.pem` put key and certificate into one file, and the file became "
             "permissions_ca.cert.pem: every robot can sign rights.",
@@ -259,7 +242,6 @@ def _names() -> Iterator[Story]:
 def _together() -> Iterator[Story]:
     yield from pair(
         "KA219",
-        "identity-shared-by-enclaves",
         bad=Case(
             "The listener was given a copy of the talker's certificate and key: nobody can tell the two "
             "apart, and taking one takes both.",
@@ -272,7 +254,6 @@ def _together() -> Iterator[Story]:
     )
     yield from pair(
         "KA222",
-        "one-ca-for-both-roles",
         bad=Case(
             "One authority issues identities and signs permissions. Where the run time does not pin the "
             "signer, each identity that it issued can sign itself any right (CVE-2023-24010, 24011, "
@@ -289,7 +270,6 @@ def _together() -> Iterator[Story]:
     }
     yield from pair(
         "KA223",
-        "enclaves-trust-different-cas",
         bad=Case(
             "The listener trusts another permissions CA, which signed its documents. Each refuses the "
             "other's rights, so that the two never talk: the trace of an authority that was renewed for "

@@ -14,7 +14,6 @@ def stories() -> Iterator[Story]:
     """The pair of KA742."""
     yield from pair(
         "KA742",
-        "label-flow-violated",
         bad=Case(
             "The talker is trusted and the listener is not, and nothing untrusted may reach what is trusted; the "
             "listener may publish /answer, to which the talker subscribes.",

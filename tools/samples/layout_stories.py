@@ -18,7 +18,6 @@ def stories() -> Iterator[Story]:
     """All pairs of KA1."""
     yield from pair(
         "KA101",
-        "required-file-missing",
         bad=Case(
             "The talker's permissions.p7s was never copied to the robot. Under Enforce its nodes do not "
             "start; under Permissive they start without security.",
@@ -28,7 +27,6 @@ def stories() -> Iterator[Story]:
     )
     yield from pair(
         "KA109",
-        "ca-private-key-in-tree",
         bad=Case(
             "The tree that goes on the robot still has the authorities' private keys in private/: whoever "
             "reads the robot's disk can issue identities and rights for the whole fleet.",
@@ -39,7 +37,6 @@ def stories() -> Iterator[Story]:
     )
     yield from pair(
         "KA110",
-        "unsigned-document-differs",
         bad=Case(
             "Somebody edited permissions.xml to take away a right and did not sign it again: a reviewer "
             "reads /chat, the robot allows /chatter.",
@@ -49,7 +46,6 @@ def stories() -> Iterator[Story]:
     )
     yield from pair(
         "KA111",
-        "pkcs11-reference",
         bad=Case(
             "A key.p11 beside key.pem points into a hardware module. Fast DDS takes the module's key, "
             "Cyclone DDS the file's, and nobody who has only the files can say whether the two are the "
@@ -60,7 +56,6 @@ def stories() -> Iterator[Story]:
     )
     yield from pair(
         "KA112",
-        "incomplete-keystore",
         bad=Case(
             "An enclave with all its files, copied without links, but public/ and the shared governance "
             "are gone: `ros2 security` takes this for no keystore, and the next `create_keystore` makes "
@@ -71,7 +66,6 @@ def stories() -> Iterator[Story]:
     )
     yield from pair(
         "KA113",
-        "enclave-name-not-ros",
         bad=Case(
             "The folder is called front-camera: no ROS 2 enclave name may hold a hyphen, so that no node "
             "can ever be given this enclave by its name.",
@@ -81,7 +75,6 @@ def stories() -> Iterator[Story]:
     )
     yield from pair(
         "KA115",
-        "deprecated-layout",
         bad=Case(
             "The flat layout of Crystal, Dashing and Eloquent: no supported distribution looks for "
             "enclaves there, so that nodes under Permissive start without security.",

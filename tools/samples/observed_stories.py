@@ -32,7 +32,6 @@ def stories() -> Iterator[Story]:
 def _graphs() -> Iterator[Story]:
     yield from pair(
         "KA650",
-        "missing-grant",
         options=GRAPH,
         bad=Case(
             "The graph was taken with security off. It shows the talker publish /chatter and its log, and the "
@@ -43,7 +42,6 @@ def _graphs() -> Iterator[Story]:
     )
     yield from pair(
         "KA651",
-        "excess-grant",
         options=GRAPH,
         bad=Case(
             "The talker may publish /cmd_vel, which it never does in the graph: whoever takes it over drives.",
@@ -54,7 +52,6 @@ def _graphs() -> Iterator[Story]:
     seen = _publishing(*SEEN)
     yield from pair(
         "KA652",
-        "node-in-unknown-enclave",
         options=GRAPH,
         bad=Case(
             "The graph has the talker in the enclave /talker, and the keystore has none but the listener's: under "
@@ -68,7 +65,6 @@ def _graphs() -> Iterator[Story]:
 def _launches() -> Iterator[Story]:
     yield from pair(
         "KA653",
-        "used-name-without-right",
         options=LAUNCH,
         bad=Case(
             "The launch file gives the talker's topic the name /chatter, and the talker may do nothing with that name: "
@@ -79,36 +75,20 @@ def _launches() -> Iterator[Story]:
         ),
         good=Case("The talker may publish under the name that it has.", LAUNCHED),
     )
-    folder = "rules/KA654-observation-incomplete"
-    yield Story(
-        directory=f"{folder}/bad",
-        rule="KA654",
-        text="The launch file includes another from a package that is not here. What that one starts is not known, so "
-        "that no grant is called an excess.",
-        tree=LAUNCHED.tree(),
-        options=ELSEWHERE,
+    yield from pair(
+        "KA654",
+        bad=Case(
+            "The launch file includes another from a package that is not here. What that one starts is not known, so "
+            "that no grant is called an excess.",
+            LAUNCHED,
+            ELSEWHERE,
+        ),
+        good=Case("The launch file says everything itself.", LAUNCHED, LAUNCH),
     )
-    yield Story(
-        directory=f"{folder}/good",
-        rule="KA654",
-        text="The launch file says everything itself.",
-        tree=LAUNCHED.tree(),
-        options=LAUNCH,
-    )
-    folder = "rules/KA655-launch-changes-security"
-    yield Story(
-        directory=f"{folder}/bad",
-        rule="KA655",
-        text="The launch file switches security off for the talker: it starts without any.",
-        tree=LAUNCHED.tree(),
-        options=UNSECURED,
-    )
-    yield Story(
-        directory=f"{folder}/good",
-        rule="KA655",
-        text="The launch file says nothing of security.",
-        tree=LAUNCHED.tree(),
-        options=LAUNCH,
+    yield from pair(
+        "KA655",
+        bad=Case("The launch file switches security off for the talker: it starts without any.", LAUNCHED, UNSECURED),
+        good=Case("The launch file says nothing of security.", LAUNCHED, LAUNCH),
     )
 
 

@@ -55,7 +55,6 @@ def _text(old: str, new: str) -> Store:
 def _documents() -> Iterator[Story]:
     yield from pair(
         "KA501",
-        "permissions-schema-invalid",
         bad=Case(
             "The grant's default is MAYBE, which the schema does not know: Cyclone DDS takes it for DENY, "
             "Fast DDS refuses the document.",
@@ -65,7 +64,6 @@ def _documents() -> Iterator[Story]:
     )
     yield from pair(
         "KA502",
-        "permissions-ambiguous",
         bad=Case(
             "A comment stands inside a topic's name: Fast DDS allows rt/, Cyclone DDS rt/chatter. One "
             "signed file has two meanings.",
@@ -75,7 +73,6 @@ def _documents() -> Iterator[Story]:
     )
     yield from pair(
         "KA517",
-        "empty-topic-expression",
         bad=Case(
             "A topic is empty. The schema lets it pass; Cyclone DDS crashes on it, and since peers send "
             "their permissions to each other, one signed file takes others down.",
@@ -86,7 +83,6 @@ def _documents() -> Iterator[Story]:
     domains = "        <domains>\n          <id>0</id>\n        </domains>\n"
     yield from pair(
         "KA518",
-        "rule-without-domains",
         bad=Case(
             "The first rule does not say for which domains it is: Cyclone DDS crashes on it, also when a "
             "peer presents it.",
@@ -96,7 +92,6 @@ def _documents() -> Iterator[Story]:
     )
     yield from pair(
         "KA521",
-        "empty-element",
         bad=Case(
             "The grant was to end some day, and nobody wrote the date: Fast DDS 2.14 crashes on it, also when a peer "
             "presents it.",
@@ -107,7 +102,6 @@ def _documents() -> Iterator[Story]:
     blanks = (" " * 79 + "\n") * 780
     yield from pair(
         "KA522",
-        "permissions-too-large",
         bad=Case(
             "The document has 64 kB (here by blanks, else by some 900 names): on Fast DDS 2.9 the talker completes no "
             "handshake, and dies of the first that it answers.",
@@ -125,7 +119,6 @@ def _head(topic: str) -> str:
 def _grants() -> Iterator[Story]:
     yield from pair(
         "KA503",
-        "no-grant-for-certificate",
         bad=Case(
             "The grant is for CN=/speaker, the certificate says CN=/talker: no grant is the talker's, and "
             "it is refused.",
@@ -136,7 +129,6 @@ def _grants() -> Iterator[Story]:
     nested = "/talker/listener"
     yield from pair(
         "KA519",
-        "grant-names-another-subject",
         bad=Case(
             "The listener lies below the talker, as namespaces do. Cyclone DDS cuts names at every slash, and all "
             "parts of CN=/talker are in CN=/talker/listener: the talker may present the listener's permissions.",
@@ -150,7 +142,6 @@ def _grants() -> Iterator[Story]:
     )
     yield from pair(
         "KA520",
-        "subject-read-differently",
         bad=Case(
             "Somebody laid the grant out for the eye: CN = /talker. Fast DDS since 2.14 finds it, Fast DDS 2.6 and "
             "Cyclone DDS 0.10 do not, and the talker has no rights there.",
@@ -161,7 +152,6 @@ def _grants() -> Iterator[Story]:
     wide = replace(TALKER_GRANT, rules=(Rule(publish=("rt/cmd_vel",)), DISCOVERY))
     yield from pair(
         "KA504",
-        "second-grant-for-subject",
         bad=Case(
             "A second grant gives the talker /cmd_vel. Today every implementation stops at the first; "
             "when that one expires, Fast DDS goes on to the second.",
@@ -171,7 +161,6 @@ def _grants() -> Iterator[Story]:
     )
     yield from pair(
         "KA512",
-        "grants-for-other-subjects",
         bad=Case(
             "The talker's document also holds a grant for the listener, to publish /cmd_vel. Peers take "
             "any document that the CA signed: the listener presents this one instead of its own.",
@@ -187,7 +176,6 @@ def _grants() -> Iterator[Story]:
     )
     yield from pair(
         "KA514",
-        "grant-without-allow-rule",
         bad=Case(
             "The grant only denies: with nothing allowed, Fast DDS refuses the participant.",
             with_grant(rules=(Rule(publish=("rt/secret",), allow=False),)),
@@ -202,19 +190,16 @@ def _grants() -> Iterator[Story]:
 def _dates() -> Iterator[Story]:
     yield from pair(
         "KA505",
-        "grant-expired",
         bad=Case("The talker's grant ended in June 2026.", with_grant(not_after="2026-06-01T00:00:00")),
         good=Case("It ends with the certificate.", ONE),
     )
     yield from pair(
         "KA506",
-        "grant-not-yet-valid",
         bad=Case("The talker's grant begins in 2027.", with_grant(not_before="2027-01-01T00:00:00")),
         good=Case("It has been good since 2020.", ONE),
     )
     yield from pair(
         "KA507",
-        "grant-expires-soon",
         bad=Case(
             "The talker's grant ends on 5 December 2026, two weeks after the audit: time to sign it again.",
             with_grant(not_after="2026-12-05T00:00:00"),
@@ -224,7 +209,6 @@ def _dates() -> Iterator[Story]:
     shorter = replace(TALKER_CERTIFICATE, not_after=day(2099, 1, 1))
     yield from pair(
         "KA513",
-        "grant-outlives-certificate",
         bad=Case(
             "The grant is good for a year longer than the identity: harmless until somebody issues the "
             "name again, for whom the old right then still stands.",
@@ -234,7 +218,6 @@ def _dates() -> Iterator[Story]:
     )
     yield from pair(
         "KA516",
-        "validity-inverted",
         bad=Case(
             "The grant ends before it begins: the two dates were swapped, and it never holds.",
             with_grant(not_before="2026-06-01T00:00:00", not_after="2026-01-01T00:00:00"),
@@ -247,7 +230,6 @@ def _domains() -> Iterator[Story]:
     elsewhere = tuple(replace(rule, domains=(7,)) for rule in TALKER_GRANT.rules)
     yield from pair(
         "KA508",
-        "grant-outside-governance-domains",
         bad=Case(
             "The grant is for domain 7, the governance for domain 0: there is no domain in which the "
             "talker may do anything.",
@@ -257,7 +239,6 @@ def _domains() -> Iterator[Story]:
     )
     yield from pair(
         "KA515",
-        "rule-domain-range-open",
         bad=Case(
             "The rule's domain range has a minimum and no maximum: for the specification that is every "
             "domain, for Fast DDS and Cyclone DDS domain 0 alone.",
@@ -270,7 +251,6 @@ def _domains() -> Iterator[Story]:
 def _rights() -> Iterator[Story]:
     yield from pair(
         "KA509",
-        "default-allow",
         bad=Case(
             "What no rule mentions is allowed. Cyclone DDS obeys: the talker may do everything; Fast DDS "
             "ignores the default, which hides the fault where only it is tried.",
@@ -280,7 +260,6 @@ def _rights() -> Iterator[Story]:
     )
     yield from pair(
         "KA510",
-        "wildcard-grant",
         bad=Case(
             "The talker may publish rt/chatter*: also /chatter/admin, /chatter_raw and any name somebody "
             "thinks of later.",
@@ -290,7 +269,6 @@ def _rights() -> Iterator[Story]:
     )
     yield from pair(
         "KA511",
-        "allow-everything-permissions",
         bad=Case(
             "The permissions are those that `ros2 security create_enclave` makes, before any policy was "
             "applied: every topic, service and action, both ways.",

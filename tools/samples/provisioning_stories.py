@@ -52,7 +52,6 @@ def _kept(grant: Grant) -> Store:
 def _at_large() -> Iterator[Story]:
     yield from pair(
         "KA660",
-        "several-permissions-for-subject",
         bad=Case(
             "The talker's rights were narrowed to /chatter, and the permissions of before, for every topic, were kept "
             "in old/. They are validly signed and in force: a talker that is taken over presents them, and its peers "
@@ -67,7 +66,6 @@ def _at_large() -> Iterator[Story]:
     weaker = Governance(rules=(replace(QUIET, rtps="NONE"),)).xml().encode()
     yield from pair(
         "KA661",
-        "signed-governance-at-large",
         bad=Case(
             "A governance without message protection, signed for tests, lies beside the one in use. Whoever can write "
             "to a robot needs no key to put it in its place.",
@@ -78,7 +76,6 @@ def _at_large() -> Iterator[Story]:
     stranger = replace(PERMISSIONS_CA, key=Key(label="rules, another fleet"))
     yield from pair(
         "KA662",
-        "signed-document-without-effect",
         bad=Case(
             "Permissions that the authority of another fleet signed lie in the tree. No peer here takes them.",
             _with("notes/other-fleet", signed_by(stranger).smime(Permissions(grants=(_WIDE,)).xml().encode())),
@@ -89,7 +86,6 @@ def _at_large() -> Iterator[Story]:
     commented = edited(plain, "rt/chatter", "rt/<!-- all -->chatter")
     yield from pair(
         "KA663",
-        "document-at-large-unread",
         bad=Case(
             "Archived permissions have a comment inside a topic's name. They are validly signed, and XML parsers "
             "differ in what they read: what a peer makes of them is unknown.",
@@ -105,7 +101,6 @@ def _at_large() -> Iterator[Story]:
 def _given() -> Iterator[Story]:
     yield from pair(
         "KA664",
-        "provisioning-leftover",
         bad=Case(
             "The tree that goes on the robot still has the unsigned documents, which no run time reads.",
             replace(ONE, unsigned=True),
@@ -118,14 +113,12 @@ def _given() -> Iterator[Story]:
     year = replace(talker(certificate=certificate, permissions=Permissions(grants=(grant,))), seal=_sealed(2026, 6))
     yield from pair(
         "KA665",
-        "long-validity",
         bad=Case("The talker's identity and grant last for eighty years, whatever becomes of the robot.", ONE),
         good=Case("Both last for a year and are renewed.", replace(ONE, enclaves=(year,))),
         options=_DEPLOYED,
     )
     yield from pair(
         "KA667",
-        "certificate-older-than-permissions",
         bad=Case(
             "The talker's permissions were signed anew four years after its certificate was issued. If there were "
             "others before, the certificate serves for them too.",
@@ -144,7 +137,6 @@ def _beside() -> Iterator[Story]:
     }
     yield from pair(
         "KA668",
-        "identity-outside-enclaves",
         bad=Case(
             "The listener's folder was moved to backup/, with its key. It is no enclave of this keystore any more, and "
             "whoever has the tree can start it: its peers know of no move.",
@@ -161,7 +153,6 @@ def _inside() -> Iterator[Story]:
     other = {f"robot2/{path}": entry for path, entry in unprotected.tree().items()}
     yield from pair(
         "KA669",
-        "keystore-inside-keystore",
         bad=Case(
             "The keystore of another robot was unpacked in this one, in robot2/. Its governance protects nothing, and "
             "no rule says so here: its peers are not those of this keystore.",

@@ -55,7 +55,6 @@ def stories() -> Iterator[Story]:
 def _halves() -> Iterator[Story]:
     yield from pair(
         "KA630",
-        "half-service",
         bad=Case(
             "The talker may send requests to /reset and not read the answers: its client is not made, and the node "
             "fails under Enforce.",
@@ -66,7 +65,6 @@ def _halves() -> Iterator[Story]:
     serving = Rule(publish=(*RESULTS, *TOPICS), subscribe=(CHATTER, *GOALS))
     yield from pair(
         "KA631",
-        "half-action",
         bad=Case(
             "The talker may use the three services of the action /dock and read its status, but not its feedback: the "
             "action client is not made.",
@@ -83,7 +81,6 @@ def _reach() -> Iterator[Story]:
     parameters = ("/listener/set_parameters",)
     yield from pair(
         "KA632",
-        "parameter-services-of-others",
         bad=Case(
             "The talker may set parameters of the node /listener, which runs in another enclave.",
             _two(_client(*parameters), _server(*parameters)),
@@ -95,7 +92,6 @@ def _reach() -> Iterator[Story]:
     state = ("/listener/change_state",)
     yield from pair(
         "KA633",
-        "lifecycle-services-of-others",
         bad=Case(
             "The talker may start and stop the managed node /listener, which runs in another enclave.",
             _two(_client(*state), _server(*state)),
@@ -104,7 +100,6 @@ def _reach() -> Iterator[Story]:
     )
     yield from pair(
         "KA634",
-        "service-served-by-several",
         bad=Case(
             "Both enclaves may answer /reset: a client cannot tell whose answer it gets.",
             _two(replace(_server("/reset"), publish=("rr/resetReply", CHATTER)), _server("/reset")),
@@ -117,7 +112,6 @@ def _topics() -> Iterator[Story]:
     serving = Rule(publish=(*RESULTS, *TOPICS), subscribe=(CHATTER, *GOALS))
     yield from pair(
         "KA635",
-        "wildcard-grants-actions",
         bad=Case(
             "The talker may publish whatever is below /dock, and so the feedback and status of the action /dock, which "
             "the listener serves.",
@@ -131,7 +125,6 @@ def _topics() -> Iterator[Story]:
     )
     yield from pair(
         "KA636",
-        "missing-usual-topics",
         bad=Case(
             "The talker may log and tell changes of parameters, but not hear of those of others: its nodes fail unless "
             "they are told to do without.",

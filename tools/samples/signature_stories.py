@@ -39,7 +39,6 @@ def _signers() -> Iterator[Story]:
     stranger = replace(PERMISSIONS_CA, key=Key(label="rules, a stranger"))
     yield from pair(
         "KA301",
-        "signer-not-permissions-ca",
         bad=Case(
             "A stranger signed the permissions with an authority of the same name and a key of his own. "
             "The signature is valid; it is only not the permissions CA's.",
@@ -49,7 +48,6 @@ def _signers() -> Iterator[Story]:
     )
     yield from pair(
         "KA302",
-        "signed-by-an-identity",
         bad=Case(
             "The talker signed its permissions itself, with the identity that the identity CA gave it. "
             "Here the authorities are separate and every run time refuses; with one authority for both "
@@ -60,7 +58,6 @@ def _signers() -> Iterator[Story]:
     )
     yield from pair(
         "KA303",
-        "signature-invalid",
         bad=Case(
             "After signing, somebody put /cmd_vel where /chatter stood: the signature no longer fits the document.",
             _sealed(_tampered),
@@ -70,7 +67,6 @@ def _signers() -> Iterator[Story]:
     renewed = replace(PERMISSIONS_CA, not_before=day(2026, 1, 1))
     yield from pair(
         "KA316",
-        "signed-by-renewed-ca",
         bad=Case(
             "The permissions CA was renewed with its old key; the document names the new certificate, the "
             "enclave has the old one. The key fits, but OpenSSL looks for issuer and serial number and "
@@ -81,7 +77,6 @@ def _signers() -> Iterator[Story]:
     )
     yield from pair(
         "KA317",
-        "signer-refused-by-implementations",
         bad=Case(
             "Signed with -nocerts, to save some bytes: implementations that look for the signer inside the message "
             "find none and refuse, the others take it.",
@@ -98,7 +93,6 @@ def _tampered(document: bytes) -> bytes:
 def _envelopes() -> Iterator[Story]:
     yield from pair(
         "KA304",
-        "not-smime",
         bad=Case(
             "permissions.p7s is the plain XML: somebody copied permissions.xml over it. Nothing is signed.",
             _sealed(lambda document: document),
@@ -107,7 +101,6 @@ def _envelopes() -> Iterator[Story]:
     )
     yield from pair(
         "KA305",
-        "malformed-smime",
         bad=Case(
             "The last boundary of the message is missing, as after a copy that was cut short.",
             _sealed(lambda document: signed_by(PERMISSIONS_CA).smime(document).rsplit(b"\r\n--", 1)[0]),
@@ -116,7 +109,6 @@ def _envelopes() -> Iterator[Story]:
     )
     yield from pair(
         "KA306",
-        "cms-not-strict",
         bad=Case(
             "Four bytes follow the CMS structure inside its base64. OpenSSL ignores them, stricter "
             "parsers do not: two readers of one file may come to two answers.",
@@ -126,7 +118,6 @@ def _envelopes() -> Iterator[Story]:
     )
     yield from pair(
         "KA307",
-        "no-text-plain-header",
         bad=Case(
             "The document was signed by `openssl smime -sign` without -text: a good signature over a "
             "content that no run time accepts, since it does not begin with Content-Type: text/plain.",
@@ -136,7 +127,6 @@ def _envelopes() -> Iterator[Story]:
     )
     yield from pair(
         "KA308",
-        "unsigned-text",
         bad=Case(
             "Behind the signature stands a second grant in plain text. No run time reads it; whoever "
             "reviews the file might.",
@@ -152,7 +142,6 @@ _DECOY = b'<grant name="/talker"><subject_name>CN=/talker</subject_name></grant>
 def _forms() -> Iterator[Story]:
     yield from pair(
         "KA309",
-        "weak-digest",
         bad=Case(
             "The permissions were signed over SHA-1, for which collisions have been made: whoever could "
             "choose what was signed may hold a second document with the same signature.",
@@ -162,7 +151,6 @@ def _forms() -> Iterator[Story]:
     )
     yield from pair(
         "KA311",
-        "opaque-message",
         bad=Case(
             "The document stands inside the CMS structure (application/pkcs7-mime): valid, but nobody can "
             "read it without a tool, and debug builds of Cyclone DDS abort on it.",
@@ -172,7 +160,6 @@ def _forms() -> Iterator[Story]:
     )
     yield from pair(
         "KA312",
-        "two-contents",
         bad=Case(
             "The message carries two documents: the signed one beside the signature and another inside "
             "it. Which one counts depends on who reads.",
@@ -182,7 +169,6 @@ def _forms() -> Iterator[Story]:
     )
     yield from pair(
         "KA313",
-        "no-signed-attributes",
         bad=Case(
             "The signature covers the document itself, without signed attributes (openssl's -noattr): "
             "valid, but it says neither when it was made nor what kind of content it is for.",
@@ -192,7 +178,6 @@ def _forms() -> Iterator[Story]:
     )
     yield from pair(
         "KA314",
-        "unsupported-signature-algorithm",
         bad=Case(
             "The permissions were signed over SHA3-256. OpenSSL verifies it; this audit does not, and "
             "says so rather than calling it valid or invalid.",
@@ -207,7 +192,6 @@ def _numbers_of_signers() -> Iterator[Story]:
     both = {"permissions_ca.cert.pem": PERMISSIONS_CA.pem() + successor.pem()}
     yield from pair(
         "KA310",
-        "several-signers",
         bad=Case(
             "While the permissions CA is being replaced, old and new authority both signed. Every "
             "signature must verify, and Cyclone DDS knows only the first certificate of the file: it "
@@ -218,7 +202,6 @@ def _numbers_of_signers() -> Iterator[Story]:
     )
     yield from pair(
         "KA315",
-        "no-signer",
         bad=Case("A CMS structure without any signature: form without substance.", _sealed(_signed(signers=()))),
         good=Case(GENUINE, ONE),
     )

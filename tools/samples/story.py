@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from keystore_audit import toml
+from keystore_audit.rules import BY_CODE
 
 from .store import Store, Tree
 
@@ -58,23 +59,27 @@ class Story:
 
 
 class Case(NamedTuple):
-    """One side of a pair: what to say of it, and the keystore."""
+    """One side of a pair: what to say of it, and the keystore; options of its own, if the two are audited otherwise."""
 
     text: str
     keystore: Store | Tree
+    options: tuple[str, ...] = ()
 
     def tree(self) -> Tree:
         """The keystore's files."""
         return self.keystore.tree() if isinstance(self.keystore, Store) else self.keystore
 
 
-def pair(rule: str, name: str, *, bad: Case, good: Case, options: tuple[str, ...] = ()) -> tuple[Story, Story]:
-    """The bad and the good sample of a rule, audited with the same `options`."""
-    folder = f"rules/{rule}-{name}"
-    return (
-        Story(directory=f"{folder}/bad", rule=rule, text=bad.text, tree=bad.tree(), options=options),
-        Story(directory=f"{folder}/good", rule=rule, text=good.text, tree=good.tree(), options=options),
-    )
+def pair(rule: str, *, bad: Case, good: Case, options: tuple[str, ...] = ()) -> Iterator[Story]:
+    """The bad and the good sample of a rule."""
+    for side, case in (("bad", bad), ("good", good)):
+        yield Story(
+            directory=f"rules/{rule}-{BY_CODE[rule].name}/{side}",
+            rule=rule,
+            text=case.text,
+            tree=case.tree(),
+            options=case.options or options,
+        )
 
 
 def description_of(sample: Path) -> Path:

@@ -33,7 +33,6 @@ def stories() -> Iterator[Story]:
     )
     yield from pair(
         "KA906",
-        "property-undecided",
         bad=Case(
             "A .p11 reference beside the listener's certificate: which identity the listener has is not "
             "in the files, so that no property of identities can be decided.",
