@@ -119,7 +119,7 @@ def excess_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     where a launch file names nothing that an enclave's nodes use.
     """
     for excess in given(context.observed).excess:
-        names = [*excess.names, *filter(None, (excess.endless,))]
+        names = [*excess.names, *filter(None, (excess.wide,))]
         yield Violation(
             message=_excess(excess, given(context.observed)),
             locations=places(each.location for each in names),
@@ -138,9 +138,10 @@ def _excess(excess: ExcessGrant, observation: Observation) -> str:
         granted = counted(excess.allowed, "name")
         said.append(f"of the {granted} that it is granted beside the usual ones it uses {excess.used}.")
         said.append(LAUNCHED if excess.launched else "")
-    if excess.endless is not None:
+    if excess.wide is not None:
+        more = "and infinitely many more" if excess.endless else "for one"
         begins = " Beside that it is not bounded" if said else f"What {excess.enclave} may do is not bounded by {where}"
-        said.append(f"{begins}: it may {_granted(excess.endless)}, and infinitely many more.")
+        said.append(f"{begins}: it may {_granted(excess.wide)}, {more}.")
     return "".join(said)
 
 

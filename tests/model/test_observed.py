@@ -14,7 +14,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.intended.least_policy import EnclavePolicy, least_policy
-from keystore_audit.model.intended.observed_needs import needs
+from keystore_audit.model.intended.observed_needs import needs, usual_channels
 from keystore_audit.model.names import dds_channels, dds_expressions
 from tests.rules.evidence import allow, domain_rule, enclave, governance, grant, keystore, permissions
 from tests.rules.observed import DISCOVERY, does, graph, log, observed
@@ -98,12 +98,17 @@ def test_excess_is_what_one_by_one_is_granted_and_not_used(own: list[Rule], acti
     far = [f"rt/{letter}{'x' * 9}/y" for letter in ("a", "q")] + ["rt/a/c/c/c"]
     halves = [f"r{half}{name}/z{end}" for name in NAMES for half, end in (("q/y", "Request"), ("r/y", ""), ("q", "x"))]
     endless = any(allows(own, o, topic, d) for o in OPERATIONS for topic in (*far, *halves) for d in (0, 5))
-    unbounded = any(excess.endless is not None for excess in found.excess)
+    unbounded = any(excess.endless for excess in found.excess)
     assert not (endless and not unbounded)
+    usual = set(usual_channels(("/talker",)))
+    others = {(o, topic) for o in OPERATIONS for topic in TOPICS} - used - granted - usual
+    if any(allows(own, o, topic, domain) for o, topic in others for domain in (0, 5)):
+        assert any(excess.wide is not None for excess in found.excess)
     for excess in found.excess:
         assert (excess.used, excess.allowed) == (len(granted & used), len(granted))
-        if excess.endless is not None:
-            name = excess.endless
+        if excess.wide is not None:
+            name = excess.wide
+            assert excess.endless or (name.operation, name.topic) not in used | granted
             assert any(allows(own, name.operation, name.topic, domain) for domain in (0, 5))
 
 

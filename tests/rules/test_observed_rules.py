@@ -283,6 +283,25 @@ def test_a_wildcard_has_no_end(rule: object) -> None:
     assert "and infinitely many more." in finding.message
 
 
+@pytest.mark.parametrize(
+    ("topic", "partitions", "excess"),
+    [
+        ("rt/chatte?", None, "publish /chattea (topic), for one."),
+        ("rt/chatte[rz]", None, "publish /chattez (topic), for one."),
+        ("rt/chatter", ("ar[m]",), "publish /chatter (topic) in partition 'arm', for one."),
+        ("rt/chatte[r]", None, ""),
+        ("rt/chatter", ("",), ""),
+    ],
+)
+def test_an_expression_is_an_excess_where_it_names_what_is_not_used(
+    topic: str, partitions: tuple[str, ...] | None, excess: str
+) -> None:
+    wide = ruled(publish=(((topic,), partitions),))
+    said = spoken(granted(CHATTER, wide), TALKS, names=("spec",))
+    assert codes(said) == ["KA651"] * bool(excess)
+    assert all(finding.message.endswith(excess) for finding in said)
+
+
 def test_an_access_control_that_is_off_is_no_grant() -> None:
     off = governance(domain_rule(topic_rule(enable_read_access_control=False, enable_write_access_control=False)))
     own = permissions(P7S, grant("/talker", CHATTER, *usual_rules("/talker"), DISCOVERY))

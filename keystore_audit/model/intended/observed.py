@@ -6,7 +6,7 @@ needed and denied keeps a node from starting, one that is granted and never used
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence, Set
 from datetime import datetime
 
 from keystore_audit.dataclass import dataclass
@@ -67,14 +67,15 @@ class GrantedName:
 class ExcessGrant:
     """What an enclave is granted and no node of it was seen to use.
 
-    `names`: those it lists. `endless`: one of infinitely many that an expression or a default allows, if there are
-    such. `used`, `allowed`: how many of the names known it uses and may use, usual ones left out. `profiles`: that
-    allow any of it. `launched`: launch files alone tell of its nodes.
+    `names`: those it lists. `wide`: one of those that an expression or a default allows besides, if there are such;
+    `endless`: of infinitely many. `used`, `allowed`: how many of the names known it uses and may use, usual ones left
+    out. `profiles`: that allow any of it. `launched`: launch files alone tell of its nodes.
     """
 
     enclave: str
     names: tuple[GrantedName, ...]
-    endless: GrantedName | None
+    wide: GrantedName | None
+    endless: bool
     used: int
     allowed: int
     profiles: tuple[str, ...]
@@ -245,7 +246,7 @@ class _Comparison:
         used |= {channel for name in self._names for each in usages(name.name) for channel in each}
         usual = set(usual_channels(self._nodes))
         names: dict[tuple[Operation, Point], GrantedName] = {}
-        endless: GrantedName | None = None
+        beyond: list[tuple[bool, GrantedName]] = []
         known: set[Use] = set()
         allowing: list[str] = []
         for profile, alike in self._deciders.kinds:
@@ -253,14 +254,16 @@ class _Comparison:
             known |= {(name.operation, name.topic) for name in found} - usual
             more = [name for name in found if name.partition or (name.operation, name.topic) not in used | usual]
             names.update({(name.operation, (name.topic, name.partition)): name for name in more})
-            wide = self._endless(profile, alike)
-            endless = endless or wide
-            if more or wide is not None:
+            wide = list(self._beyond(profile, alike, found, used | usual))
+            beyond += wide
+            if more or wide:
                 allowing += alike
         if allowing:
+            endless, wide_name = max(beyond, key=lambda each: each[0], default=(False, None))
             yield ExcessGrant(
                 enclave=self._enclave.path,
                 names=tuple(names.values()),
+                wide=wide_name,
                 endless=endless,
                 used=len(known & used),
                 allowed=len(known),
@@ -284,19 +287,24 @@ class _Comparison:
             if self._rights.allows(profile, name.operation, (name.topic, name.partition))
         ]
 
-    def _endless(self, profile: Profile, alike: tuple[str, ...]) -> GrantedName | None:
+    def _beyond(
+        self, profile: Profile, alike: tuple[str, ...], found: Sequence[GrantedName], used: Set[Use]
+    ) -> Iterator[tuple[bool, GrantedName]]:
+        """By direction, a name that expressions allow beside those `found` and `used`; whether of infinitely many."""
         grant = self._rights.grant(profile)
         if grant is None or not (grant.default_allow or _has_expressions(grant.grant)):
-            return None
+            return
         try:
             for operation in DIRECTIONS:
-                found = self._rights.endless(profile, operation)
-                if found is not None:
-                    (topic, partition), location = found
-                    return GrantedName(operation=operation, topic=topic, partition=partition, location=location)
+                known = {(name.topic, name.partition) for name in found if name.operation is operation}
+                known |= {(topic, "") for kind, topic in used if kind is operation}
+                beyond = self._rights.beyond(profile, operation, known)
+                if beyond is not None:
+                    topic, partition = beyond.point
+                    name = GrantedName(operation=operation, topic=topic, partition=partition, location=beyond.location)
+                    yield beyond.endless, name
         except BudgetExceeded as exceeded:
             self._note(exceeded.message.rstrip("."), alike)
-        return None
 
     def _note(self, reason: str, names: Iterable[str]) -> None:
         self._undecided.setdefault(reason, []).extend(names)

@@ -5,9 +5,10 @@ One enclave at a time, over the expressions of its own documents: what others sa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
+from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
@@ -16,11 +17,12 @@ from keystore_audit.intent.intent import Action
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.channels import Channels, Point, document_channels
-from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels
+from keystore_audit.model.claims import named
+from keystore_audit.model.decision import WILDCARDS, LocalRights
 from keystore_audit.model.domains import contains
 from keystore_audit.model.names import Use, dds_channels
-from keystore_audit.model.permission import bits, union
+from keystore_audit.model.permission import bits, members, union
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.semantics import ReadGrant
@@ -41,6 +43,14 @@ class JointRuling:
     domains: str = ""
     reason: str = ""
     location: Location | None = None
+
+
+class Beyond(NamedTuple):
+    """A name in a partition, and the line that allows it; `endless`: infinitely many more besides."""
+
+    point: Point
+    location: Location
+    endless: bool
 
 
 _NOWHERE = JointRuling(ruling=None)
@@ -109,9 +119,9 @@ class PointRights:
         """The grant that decides."""
         return self._local.grant(self._enclave, profile)
 
-    def endless(self, profile: Profile, operation: Operation) -> tuple[Point, Location] | None:
-        """A name, in a partition, among infinitely many that the grant allows in some domain in which the enclave
-        starts; and the line.
+    def beyond(self, profile: Profile, operation: Operation, known: Container[Point]) -> Beyond | None:
+        """A name, in a partition, that is none of the `known` ones, and that the grant allows by an expression or by
+        default in some domain in which the enclave starts: if it can be, one of infinitely many.
 
         Raises errors.BudgetExceeded where the classes of its expressions are too many.
         """
@@ -119,34 +129,37 @@ class PointRights:
         here = bits(
             number
             for number, channel in enumerate(channels.channels)
-            if channel.infinite
-            and any(cell.infinite for cell in channels.cells(number))
-            and any(
+            if any(
                 usable and contains(channels.domains[channel.domain].intervals, domain)
                 for domain, usable in self._started(profile)
             )
         )
         place = self._enclave.permissions.signed.file.place if self._enclave.permissions else None
+        found: Beyond | None = None
         for step in local.steps(self._enclave, profile, operation):
-            found = step.channels & here
+            hit = step.channels & here
             here &= ~step.channels
-            location = step.decision.location if found and step.allow else None
-            if location is not None and location.path == place:
-                ros = [n for n, channel in enumerate(channels.channels) if found >> n & 1 and channel.ros]
-                number = ros[0] if ros else found.bit_length() - 1
-                cell = next(each for each in channels.cells(number) if each.infinite)
-                return (cell.topic, cell.partition), location
-        return None
+            location = step.decision.location if hit and step.allow else None
+            if location is None or location.path != place:
+                continue
+            numbers = sorted(members(hit), key=lambda number: not channels.channels[number].ros)
+            for cell in (each for number in numbers for each in channels.cells(number)):
+                if cell.infinite:
+                    return Beyond((cell.topic, cell.partition), location, endless=True)
+                if found is None and (cell.topic, cell.partition) not in known:
+                    found = Beyond((cell.topic, cell.partition), location, endless=False)
+        return found
 
     @cached_property
     def _classes(self) -> tuple[Channels, LocalRights]:
-        """All names, in classes."""
-        channels = self._of_own_documents(None)
+        """All names, in classes; the points are told apart."""
+        claimed = {topic for topic, _partition in self._points if WILDCARDS.isdisjoint(topic)}
+        channels = self._of_own_documents(None, [named((topic,)) for topic in sorted(claimed)])
         return channels, LocalRights(self._deciders.accesses, channels, self._deciders.at)
 
-    def _of_own_documents(self, points: Sequence[Point] | None) -> Channels:
+    def _of_own_documents(self, points: Sequence[Point] | None, claimed: Sequence[ReadRegion] = ()) -> Channels:
         documents = self._enclave.governance, self._enclave.permissions
-        return document_channels(self._deciders.accesses.by_row(self._deciders.profiles, documents), points)
+        return document_channels(self._deciders.accesses.by_row(self._deciders.profiles, documents), points, claimed)
 
     def _governed(self, profile: Profile) -> Iterator[int]:
         """The lowest domain of each class that the governance covers; 0 where it says nothing."""
