@@ -85,7 +85,6 @@ def _hides(other: Certificate, root: Certificate) -> bool:
     return (
         same_name(other.subject_name, root.issuer_name)
         and suits_key(root, other)
-        and (other.key_usage is None or "keyCertSign" in other.key_usage)
         and other.not_before <= root.not_before
         and root.not_after <= other.not_after
         and key_identifier_fits(root, other)

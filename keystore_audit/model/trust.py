@@ -226,8 +226,8 @@ def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust
 def issuers_taken(certificate: Certificate, authorities: Sequence[Certificate]) -> tuple[Certificate, ...]:
     """The authorities that OpenSSL takes for the issuer at some instant: the first of those that fit and are in force.
 
-    Fitting are name, key identifier, kind of key and keyUsage (X509_check_issued); the signature comes later, and no
-    second one is tried (X509_STORE_CTX_get1_issuer; measured with 3.0.19).
+    Fitting are name, key identifier and kind of key (ossl_x509_likely_issued); signature and keyUsage come later, and
+    no second one is tried (X509_STORE_CTX_get1_issuer; measured with 3.0.19).
     """
     fitting = [
         each
@@ -235,7 +235,6 @@ def issuers_taken(certificate: Certificate, authorities: Sequence[Certificate]) 
         if issue(each, certificate) in (Issue.ISSUED, Issue.UNSUPPORTED, Issue.SIGNATURE_INVALID)
         and suits_key(certificate, each)
         and key_identifier_fits(certificate, each)
-        and (each.key_usage is None or "keyCertSign" in each.key_usage)
     ]
     return tuple(
         each

@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from cryptography import x509
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.profiles import VARIANTS
@@ -14,7 +15,13 @@ from keystore_audit.model.trust import Verdict, document_verdict
 from tests.keystore.builder import Signed, authority, certificate
 from tests.oracles.vendors.recipes_signers import PAST, _ca
 
+USAGES = (
+    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
+    *("key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
+)
 FIRST, SECOND, EXPIRED, OTHER = authority("p"), authority("p"), authority("p", **PAST), authority("q")
+USAGE = x509.KeyUsage(*(name == "crl_sign" for name in USAGES))
+IDLE = authority("p", key=SECOND.key, extensions=[(USAGE, True)])
 LEAF = certificate("/mallory", SECOND)
 CASES = {
     "the second": (FIRST.pem + SECOND.pem, SECOND, True),
@@ -22,6 +29,8 @@ CASES = {
     "a leaf of the second": (FIRST.pem + SECOND.pem, LEAF, True),
     "a leaf of the first": (SECOND.pem + FIRST.pem, LEAF, False),
     "the second, the first has expired": (EXPIRED.pem + SECOND.pem, SECOND, False),
+    "the second, the first has its key and may not sign": (IDLE.pem + SECOND.pem, SECOND, True),
+    "a leaf of the second, the first has its key and may not sign": (IDLE.pem + SECOND.pem, LEAF, True),
     "the second, of another name": (OTHER.pem + SECOND.pem, SECOND, False),
 }
 

@@ -147,6 +147,8 @@ def combinations(pool: Pool, number: int, seed: int) -> Iterator[Combination]:
         if issuer != "root":
             yield Combination(("root", *alone), identity, None)
         yield from (Combination(alone, identity, revocations) for revocations in pool.lists)
+    for before in ("may not sign", "no authority", "expired root"):  # not the first, which Fast DDS looks at by itself
+        yield Combination(("short root", before, "root"), "of root", None)
     random = Random(seed)
     for _ in range(number):
         identity = random.choice(list(pool.identities))
