@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 from functools import lru_cache
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -43,8 +44,10 @@ def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trus
 
 
 @lru_cache(maxsize=16_384)
-def path_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> str | None:
-    """Why no path is found for a signer that `may_sign`, whatever the instant; None where one is.
+def path_refusal(
+    signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust, at: datetime | None = None
+) -> str | None:
+    """Why no path is found `at` the instant, or at any, for a signer that `may_sign`; None where one is.
 
     PKCS7_verify takes at each step the first certificate of the issuer's name that fits, of the CA file before those of
     the message, and tries no other one (build_chain in x509_vfy.c; measured on Fast DDS 2.9.1): of two permissions CAs
@@ -54,38 +57,41 @@ def path_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trust:
     if trust.pins_signer:
         return None
     read = authorities_read(permissions_ca, trust)
-    if all(_arrives(signer, read, signed.embedded) for signer in signers_taken(signed, trust)):
+    if all(_arrives(signer, read, signed.embedded, at) for signer in signers_taken(signed, trust)):
         return None
     return f"of {permissions_ca.file.place} the first certificate of the signer's or issuer's name is another"
 
 
-def _arrives(signer: Certificate, read: Sequence[Certificate], embedded: Sequence[Certificate]) -> bool:
+def _arrives(
+    signer: Certificate, read: Sequence[Certificate], embedded: Sequence[Certificate], at: datetime | None
+) -> bool:
     pending, seen = [signer], {signer}
     while pending:
         below = pending.pop()
         if names_itself(below):
-            if _is_found(below, read):
+            if _is_found(below, read, at):
                 return True
             continue
-        for above in issuers_taken(below, read) or issuers_taken(below, embedded):
+        for above in issuers_taken(below, read, at) or issuers_taken(below, embedded, at):
             if above not in seen and may_have_issued(above, below) and is_authority(above) and lets_sign(above):
                 seen.add(above)
                 pending.append(above)
     return False
 
 
-def _is_found(root: Certificate, read: Sequence[Certificate]) -> bool:
-    """Whether a self-signed certificate is the one of the CA file that OpenSSL finds in its place at some instant."""
-    taken = next((each for each in read if each.sha256 == root.sha256 or _hides(each, root)), None)
+def _is_found(root: Certificate, read: Sequence[Certificate], at: datetime | None) -> bool:
+    """Whether a self-signed certificate is the one of the CA file that OpenSSL finds in its place."""
+    taken = next((each for each in read if each.sha256 == root.sha256 or _hides(each, root, at)), None)
     return taken is not None and taken.sha256 == root.sha256
 
 
-def _hides(other: Certificate, root: Certificate) -> bool:
-    """Whether OpenSSL takes the other for the issuer of the root whenever that is in force."""
+def _hides(other: Certificate, root: Certificate, at: datetime | None) -> bool:
+    """Whether OpenSSL takes the other for the issuer of the root, `at` None: whenever that is in force."""
+    first, last = (root.not_before, root.not_after) if at is None else (at, at)
     return (
         same_name(other.subject_name, root.issuer_name)
         and suits_key(root, other)
-        and other.not_before <= root.not_before
-        and root.not_after <= other.not_after
+        and other.not_before <= first
+        and last <= other.not_after
         and key_identifier_fits(root, other)
     )

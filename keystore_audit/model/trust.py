@@ -199,17 +199,21 @@ def _is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at
     return any(may_have_issued(authority, certificate) for authority in trusted_authorities(file, trust, at))
 
 
-def chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust) -> str | None:
-    """Why the certificate does not chain to an identity CA of the file, whatever the dates; None where it does.
+def chain_refusal(
+    certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None = None
+) -> str | None:
+    """Why the certificate does not chain to an identity CA of the file; None where it does.
+
+    `at` None: why it never does. Otherwise of the certificates in force then; that none is, is no reason here.
 
     OpenSSL takes, at each step, the first certificate with the issuer's name and key identifier for the issuer, and
     tries no other one (X509_STORE_CTX_get1_issuer; measured with 3.0.19): all authorities of sros2 have one name.
     """
-    return _chain_refusal(certificate, file, _chaining(trust, file))
+    return _chain_refusal(certificate, file, _chaining(trust, file), at if len(file.certificates) > 1 else None)
 
 
 @lru_cache(maxsize=65_536)
-def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust) -> str | None:
+def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None) -> str | None:
     place = file.file.place
     if not _is_issued(file, certificate, trust, None):
         issuers = [authority for authority in file.certificates if may_have_issued(authority, certificate)]
@@ -220,11 +224,15 @@ def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust
         if not any(authority in authorities_read(file, trust) for authority in issuers):
             return not_read(place, trust)
         return f"no chain in {place} ends at a self-signed certificate within its path lengths"
-    return _path_refusal(certificate, file, trust) if trust.needs_root else None
+    return _path_refusal(certificate, file, trust, at) if trust.needs_root else None
 
 
-def issuers_taken(certificate: Certificate, authorities: Sequence[Certificate]) -> tuple[Certificate, ...]:
-    """The authorities that OpenSSL takes for the issuer at some instant: the first of those that fit and are in force.
+def issuers_taken(
+    certificate: Certificate, authorities: Sequence[Certificate], at: datetime | None = None
+) -> tuple[Certificate, ...]:
+    """The authorities that OpenSSL takes for the issuer: the first of those that fit and are in force.
+
+    `at` None, or where none is in force: at some instant.
 
     Fitting are name, key identifier and kind of key (ossl_x509_likely_issued); signature and keyUsage come later, and
     no second one is tried (X509_STORE_CTX_get1_issuer; measured with 3.0.19).
@@ -236,6 +244,9 @@ def issuers_taken(certificate: Certificate, authorities: Sequence[Certificate]) 
         and suits_key(certificate, each)
         and key_identifier_fits(certificate, each)
     ]
+    present = next((each for each in fitting if at is not None and in_force(each, at)), None)
+    if present is not None:
+        return (present,)
     return tuple(
         each
         for number, each in enumerate(fitting)
@@ -243,8 +254,8 @@ def issuers_taken(certificate: Certificate, authorities: Sequence[Certificate]) 
     )
 
 
-def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust) -> str | None:
-    """Why no path that OpenSSL builds holds, whatever the instant; None where one does."""
+def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None) -> str | None:
+    """Why no path that OpenSSL builds holds `at` the instant, or at any; None where one does."""
     place, authorities = file.file.place, authorities_read(file, trust)
     refusals: list[str] = []
     # A certificate with the number of authorities below it that are not self-issued; each pair is looked at once.
@@ -252,7 +263,7 @@ def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust)
     seen = {*pending}
     while pending:
         below, between = pending.pop()
-        taken = issuers_taken(below, authorities)
+        taken = issuers_taken(below, authorities, at)
         if not taken:
             refusals.append(f"no certificate in {place} has the issuer's name and key identifier")
         for above in taken:
@@ -339,12 +350,8 @@ def is_first_embedded(signer: Certificate, signed: SignedDocument) -> bool:
 
 def first_of_number(signer: Certificate, among: Iterable[Certificate]) -> Certificate | None:
     """The first of its issuer, by meaning (X509_NAME_cmp), and serial number: the one OpenSSL takes for the signer."""
-    for each in among:
-        if each.serial == signer.serial and (
-            each.issuer_der == signer.issuer_der or same_name(each.issuer_name, signer.issuer_name)
-        ):
-            return each
-    return None
+    alike = (each for each in among if each.serial == signer.serial)
+    return next((each for each in alike if same_name(each.issuer_name, signer.issuer_name)), None)
 
 
 def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:

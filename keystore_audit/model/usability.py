@@ -40,6 +40,8 @@ UNGOVERNED: Final = ("the governance covers no domain", "the governance does not
 UNGRANTED: Final = "the grant allows no"
 """How reasons begin that are about domains: only governance and permissions mend them."""
 
+_NOT_ISSUED: Final = "the identity CA did not issue the identity certificate"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Dated:
@@ -282,8 +284,10 @@ def refusals_of_peer(enclave: Enclave, certificate: Certificate, trust: Trust, a
     """Why the enclave refuses who has the certificate, whatever grants say: what it asks of its own when it starts."""
     file = enclave.identity_ca
     yield from _chain_refusals(enclave, certificate, trust)
-    if file is not None and is_issued(file, certificate, trust, None) and not is_issued(file, certificate, trust, at):
-        yield "the identity CA certificate is outside its validity"
+    if file is not None and is_issued(file, certificate, trust, None):
+        if not is_issued(file, certificate, trust, at):
+            yield "the identity CA certificate is outside its validity"
+        yield from _chain_refusals_at(certificate, file, trust, at)
     if lists_read(enclave, trust):
         yield from _revocations_at(enclave, certificate, trust, at)
 
@@ -294,10 +298,18 @@ def _chain_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) ->
         return ()
     refusal = chain_refusal(certificate, file, trust)
     if refusal is not None:
-        return (f"the identity CA did not issue the identity certificate: {refusal}",)
+        return (f"{_NOT_ISSUED}: {refusal}",)
     if list_missing(enclave, certificate, trust):
         return ("no revocation list that it carries can be used for the identity, so every identity is refused",)
     return ()
+
+
+def _chain_refusals_at(certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime) -> Iterator[str]:
+    """Why no chain is found at an instant where one is at others: another authority of its name is in force then."""
+    refusal = chain_refusal(certificate, file, trust, at)
+    known = not any(defect.kind.opaque for defect in file.defects)
+    if known and refusal is not None and chain_refusal(certificate, file, trust) is None:
+        yield f"{_NOT_ISSUED}: {refusal}"
 
 
 def _signed_validly(enclave: Enclave, trust: Trust) -> Iterator[tuple[SignedDocument, CertificateFile]]:
@@ -333,14 +345,11 @@ def _refusals_at(dated: _Dated, own: _Own, trust: Trust, at: datetime) -> Iterat
             yield "the identity CA certificate is outside its validity"
         elif verified is not None and not in_force(verified, at):
             yield f"it does not load {file.file.place}: its first certificate is outside its validity"
+        yield from _chain_refusals_at(certificate, file, trust, at)
     authority = dated.permissions_ca
     if authority is not None and not in_force(authority, at):
         yield "the permissions CA certificate is outside its validity"
-    signers = [(signer, signed, file) for signed, file in dated.signed for signer in signers_taken(signed, trust)]
-    if any(signer != authority and not in_force(signer, at) for signer, _signed, _file in signers):
-        yield "the certificate that signed a document is outside its validity"
-    elif not all(signer == authority or may_sign(signer, signed, file, trust, at) for signer, signed, file in signers):
-        yield "a certificate above the one that signed a document is outside its validity"
+    yield from _signers_refused_at(dated, trust, at)
     if certificate is not None and dated.listed is not None:
         yield from _revocations_at(dated.listed, certificate, trust, at)
     if certificate is not None and own.grants is not None:
@@ -353,6 +362,20 @@ def _refusals_at(dated: _Dated, own: _Own, trust: Trust, at: datetime) -> Iterat
             low, high = min(asked, default=(0, 232))
             one = dated.joins in _BY_DOMAIN and len(asked) == 1 and low == high
             yield f"{UNGRANTED}thing in domain {low}" if one else _NOT_JOINING[dated.joins]
+
+
+def _signers_refused_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
+    """What is wrong `at` an instant with who signed the documents."""
+    authority = dated.permissions_ca
+    signers = [(signer, signed, file) for signed, file in dated.signed for signer in signers_taken(signed, trust)]
+    if any(signer != authority and not in_force(signer, at) for signer, _signed, _file in signers):
+        yield "the certificate that signed a document is outside its validity"
+    elif not all(signer == authority or may_sign(signer, signed, file, trust, at) for signer, signed, file in signers):
+        yield "a certificate above the one that signed a document is outside its validity"
+    for signed, file in dated.signed:
+        lost = path_refusal(signed, file, trust, at)
+        if lost is not None and path_refusal(signed, file, trust) is None:
+            yield f"{signed.file.place} is not validly signed by anybody whom the permissions CA vouches for: {lost}"
 
 
 _BY_DOMAIN: Final = (JoinCheck.SPEC, JoinCheck.CYCLONEDDS)

@@ -135,6 +135,7 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
         refusals: dict[str, list[Profile]] = {}
         for profile in VARIANTS.values():
             why = chain_refusal(certificate, file, profile.trust)
+            why = why or chain_refusal(certificate, file, profile.trust, context.at)
             if why is not None:
                 refusals.setdefault(why, []).append(profile)
         refusing = [profile for profiles in refusals.values() for profile in profiles]

@@ -301,6 +301,8 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
         for profile in VARIANTS.values():
             refused = document_verdict(use.signed, file, profile.trust) is Verdict.REFUSED
             why = (signer_refusal if refused else path_refusal)(use.signed, file, profile.trust)
+            if why is None:
+                why = path_refusal(use.signed, file, profile.trust, context.at)
             if why is not None and profile not in refusals.setdefault(why, []):
                 refusals[why].append(profile)
     refusing = [profile for profiles in refusals.values() for profile in profiles]

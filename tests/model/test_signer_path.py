@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.signer_path import path_refusal
 from keystore_audit.model.trust import Verdict, document_verdict
-from tests.keystore.builder import Signed, authority, certificate
+from tests.keystore.builder import END, START, Signed, authority, certificate
 from tests.oracles.vendors.recipes_signers import PAST, _ca
 
 USAGES = (
@@ -21,6 +22,7 @@ USAGES = (
 )
 FIRST, SECOND, EXPIRED, OTHER = authority("p"), authority("p"), authority("p", **PAST), authority("q")
 USAGE = x509.KeyUsage(*(name == "crl_sign" for name in USAGES))
+LATER = authority("p", start=START + timedelta(days=200), end=END + timedelta(days=200))
 IDLE = authority("p", key=SECOND.key, extensions=[(USAGE, True)])
 LEAF = certificate("/mallory", SECOND)
 CASES = {
@@ -31,6 +33,9 @@ CASES = {
     "the second, the first has expired": (EXPIRED.pem + SECOND.pem, SECOND, False),
     "the second, the first has its key and may not sign": (IDLE.pem + SECOND.pem, SECOND, True),
     "a leaf of the second, the first has its key and may not sign": (IDLE.pem + SECOND.pem, LEAF, True),
+    "the second, made later": (FIRST.pem + LATER.pem, LATER, True),
+    "the second, which was there before": (LATER.pem + FIRST.pem, FIRST, True),
+    "a leaf of the second, made later": (FIRST.pem + LATER.pem, certificate("/mallory", LATER), True),
     "the second, of another name": (OTHER.pem + SECOND.pem, SECOND, False),
 }
 
@@ -44,7 +49,9 @@ def test_the_first_of_the_name_is_tried_alone(authorities: bytes, signer: Signed
     assert read.permissions_ca is not None
     row = VARIANTS["fastdds-2.9"].trust
     assert document_verdict(read.permissions.signed, read.permissions_ca, row) is Verdict.ACCEPTED
-    assert (path_refusal(read.permissions.signed, read.permissions_ca, row) is not None) is lost
+    assert (
+        path_refusal(read.permissions.signed, read.permissions_ca, row, datetime.now(timezone.utc)) is not None
+    ) is lost
     assert path_refusal(read.permissions.signed, read.permissions_ca, VARIANTS["fastdds-2.14"].trust) is None
     command = ["openssl", "smime", "-verify", "-text", "-CAfile", "permissions_ca.cert.pem", "-in", "permissions.p7s"]
     verified = subprocess.run(command, cwd=enclave, capture_output=True, check=False)

@@ -72,6 +72,7 @@ def pool() -> Pool:
         "root": root,
         "renewed root": _authority("root", key=root.key, serial=7),
         "other root": _authority("root"),
+        "next root": _authority("root", start=START + timedelta(days=300), end=START + timedelta(days=5000)),
         "expired root": _authority("root", key=root.key, end=START + timedelta(days=30)),
         "printable root": _authority(_printable("root"), key=root.key),
         "no authority": certificate("root", key=root.key, ca=False),
