@@ -28,7 +28,7 @@ from keystore_audit.intent.launch_actions import (
     Unknown,
     Unread,
 )
-from keystore_audit.intent.launch_environment import NAMES
+from keystore_audit.intent.launch_environment import NAMES, is_lookup
 from keystore_audit.intent.launch_nodes import Nodes
 from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_names import ROOT
@@ -192,6 +192,8 @@ class _Launch:
             if isinstance(action, AssignEnvironment):
                 values |= dict.fromkeys(NAMES, Unknown(reason="an environment variable whose name cannot be told"))
                 self._note(values, NAMES)
+            return
+        if isinstance(action, AssignEnvironment) and action.value and is_lookup(name, action.value):
             return
         if action.value is not None:
             values[name] = scope.known(action.value, source)

@@ -7,15 +7,17 @@ import shlex
 from collections.abc import Iterable
 from typing import Final
 
-from keystore_audit.intent.environment import DOMAIN, ENABLE, KEYSTORE, OVERRIDE, RMW, STRATEGY
+from keystore_audit.intent.environment import DOMAIN, ENABLE, KEYSTORE, OVERRIDE, RMW, SECURE, STRATEGY
 from keystore_audit.intent.launch_actions import (
     AssignEnvironment,
     Comparison,
     Condition,
     Group,
+    Reference,
     StartProcess,
     Text,
     Unknown,
+    Variable,
 )
 from keystore_audit.intent.launch_scope import Scope
 from keystore_audit.intent.source import Source, shown
@@ -62,6 +64,15 @@ _UNSET: Final = re.compile(r"\bunset\b|(?:^|\s)-u|--unset")
 _TOUCHED: Final = re.compile(r"\b(?:declare|export|for|printf|read|typeset)\s")
 """What a shell may change a variable by, to whatever: `export -n NAME`, `read NAME`."""
 
+_BEGUN: Final = re.compile(r"\^?([A-Z]+_(?:[A-Z]+_)*)(?![A-Z0-9_])")
+"""How names of variables begin."""
+
+_AS_ANOTHER: Final = re.compile(
+    r"\b(?:doas|pkexec|runuser|su|sudo)\s(?!.*(?<!\S)(?:-[A-Za-z]*E|--preserve-env)\s)"
+    r".*(?:\bros2\s|--ros-args|/opt/ros/)"
+)
+"""A node that somebody else starts: such programs take back all variables that they are not told to keep."""
+
 _CLEAN: Final = re.compile(
     r"\benv\s+(?:(?:-[0v]*[uC]|--unset|--chdir)\s+\S+\s+|-(?![0v]*[uC]\s|-unset\s|-chdir\s)\S+\s+){0,9}?"
     r"(?:(?:-[0v]*S|--split-string)[=\s]*)?(?:-[0v]*i\S*|-|--ignore-e[a-z]*)\s"
@@ -94,6 +105,8 @@ def set_by_command(command: str) -> dict[str, str | Unknown]:
     """The values that a command line itself gives to `NAMES`, in any of its words: `env NAME=VALUE`, or a shell's."""
     plain = re.sub(r"""["'\\]""", "", command)
     found: dict[str, str | Unknown] = dict.fromkeys(NAMES, "") if _CLEAN.search(plain) else {}
+    if _AS_ANOTHER.search(plain):
+        found |= _unknown(Unknown(reason=f"{shown(command)}, which starts it as somebody else"))
     for name in NAMES:
         values = set(re.findall(rf"(?<![A-Za-z0-9_]){name}=([^\s;&|]*)", plain))
         if values:
@@ -119,8 +132,21 @@ def _behind(word: re.Pattern[str], name: str, command: str) -> bool:
 
 
 def touched(text: str) -> tuple[str, ...]:
-    """The variables of `NAMES` that a text is the name of, or that it sets or takes back as part of a command."""
-    return (text,) if text in NAMES else tuple(set_by_command(f"{text} "))
+    """The variables of `NAMES` that a text is the name of, or the first part of, as `ROS_` and `ROS_SECURITY_*`; or
+    that it sets or takes back as part of a command.
+    """
+    if text in NAMES:
+        return (text,)
+    begun = _BEGUN.match(text)
+    return tuple(name for name in NAMES if begun and name.startswith(begun[1])) or tuple(set_by_command(f"{text} "))
+
+
+def is_itself(name: str, default: str | None) -> bool:
+    """Whether a variable that is set to what it is already, or to `default`, stays what it is to ROS 2.
+
+    Security that is not set is the worst that there is, and domain 0 is the one where none is set.
+    """
+    return name in SECURE or default in (None, "", "0" if name == DOMAIN else "")
 
 
 def started_with(action: StartProcess, scope: Scope, source: Source) -> dict[str, str | Unknown]:
@@ -134,16 +160,25 @@ def started_with(action: StartProcess, scope: Scope, source: Source) -> dict[str
         variable = scope.known(name, source)
         if isinstance(variable, Unknown):
             found |= dict.fromkeys(NAMES, variable)
-        elif variable in NAMES:
+        elif variable in NAMES and not is_lookup(variable, value):
             found[variable] = scope.known(value, source)
     prefix = scope.arguments.get(PREFIX, "") if action.prefix is None else scope.known(action.prefix, source)
-    before = _unknown(prefix) if isinstance(prefix, Unknown) else _before(prefix)
+    before = _unknown(prefix) if isinstance(prefix, Unknown) else set_by_prefix(prefix)
     if action.prefix is None and before and scope.arguments.get(FILTER):
         before = dict.fromkeys(before, Unknown(reason=f"{FILTER}, which says for which programs {PREFIX} counts"))
     return {**found, **before}
 
 
-def _before(prefix: str) -> dict[str, str | Unknown]:
+def is_lookup(name: str, value: Text) -> bool:
+    """Whether a variable is set to itself."""
+    match value:
+        case (Reference(variable=Variable.ENVIRONMENT, name=(str(looked_up),), default=default),):
+            told = None if default is None else "".join(each if isinstance(each, str) else "$" for each in default)
+            return looked_up == name and is_itself(name, told)
+    return False
+
+
+def set_by_prefix(prefix: str) -> dict[str, str | Unknown]:
     """What stands before the program, such as `env NAME=VALUE`, sets."""
     may_change = Unknown(reason=f"{shown(prefix)}, which stands before the program and may change its environment")
     try:

@@ -137,7 +137,7 @@ def _substituted(call: Call) -> Text:
     if call.name == "LaunchConfiguration":
         default = call.optional("default", 1, "default_value")
         return (Reference(variable=Variable.ARGUMENT, name=call.text("variable_name", 0), default=default),)
-    default = call.optional("default", other="default_value")
+    default = call.optional("default", 1, "default_value")
     return (Reference(variable=Variable.ENVIRONMENT, name=call.text("name", 0), default=default),)
 
 
@@ -232,9 +232,9 @@ def _node(call: Call) -> Value:
 
 def _environment_of(call: Call) -> dict[str, Any]:
     given = [dictionary(call.get("env")), dictionary(call.get("additional_env"))]
-    inherited = [isinstance(each, Pairs) and each.inherited for each in given]
-    clean = given[0] != NONE and not inherited[0]
-    variables = (*_mapping(given[0]), *_mapping(given[1]))
+    told = [Pairs(pairs=(), inherited=True) if isinstance(each, Opaque) else each for each in given]
+    inherited = [isinstance(each, Pairs) and each.inherited for each in told]  # python_environment looks into Opaque
+    variables, clean = (*_mapping(told[0]), *_mapping(told[1])), given[0] != NONE and not inherited[0]
     return {"environment": variables, "clean": clean, "earlier": any(inherited), "prefix": call.optional("prefix")}
 
 

@@ -7,12 +7,14 @@ followed or not; one where it is only read is none of these.
 from __future__ import annotations
 
 import ast
-from collections.abc import Collection, Iterable, Iterator, Sequence
+import builtins
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
+from keystore_audit.dataclass import dataclass, field
 from keystore_audit.intent.environment import ENABLE, SECURE, STRATEGY
 from keystore_audit.intent.launch_actions import AssignEnvironment, LaunchAction, Unknown, Unread
-from keystore_audit.intent.launch_environment import NAMES, touched
+from keystore_audit.intent.launch_environment import NAMES, PREFIX, is_itself, set_by_prefix, touched
 
 _ENVIRON: Final = frozenset({"environ", "environb"})
 _FUNCTIONS: Final = frozenset({"putenv", "unsetenv"})
@@ -37,6 +39,12 @@ _LOOKING: Final = frozenset({"get", "getenv", "EnvironmentVariable"})
 _SETTERS: Final = frozenset({"AppendEnvironmentVariable", "SetEnvironmentVariable", "UnsetEnvironmentVariable"})
 """Actions whose first argument is the name of a variable."""
 
+_REPLACING: Final = "ReplaceEnvironmentVariables"
+_GIVING: Final = frozenset({"additional_env", "env"})
+"""Arguments that give variables to a process."""
+
+_EMPTYING: Final = frozenset({"clear", "popitem"})
+
 _NOT_FOLLOWED: Final = (ast.Lambda, ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.DictComp, ast.IfExp)
 
 
@@ -48,19 +56,15 @@ def changes(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[LaunchAc
     """
     nodes = list(ast.walk(module))
     parents = {child: node for node in nodes for child in ast.iter_child_nodes(node)}
+    made = _Made.of(nodes, parents)
     found: dict[str, list[tuple[int, str | None]]] = {}
-    whole = {
-        name
-        for node in nodes
-        if isinstance(node, ast.Assign) and _has_all(node.value, ())
-        for name in _named_in(node.targets)
-    }
-    for node in _unread(nodes, skipped):
-        for name in _mentioned(node, parents, whole):
-            found.setdefault(name, []).append((getattr(node, "lineno", 1), None))
+    unread = _unread(nodes, skipped)
     for node in nodes:
-        for names, value in _changed(node, parents):
-            for name in NAMES if names is None else names:
+        names = _mentioned(node, parents, made) if node in unread else ()
+        for name in (*names, *_given(node, made, unread)):
+            found.setdefault(name, []).append((getattr(node, "lineno", 1), None))
+        for changed, value in _changed(node, parents, made):
+            for name in NAMES if changed is None else changed:
                 found.setdefault(name, []).append((getattr(node, "lineno", 1), value))
     named = [name for name in NAMES if name in found]
     for name in named:
@@ -74,7 +78,7 @@ def changes(module: ast.Module, skipped: Iterable[ast.AST]) -> Iterator[LaunchAc
         )
 
 
-def _unread(nodes: Sequence[ast.AST], skipped: Iterable[ast.AST]) -> Iterator[ast.AST]:
+def _unread(nodes: Sequence[ast.AST], skipped: Iterable[ast.AST]) -> set[ast.AST]:
     """All within what is skipped, and within the statements that make what it takes, as `k` of `Node(**k)`."""
     made: dict[str, list[ast.stmt]] = {}
     kept = set()  # descriptions grow wherever they stand, and are followed
@@ -100,44 +104,188 @@ def _unread(nodes: Sequence[ast.AST], skipped: Iterable[ast.AST]) -> Iterator[as
             waiting += ast.iter_child_nodes(node)
             if isinstance(node, ast.Name) and (node.id not in kept or not isinstance(node.ctx, ast.Load)):
                 waiting += made.pop(node.id, ())
-    return (node for node in nodes if node in seen)
+    return seen
 
 
 def _named_in(nodes: Iterable[ast.AST]) -> set[str]:
     return {inner.id for node in nodes for inner in ast.walk(node) if isinstance(inner, ast.Name)}
 
 
-def _mentioned(node: ast.AST, parents: dict[ast.AST, ast.AST], whole: Collection[str]) -> Iterable[str]:
-    """The variables that are named here, unless they are only looked up, set to what they ought to be, or `_changed`
-    speaks of them; and where all are replaced, those that decide whether there is security.
+MAX_DEPTH: Final = 64
+"""Dictionaries that are made of others."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Made:
+    """What names stand for, wherever in the file.
+
+    `values`: what is assigned, or returned by the function; `more`: what is added to it, gone through by a loop, or
+    called with it. `bound`: names that are no other module's; `aliases`: other names of `os.environ`. `emptied`: names
+    of dictionaries that lose entries which are not named. `whole`: what `has_all` said of
+    names; `own`: those that do not come from elsewhere.
     """
-    if isinstance(node, ast.keyword) and node.arg == "env" and not _has_all(node.value, whole):
-        return (ENABLE, STRATEGY)
-    if isinstance(node, ast.Call) and _called(node.func) in _SETTERS and _named_later(node):
+
+    values: dict[str, list[ast.AST]] = field(default_factory=dict)
+    more: dict[str, list[ast.AST]] = field(default_factory=dict)
+    bound: set[str] = field(default_factory=lambda: set(dir(builtins)))
+    aliases: set[str] = field(default_factory=set)
+    emptied: set[str] = field(default_factory=set)
+    whole: dict[str, bool] = field(default_factory=dict)
+    own: set[str] = field(default_factory=set)
+
+    @staticmethod
+    def of(nodes: Iterable[ast.AST], parents: Mapping[ast.AST, ast.AST]) -> _Made:
+        """All of a file; `nodes`: outer ones first."""
+        made = _Made()
+        within: dict[ast.AST, str] = {}
+        for node in nodes:
+            outer = parents.get(node, node)
+            within[node] = outer.name if isinstance(outer, ast.FunctionDef) else within.get(outer, "")
+            if isinstance(node, ast.Return) and node.value is not None:
+                made.values.setdefault(within[node], []).append(node.value)
+            elif isinstance(node, ast.arg):
+                made.bound.add(node.arg)
+            elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                made.bound.add(node.name)
+            elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
+                made.bound.add(node.id)
+            else:
+                made._note(node)
+        return made
+
+    def _note(self, node: ast.AST) -> None:
+        """What a statement or an expression makes of names."""
+        if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
+            for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                kept = self.values if isinstance(target, ast.Name) else self.more
+                for name in () if isinstance(target, ast.Subscript) else _named_in([target]):
+                    kept.setdefault(name, []).append(node.value)
+                    self.aliases.update([name] if _is_environ(node.value) else [])
+        elif isinstance(node, (ast.For, ast.comprehension, ast.AugAssign)):
+            for name in _named_in([node.target]):
+                self.more.setdefault(name, []).append(node.value if isinstance(node, ast.AugAssign) else node.iter)
+        elif isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Del) and _text(node.slice) is None:
+            self.emptied.update(_named_in([node.value]))
+        elif isinstance(node, ast.Call):
+            method, held = _called(node.func) or "", _called(getattr(node.func, "value", node.func)) or ""
+            for each in () if method[:1].isupper() or method in _LOOKING | _FIRST else node.args:
+                if isinstance(each, ast.Name):  # classes make something, functions may change what they get
+                    self.more.setdefault(each.id, []).append(node.func)
+            if method in _EMPTYING or (method == "pop" and node.args and _text(node.args[0]) is None):
+                self.emptied.add(held)
+            elif method == "update":
+                self.more.setdefault(held, []).extend(node.args)
+
+    def has_all(self, value: ast.AST, depth: int = 0) -> bool:
+        """Whether a dictionary holds all variables that there were, or there is none."""
+        if depth > MAX_DEPTH:
+            return False
+        if self.is_environ(value) or (isinstance(value, ast.Constant) and value.value is None):
+            return True
+        if isinstance(value, ast.Name):
+            if value.id not in self.whole:
+                self.whole[value.id] = False  # until it is known: a name may be made of itself
+                made = () if value.id in self.emptied else self.values.get(value.id, ())
+                self.whole[value.id] = bool(made) and all(self.has_all(each, depth + 1) for each in made)
+            return self.whole[value.id]
+        if isinstance(value, ast.IfExp):
+            return self.has_all(value.body, depth + 1) and self.has_all(value.orelse, depth + 1)
+        return any(self.has_all(part, depth + 1) for part in _parts(value))
+
+    def comes_from_elsewhere(self, value: ast.AST) -> bool:
+        """Whether a dictionary or list may have names in it that this file does not say."""
+        waiting, seen = [value], set[str]()
+        while waiting:
+            value = waiting.pop()
+            if self.is_environ(value):
+                continue
+            if not isinstance(value, ast.Name):
+                waiting += _parts(value)
+            elif value.id not in self.bound:
+                return True
+            elif value.id not in seen and value.id not in self.own:
+                seen.add(value.id)
+                waiting += (*self.values.get(value.id, ()), *self.more.get(value.id, ()))
+        self.own.update(seen)
+        return False
+
+    def is_environ(self, node: ast.AST) -> bool:
+        """Whether it is `os.environ`, or a name for it."""
+        return _is_environ(node) or (isinstance(node, ast.Name) and node.id in self.aliases)
+
+
+def _parts(value: ast.AST) -> Iterator[ast.AST]:
+    """The dictionaries that entries of a dictionary come from."""
+    if isinstance(value, ast.Dict):
+        yield from (each for key, each in zip(value.keys, value.values, strict=True) if key is None)
+    elif isinstance(value, ast.BinOp):
+        yield from (value.left, value.right)
+    elif isinstance(value, ast.IfExp):
+        yield from (value.body, value.orelse)
+    elif isinstance(value, ast.Call) and _called(value.func) in ("dict", "copy", "deepcopy"):
+        yield from (*value.args, *(each.value for each in value.keywords if each.arg is None))
+        yield from [value.func.value] if isinstance(value.func, ast.Attribute) and not value.args else []
+    elif isinstance(value, (ast.Call, ast.Attribute, ast.Subscript)):
+        yield value.func if isinstance(value, ast.Call) else value.value
+
+
+def _given(node: ast.AST, made: _Made, unread: Collection[ast.AST]) -> Iterable[str]:
+    """The variables that a process may be given, or lose, by a dictionary that is not followed."""
+    given: list[tuple[str | None, ast.expr]] = []
+    if isinstance(node, ast.keyword):
+        given = [(node.arg, node.value)]
+    elif isinstance(node, ast.Dict):  # of arguments, perhaps
+        given = [(_text(key), value) for key, value in zip(node.keys, node.values, strict=True)]
+    elif isinstance(node, ast.Call) and _called(node.func) == _REPLACING:
+        given = [("env", value) for value in (*node.args, *(each.value for each in node.keywords))]
+    for name, value in given:
+        if name in _GIVING and value in unread and made.comes_from_elsewhere(value):
+            yield from NAMES
+        elif name == "env" and value in unread and not made.has_all(value):
+            yield from (ENABLE, STRATEGY)
+
+
+def _mentioned(node: ast.AST, parents: dict[ast.AST, ast.AST], made: _Made) -> Iterable[str]:
+    """The variables that are named here, unless they are only looked up, set to what they ought to be, or `_changed`
+    speaks of them.
+    """
+    if isinstance(node, ast.Call) and _called(node.func) in _SETTERS and _named_later(node, made):
         return NAMES
+    if isinstance(node, (ast.List, ast.Tuple)):  # the words of a command
+        return touched(" ".join(text for each in node.elts if (text := _text(each)) is not None))
     text = node.arg if isinstance(node, ast.keyword) else _text(node)
+    if isinstance(node, ast.keyword) and text == "prefix":
+        return () if (told := _text(node.value)) is None else set_by_prefix(told)
     parent = parents[node]
     call = parents[parent] if isinstance(parent, ast.keyword) else parent
     looking = isinstance(call, ast.Call) and _called(call.func) in _LOOKING
-    subscript = isinstance(parent, ast.Subscript) and (isinstance(parent.ctx, ast.Load) or _is_environ(parent.value))
+    loading = isinstance(getattr(parent, "ctx", None), ast.Load)
+    subscript = isinstance(parent, ast.Subscript) and (loading or made.is_environ(parent.value))
     if text is None or looking or subscript or isinstance(parent, (ast.Compare, ast.Expr)):
         return ()
-    return () if text in SECURE and _text(_value(node, parents)) == SECURE[text] else touched(text)
+    value = _value(node, parents)
+    if text == PREFIX:
+        return set_by_prefix(_text(value) or "$")
+    return () if (text in SECURE and _text(value) == SECURE[text]) or _is_itself(text, value) else touched(text)
 
 
-def _has_all(value: ast.expr, whole: Collection[str]) -> bool:
-    """Whether a dictionary holds all variables that there were, as those called `whole` do, or there is none."""
-    if isinstance(value, ast.Constant) and value.value is None:
-        return True
-    if isinstance(value, ast.Call) and _called(value.func) in _READING - {"copy"}:
+def _is_itself(name: str, value: ast.AST | None) -> bool:
+    """Whether a variable is set to what it is already."""
+    if isinstance(value, ast.Call) and _called(value.func) == "perform" and isinstance(value.func, ast.Attribute):
+        value = value.func.value
+    if isinstance(value, ast.Subscript):
+        return _is_environ(value.value) and _text(value.slice) == name
+    if not isinstance(value, ast.Call) or _called(value.func) not in _LOOKING:
         return False
-    return any(_is_environ(node) or getattr(node, "id", None) in whole for node in ast.walk(value))
+    given = [_text(each) for each in (*value.args, *(each.value for each in value.keywords))]
+    return given[:1] == [name] and is_itself(name, given[1] or "$" if len(given) > 1 else None)
 
 
-def _named_later(call: ast.Call) -> bool:
+def _named_later(call: ast.Call, made: _Made) -> bool:
     """Whether the variable that an action sets is neither a text nor a name, whose text is read apart."""
     given = [*call.args[:1], *(each.value for each in call.keywords if each.arg == "name")]
-    return not all(isinstance(each, (ast.Constant, ast.Name)) for each in given)
+    plain = all(isinstance(each, (ast.Constant, ast.Name)) for each in given)
+    return not plain or any(made.comes_from_elsewhere(each) for each in given)
 
 
 def _value(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> ast.expr | None:
@@ -165,16 +313,20 @@ def _is_environ(node: ast.AST) -> bool:
     return called in _ENVIRON or (isinstance(node, ast.Attribute) and called == "environment")
 
 
-def _changed(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[tuple[set[str] | None, str | None]]:
+def _changed(
+    node: ast.AST, parents: dict[ast.AST, ast.AST], made: _Made
+) -> Iterator[tuple[set[str] | None, str | None]]:
     """The names that are changed where all variables are spoken of (None: any), and to what, if that is plain."""
     called = _called(node)
     if isinstance(node, ast.alias) and node.asname is not None and node.name in _ENVIRON | _FUNCTIONS:
         yield None, None  # by another name it may be anywhere
     if called in _FUNCTIONS:
         yield _named(str(called), parents[node]), None
-    if not _is_environ(node):
+    if not made.is_environ(node) or (isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)):
         return
     parent = parents[node]
+    if _is_environ(node) and isinstance(parent, ast.Assign) and isinstance(parent.targets[0], ast.Name):
+        return  # one of the aliases, which are looked at themselves
     if isinstance(parent, ast.Subscript) and not isinstance(parent.ctx, ast.Load):
         assigned = parents[parent]
         names = _keys(parent.slice)

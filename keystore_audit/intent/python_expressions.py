@@ -43,6 +43,7 @@ _LAUNCH: Final = frozenset({"launch", "launch_ros", "launch_xml", "launch_yaml"}
 _SAME: Final = frozenset(
     {"str", "os.fspath", "os.path.abspath", "os.path.realpath", "os.path.normpath", "pathlib.Path"}
 )
+_LOOKUPS: Final = dict.fromkeys(("os.environ.get", "os.getenv"), "launch.substitutions.EnvironmentVariable")
 _SAME_METHODS: Final = frozenset({"resolve", "absolute", "as_posix"})
 _SHARE: Final = frozenset({"get_package_share_directory", "get_package_share_path", "get_package_prefix"})
 
@@ -192,11 +193,14 @@ class Expressions:
             if keyword.arg is None:
                 return _opaque(node, f"{_called(node)}, whose arguments only running the file works out")
             keywords[keyword.arg] = self.part(self.value(keyword.value, depth + 1), keyword.value.lineno)
+            if isinstance(keywords[keyword.arg], Opaque):
+                self.opaque.append(keyword.value)
         return self._imported(node, function.path, positional, keywords)
 
     def _imported(
         self, node: ast.Call, path: str, positional: tuple[Value, ...], keywords: Mapping[str, Value]
     ) -> Value:
+        path = _LOOKUPS.get(path, path)
         name = path.rpartition(".")[2]
         if path.split(".", 1)[0] in _LAUNCH:
             if name in RUN:

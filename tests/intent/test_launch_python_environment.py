@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.intent import python_environment
+from keystore_audit.intent.environment import STRATEGY
 from keystore_audit.intent.launch_environment import NAMES, OVERRIDE
 from tests.intent.launched import PLAIN, described, function, launch
 
@@ -30,7 +31,11 @@ ANY = dict.fromkeys(set(NAMES) - {OVERRIDE})
         (f"os.putenv({ENABLE}, 'no')", {ENABLE: None}),
         ("from os import environ\nenviron.update(other)", ANY),
         ("from os import environ as e", ANY),
-        ("e = os.environ", ANY),
+        ("e = os.environ\nx = e.get('A') or e['B']", {}),
+        (f"e = os.environ\ne[{ENABLE}] = 'no'", {ENABLE: "no"}),
+        (f"e = os.environ\ndef f(c):\n    e.pop({ENABLE})", {ENABLE: None}),
+        ("e = os.environ\ne.clear()", ANY),
+        ("e = os.environ\nf = e", ANY),
         ("os.environ.clear()", ANY),
         ("os.environ[other] = 'x'", ANY),
         ("os.environ |= {'A': 'b'}", ANY),
@@ -92,6 +97,45 @@ LATER = "def other(context):\n    "
 
 
 @pytest.mark.parametrize(
+    ("before", "arguments", "body", "named"),
+    [
+        ("", "c", "return Node(env={'PATH': os.environ['PATH']})", True),
+        ("", "c", "return Node(env={**os.environ, 'A': os.environ['B']})", False),
+        ("", "c", "return Node(env={k: os.environ[k] for k in ('A', 'B')})", True),
+        ("", "c", "e = os.environ.copy()\n    e.clear()\n    return Node(env=e)", True),
+        ("", "c", "e = os.environ.copy()\n    e.pop('A')\n    return Node(env=e)", False),
+        ("", "c", "k = {'env': {'A': 'b'}}\n    return Node(**k)", True),
+        ("", "c", "return ReplaceEnvironmentVariables({'A': 'b'})", True),
+        ("", "c", "return ReplaceEnvironmentVariables(os.environ)", False),
+        ("from x import e", "c", "return Node(additional_env=e)", True),
+        ("from x import e", "c", "return Node(additional_env={'A': e()})", False),
+        ("import x", "c", "return [SetEnvironmentVariable(k, 'no') for k in x.load()]", True),
+        ("", "c", "return [SetEnvironmentVariable(k, 'no') for k in ('A', 'B')]", False),
+        ("", "c, e='ENABLE'", "return Node(additional_env={f'ROS_SECURITY_{e}': 'no'})", True),
+        ("", "c, e", "return Node(additional_env={k: e[k] for k in e if not k.startswith('ROS_')})", True),
+        ("", "c, e='X'", "return Node(additional_env={f'ROS_LOG_{e}': 'no'})", False),
+        ("", "c", "return Node(prefix='sudo')", True),
+        ("", "c", "return Node(prefix='sudo -E env A=b')", True),
+        ("", "c", "return SetLaunchConfiguration('launch-prefix', 'sudo')", True),
+        ("", "c", "return SetLaunchConfiguration('launch-prefix', 'nice')", False),
+        ("", "c", "return ExecuteProcess(cmd=['env', '-i', 'e'])", True),
+        ("", "c", "return ExecuteProcess(cmd=['env', 'A=b', 'e'])", False),
+        ("", "c", "return ExecuteProcess(cmd=['sudo', 'ros2', 'run', 'p', 'e'])", True),
+        ("", "c", "return ExecuteProcess(cmd=['sudo', '-E', 'ros2', 'run', 'p', 'e'])", False),
+        ("", "c", "return ExecuteProcess(cmd=['sudo', 'ip', 'link'])", False),
+    ],
+)
+def test_what_processes_are_given_where_nothing_is_followed(
+    before: str, arguments: str, body: str, named: bool, tmp_path: Path
+) -> None:
+    before = f"{before}\ndef other({arguments}):\n    {body}"
+    intent = launch(tmp_path, function(f"return LaunchDescription([{PLAIN}])", before), "py")
+    found = {each.name: each.value for each in intent.variables}
+    assert (ENABLE.strip("'") in found) is bool(found) is named
+    assert set(found.values()) <= {None}
+
+
+@pytest.mark.parametrize(
     ("before", "statements", "told"),
     [
         (f"{LATER}return [{NO}]", f"return LaunchDescription([{SURE}, OpaqueFunction(function=other)])", {None}),
@@ -125,8 +169,23 @@ def test_what_is_not_followed_may_start_with_what_is_named_there_whatever_is_set
         (f"e = os.environ.copy()\ne[{ENABLE}] = 'no'", "env=e", {ENABLE: "no"}),
         (f"e = os.environ.copy()\ne[{ENABLE}] = other", "env=e", {ENABLE: None}),
         ("e = dict(os.environ, ROS_SECURITY_ENABLE='no')", "env=e", {ENABLE: "no"}),
-        (f"e = os.environ.copy()\ne['A'] = 'b'\nf = e\nf[{ENABLE}] = 'no'", "env=e", dict.fromkeys(NAMES)),
-        (f"e = {{{ENABLE}: 'true', **os.environ}}", "env=e", dict.fromkeys(NAMES)),
+        (f"e = os.environ.copy()\ne['A'] = 'b'\nf = e\nf[{ENABLE}] = 'no'", "env=e", {ENABLE: None}),
+        (f"e = {{{ENABLE}: 'no', **os.environ}}", "env=e", {ENABLE: None}),
+        (f"e = {{{ENABLE}: 'true', **os.environ}}", "env=e", {}),
+        ("def e():\n    f = os.environ.copy()\n    f.update({'A': 'b'})\n    return f", "env=e()", {}),
+        (
+            f"def e():\n    f = os.environ.copy()\n    f.update({{{ENABLE}: 'b'}})\n    return f",
+            "env=e()",
+            {ENABLE: None},
+        ),
+        ("def e():\n    f = {'A': 'b'}\n    return f", "env=e()", dict.fromkeys((ENABLE, STRATEGY))),
+        ("def e():\n    return {'A': 'b'}", "additional_env=e()", {}),
+        ("import other", "additional_env=other.e", dict.fromkeys(NAMES)),
+        ("e = {'A': 'b'}\ne.update(other())", "additional_env=e", dict.fromkeys(NAMES)),
+        ("", "additional_env={'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID', '0')}", {}),
+        ("", "additional_env={'ROS_DOMAIN_ID': os.getenv('ROS_DOMAIN_ID', '7')}", {"ROS_DOMAIN_ID": None}),
+        ("", "additional_env={'ROS_DOMAIN_ID': os.getenv('OTHER')}", {"ROS_DOMAIN_ID": None}),
+        ("", f"additional_env={{{ENABLE}: EnvironmentVariable({ENABLE}, default_value='false')}}", {}),
         ("e = os.environ.copy()\nx = other.change(e)", "env=e", dict.fromkeys(NAMES)),
     ],
 )
@@ -137,6 +196,15 @@ def test_a_copy_of_the_environment_has_what_there_was(
     intent = launch(tmp_path, function(f"{statements}\nreturn LaunchDescription([{node}])"), "py")
     found = {each.name: each.value for each in intent.variables if each.node == "/n"}
     assert found == {name.strip("'"): value for name, value in told.items() if name != OVERRIDE}
+
+
+@pytest.mark.parametrize(("default", "told"), [("", {}), (", '0'", {}), (", '7'", {"ROS_DOMAIN_ID": None})])
+def test_a_variable_that_is_set_to_itself_is_what_it_was(
+    default: str, told: dict[str, str | None], tmp_path: Path
+) -> None:
+    action = f"SetEnvironmentVariable('ROS_DOMAIN_ID', os.environ.get('ROS_DOMAIN_ID'{default}))"
+    intent = launch(tmp_path, function(f"return LaunchDescription([{action}, {PLAIN}])"), "py")
+    assert {each.name: each.value for each in intent.variables} == told
 
 
 def test_a_copy_of_the_environment_has_not_what_actions_set(tmp_path: Path) -> None:
