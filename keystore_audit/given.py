@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from keystore_audit.dataclass import dataclass
@@ -29,3 +31,25 @@ def check_beside(path: Path, keystores: Iterable[str | Path]) -> None:
     for keystore in keystores:
         if here.is_relative_to(Path(keystore).resolve()):
             raise UsageError(f"{path} lies in the keystore {keystore}, which would judge itself: keep it elsewhere.")
+    linked = _linked(here, keystores)
+    if linked is not None:
+        raise UsageError(f"{path} is the file {linked} too, of a keystore that would judge itself: keep a copy of it.")
+
+
+def _linked(file: Path, keystores: Iterable[str | Path]) -> str | None:
+    """Where a keystore has the same file under another name (a hard link); None: nowhere."""
+    try:
+        about = file.stat()
+    except OSError:  # whoever reads it says so
+        return None
+    if about.st_nlink < 2:
+        return None
+    for keystore in keystores:
+        for folder, _folders, names in os.walk(keystore):
+            for name in names:
+                path = os.path.join(folder, name)
+                with suppress(OSError):
+                    found = os.lstat(path)
+                    if (found.st_dev, found.st_ino) == (about.st_dev, about.st_ino):
+                        return path
+    return None

@@ -5,10 +5,8 @@ Whatever is wrong is an errors.UsageError with file, line and column, and says w
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
 from datetime import date, datetime, time, timezone
 from pathlib import Path
 from typing import Any, Final, NoReturn
@@ -38,30 +36,12 @@ def read_table(path: Path, keystores: Iterable[str | Path], max_bytes: int) -> F
     check_beside(path, keystores)
     try:
         with path.open("rb") as file:
-            linked = _linked(os.fstat(file.fileno()), keystores)
             content = file.read(max_bytes + 1)
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror or error}.") from error
-    if linked is not None:
-        raise UsageError(f"{path} is the file {linked} too, of a keystore that would judge itself: keep a copy of it.")
     if len(content) > max_bytes:
         raise UsageError(f"{path} is larger than {max_bytes} bytes: no settings file.")
     return File(str(path), content)
-
-
-def _linked(about: os.stat_result, keystores: Iterable[str | Path]) -> str | None:
-    """Where a keystore has the same file under another name (a hard link); None: nowhere."""
-    if about.st_nlink < 2:
-        return None
-    for keystore in keystores:
-        for folder, _folders, names in os.walk(keystore):
-            for name in names:
-                path = os.path.join(folder, name)
-                with suppress(OSError):
-                    found = os.lstat(path)
-                    if (found.st_dev, found.st_ino) == (about.st_dev, about.st_ino):
-                        return path
-    return None
 
 
 class File:

@@ -88,7 +88,8 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
     from keystore_audit.report import answer
 
     questions = _questions(enclave, operation, name, given)
-    access = _access(keystore, questions, given)
+    reading = opt.reading(given)
+    access = _access(keystore, questions, reading)
     governed = access.governed(enclave) if given["domain"] is None else ()
     if governed and given["expect"] == "deny" and not contains(governed, 0):
         said = f"The governance of {enclave} covers domain {describe(governed)} and not 0, which would be asked about"
@@ -102,6 +103,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
         partition=given["partition"],
         dds_names=tuple((each.operation.value, each.topic) for each in questions),
         governed=governed,
+        at=reading["at"],
     )
     render = answer.json if given["form"] == "json" else answer.text
     output.write_stdout(render(asked, answers))
@@ -132,10 +134,10 @@ def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -
     )
 
 
-def _access(keystore: str, questions: Sequence[Question], given: dict[str, Any]) -> Access:
+def _access(keystore: str, questions: Sequence[Question], reading: dict[str, Any]) -> Access:
     from keystore_audit.access import Access
 
-    return Access(keystore, questions, **opt.reading(given))
+    return Access(keystore, questions, **reading)
 
 
 def _exit_code(answers: Collection[Answer], *, effective: bool, expected: str | None) -> int:
@@ -156,7 +158,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
     lines = list(_lines(given["batch"]))
     parsed = [_parse(line, given["domain"] or 0, given["partition"]) for line in lines]
     try:
-        access = _access(keystore, [each for each in parsed if not isinstance(each, str)], given)
+        access = _access(keystore, [each for each in parsed if not isinstance(each, str)], opt.reading(given))
     except BudgetExceeded as error:
         output.write_stdout("".join(answer.error(number, error.message) for number, _ in enumerate(parsed, 1)))
         return EXIT_INCOMPLETE

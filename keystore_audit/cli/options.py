@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from keystore_audit.cli.completion import Directory, Word
 from keystore_audit.errors import UsageError
@@ -167,10 +168,23 @@ def file(*names: str, metavar: str = "FILE", **more: Any) -> Callable[[F], F]:
 
 
 def alloy_jar(text: str) -> Callable[[F], F]:
-    """Return the option `--alloy-jar`; the jar has to be there: a misspelt one would leave properties to one engine."""
+    """Return the option `--alloy-jar`; the jar has to be there: a misspelt one would leave properties to one engine.
+
+    That of the variable, which is for all commands, only where an engine asks for it.
+    """
+
+    def check(context: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
+        named = context.get_parameter_source(parameter.name or "") is ParameterSource.COMMANDLINE
+        unused = context.params.get("engine") == "native" or context.params.get("compromised") is not None
+        if value is None or (unused and not named):
+            return value
+        there: Path = click.Path(exists=True, dir_okay=False, path_type=Path).convert(value, parameter, context)
+        return there
+
     return click.option(
         "--alloy-jar",
-        type=click.Path(exists=True, dir_okay=False, path_type=Path),
+        type=click.Path(path_type=Path),
+        callback=check,
         envvar="KEYSTORE_AUDIT_ALLOY_JAR",
         show_envvar=True,
         metavar="FILE",

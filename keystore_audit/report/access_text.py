@@ -18,7 +18,7 @@ from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
 from keystore_audit.report.access_words import namespace, protection_words
 from keystore_audit.report.content import assumed_of
 from keystore_audit.report.paragraph import wrapped
-from keystore_audit.text import counted, shorten
+from keystore_audit.text import counted, instant, shorten
 
 ASSUMED: Final = "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot."
 LEGEND: Final = (
@@ -59,7 +59,8 @@ def text(table: AccessTable, width: int) -> str:
     sheet = _Sheet(width=width, lines=[])
     enclaves = len(table.groups[-1].enclaves)
     where = shorten(table.root, MAX_ROOT)
-    sheet.put(f"Who may do what in {where} ({counted(enclaves, 'enclave')}), domain {table.domain}")
+    when = f"domain {table.domain}, at {instant(table.at)}"
+    sheet.put(f"Who may do what in {where} ({counted(enclaves, 'enclave')}), {when}")
     for assumption in (ASSUMED, *assumed_of(name for group in table.groups for name in group.profiles)):
         sheet.put(f"Assumed: {assumption}")
     *others, main = table.groups

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from datetime import datetime
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
@@ -11,14 +12,15 @@ from keystore_audit.model.question import Answer, Ruling
 from keystore_audit.report.content import assumed_of
 from keystore_audit.report.encoded import encoded
 from keystore_audit.report.paragraph import by_answer, profiles, wrapped
-from keystore_audit.text import terminal
+from keystore_audit.text import instant, terminal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
     """The question in the user's words; `dds_names`: (operation, topic) of each DDS channel that it takes.
 
-    `governed`: the domains that the enclave's governance covers, where the user named none.
+    `governed`: the domains that the enclave's governance covers, where the user named none. `at`: when (aware UTC);
+    None for one of many questions, which all have the same.
     """
 
     enclave: str
@@ -28,11 +30,12 @@ class Asked:
     partition: str
     dds_names: tuple[tuple[str, str], ...]
     governed: tuple[Interval, ...] = ()
+    at: datetime | None = None
 
 
 def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
     """One line of ASCII."""
-    document = {
+    document: dict[str, object] = {
         "enclave": asked.enclave,
         "operation": asked.operation,
         "name": asked.name,
@@ -41,7 +44,13 @@ def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
         "partition": asked.partition,
         "decisions": {profile: _described(answer) for profile, answer in answers.items()},
     }
+    if asked.at is not None:
+        document |= {"at": instant(asked.at), "assumptions": list(_assumptions(answers))}
     return encoded(document) + "\n"
+
+
+def _assumptions(answers: Mapping[str, Answer]) -> Iterator[str]:
+    return assumed_of(name for name, answer in answers.items() if answer.effective is not Ruling.ALLOW)
 
 
 def error(line: int, message: str) -> str:
@@ -74,6 +83,7 @@ def _described(answer: Answer) -> dict[str, object]:
 def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
     """For people: profiles that answer alike together, differences first."""
     where = f"domain {asked.domain}" + (f", partition {asked.partition!r}" if asked.partition else "")
+    where += f", at {instant(asked.at)}" if asked.at is not None else ""
     lines = [terminal(f"May {asked.enclave} {asked.operation} {asked.name}? ({where})")]
     if [name for _operation, name in asked.dds_names] != [asked.name]:
         lines += [terminal(f"  in DDS: {operation} {name}") for operation, name in asked.dds_names]
@@ -84,8 +94,7 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
         lines.append("  No endpoint is made for relaying: this is what the rules say.")
     for answer, names in sorted(by_answer(answers).items(), key=lambda group: len(group[1])):
         lines += ["", *_answer(answer, profiles(names, answers))]
-    refused = (name for name, answer in answers.items() if answer.effective is not Ruling.ALLOW)
-    for assumption in assumed_of(refused):
+    for assumption in _assumptions(answers):
         lines += ["", wrapped(f"Assumed: {assumption}")]
     return "\n".join(lines) + "\n"
 

@@ -7,6 +7,7 @@ from typing import Final
 
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
+from keystore_audit.report.content import assumed_of
 from keystore_audit.report.diff_alike import alike
 from keystore_audit.report.paragraph import wrapped
 from keystore_audit.text import instant, terminal
@@ -30,6 +31,9 @@ def text(comparison: Comparison, fail_on: FailOn) -> str:
         for change, others in alike(changes):
             lines += _change(change, comparison, others)
     if comparison.changes:
+        lines += [
+            line for each in assumed_of(comparison.profiles) for line in ("", _wrapped(f"Assumed: {each}", "", ""))
+        ]
         lines += ["", "+ gained   - lost   ± both   ~ changed   i no difference to anybody"]
     return "\n".join(lines) + "\n"
 

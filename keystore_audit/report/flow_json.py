@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from keystore_audit.model.claim import Attacker
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult
+from keystore_audit.report.content import assumed_of
 from keystore_audit.report.encoded import encoded, told
 
 FOUND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}
@@ -15,7 +16,7 @@ FOUND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLD
 
 
 def json(
-    asked: Mapping[str, Any], results: Iterable[tuple[Attacker, AssertedResult]], engines: Iterable[EngineRun]
+    asked: Mapping[str, Any], results: Sequence[tuple[Attacker, AssertedResult]], engines: Iterable[EngineRun]
 ) -> str:
     """One line; `asked`: the question."""
     document = {
@@ -30,8 +31,15 @@ def json(
             }
             for attacker, result in results
         },
+        "assumptions": list(assumptions(results)),
     }
     return encoded(document) + "\n"
+
+
+def assumptions(results: Iterable[tuple[Attacker, AssertedResult]]) -> Iterator[str]:
+    """What is assumed of implementations where somebody attacks."""
+    asked = (name for attacker, result in results if attacker is not Attacker.HONEST for name in result.profiles)
+    return assumed_of(dict.fromkeys(asked))
 
 
 def _answer(answer: ProfileResult) -> dict[str, Any]:

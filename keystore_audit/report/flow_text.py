@@ -10,7 +10,8 @@ from keystore_audit.model.claim import Attacker
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult
-from keystore_audit.report.content import STATUSES, assumed_of
+from keystore_audit.report.content import STATUSES
+from keystore_audit.report.flow_json import assumptions
 from keystore_audit.report.paragraph import profiles, rests_on, wrapped
 from keystore_audit.text import terminal
 
@@ -46,8 +47,7 @@ def text(
             if answer.counterexample is not None:
                 lines += _path(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
     lines.append("")
-    asked = (name for attacker, result in results if attacker is not Attacker.HONEST for name in result.profiles)
-    lines += [_wrapped(f"Assumed: {each}") for each in assumed_of(dict.fromkeys(asked))]
+    lines += [_wrapped(f"Assumed: {each}") for each in assumptions(results)]
     if unknown and doubts:
         lines.append(_wrapped(rests_on(doubts)))
     for run in engines:

@@ -98,6 +98,7 @@ def test_text_and_csv_of_a_sample(expectation: Path) -> None:
     assert "\n\n\n" not in text
     csv_code, rows = answer("access", store, "--at", at, "-f", "csv")
     json_code, document = answer("access", store, "--at", at, "-f", "json")
+    assert f", at {at} Assumed: " in " ".join(text.split())
     assert code == csv_code == json_code
     header, *table = csv.reader(StringIO(rows, newline=""))
     assert header == [

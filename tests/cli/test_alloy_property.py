@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -166,6 +167,9 @@ def test_a_file_in_the_keystore_is_refused(run: Audit, tmp_path: Path, capsys: p
     (keystore / "mine.als").write_text("module m\nopen keystore_audit\nrun A {} for 0\n")
     assert run(str(keystore), file=keystore / "mine.als")[0] == 2
     assert "lies in the keystore" in capsys.readouterr().err
+    os.link(keystore / "mine.als", tmp_path / "outside.als")
+    assert run(str(keystore), file=tmp_path / "outside.als")[0] == 2
+    assert "would judge itself" in capsys.readouterr().err
 
 
 def model(directory: Path, *files: Path | str) -> int:

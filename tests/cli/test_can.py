@@ -30,7 +30,7 @@ DEFAULT_ALLOW = SAMPLES / "rules/KA509-default-allow/bad"
 SHARED_CA = SAMPLES / "stock/talker_listener"
 
 ALLOW, DENY, UNKNOWN = "allow", "deny", "unknown"
-ANSWER_KEYS = ["enclave", "operation", "name", "dds_names", "domain", "partition", "decisions"]
+ANSWER_KEYS = ["enclave", "operation", "name", "dds_names", "domain", "partition", "decisions", "at", "assumptions"]
 DECISION_KEYS = ["usable", "decision", "effective", "reason", "path", "line"]
 PART_KEYS = ["operation", "name", "decision", "effective"]
 
@@ -41,6 +41,7 @@ def decisions(*args: str | Path) -> tuple[int, dict[str, Any]]:
     assert out.count("\n") == 1
     document = json.loads(out)
     assert list(document) == ANSWER_KEYS
+    assert document["at"] == AT
     names = document["dds_names"]
     for each in document["decisions"].values():
         assert list(each) == (DECISION_KEYS if len(names) == 1 else [*DECISION_KEYS, "parts"])
@@ -213,7 +214,7 @@ def test_without_a_domain_it_is_about_domain_0_and_says_where_others_are_governe
     (tmp_path / "queries").write_bytes(b"/c\tpublish\trt/x\n")
     assert json.loads(answer("can", store, "--batch", tmp_path / "queries", "--at", AT)[1])["domain"] == 0
     _code, out = answer("can", *words)
-    assert out.startswith("May /c publish /x? (domain 0)\n")
+    assert out.startswith(f"May /c publish /x? (domain 0, at {AT})\n")
     assert says in " ".join(out.split())
     assert ("ts governance covers" in out) is bool(says)
     assert "ts governance covers" not in answer("can", *words, "--domain", "0")[1]
@@ -501,3 +502,9 @@ def test_a_document_in_which_another_one_stands(tmp_path: Path) -> None:
     code, document = decisions(store, "/random", "publish", "/low_priority", "--profile", "fastdds-2.9")
     [decision] = document["decisions"].values()
     assert (code, decision["decision"], decision["effective"]) == (0, ALLOW, UNKNOWN)
+
+
+@pytest.mark.parametrize(("profile", "told"), [("cyclonedds-11", True), ("fastdds-3.6", False)])
+def test_what_an_attacker_is_assumed_to_announce_is_in_json(profile: str, told: bool) -> None:
+    _code, document = decisions(TURTLESIM, "/random", "publish", "/high_priority", "--profile", profile)
+    assert bool(document["assumptions"]) == told

@@ -223,3 +223,10 @@ def test_the_keystores_are_left_as_they_are(diff: Diff, tmp_path: Path) -> None:
 
 def _listing(root: Path) -> list[tuple[str, int]]:
     return sorted((str(path), path.lstat().st_mtime_ns) for path in root.rglob("*"))
+
+
+@pytest.mark.parametrize(("profile", "told"), [("cyclonedds-11", True), ("fastdds-3.6", False)])
+@pytest.mark.parametrize("kind", FORMATS)
+def test_what_an_attacker_is_assumed_to_announce_is_said(diff: Diff, profile: str, kind: str, told: bool) -> None:
+    _code, out = diff(VEHICLE, WEAKER, "--profile", profile, "-f", kind)
+    assert ("an attacker announces" in " ".join(out.split())) == told

@@ -36,6 +36,17 @@ def found(answer: dict[str, Any]) -> dict[str, bool | None]:
 
 
 MOTOR = ("/infotainment", "/motor")
+
+
+@pytest.mark.parametrize(
+    ("profile", "attacker", "told"),
+    [("cyclonedds-11", "relays", True), ("cyclonedds-11", "honest", False), ("fastdds-3.6", "relays", False)],
+)
+def test_what_an_attacker_is_assumed_to_announce_is_in_json(profile: str, attacker: str, told: bool) -> None:
+    _code, answer = flow("vehicle_healthy", *MOTOR, "--profile", profile, "--attacker", attacker)
+    assert bool(answer["assumptions"]) == told
+
+
 NEVER = {"honest": False, "source": False, "relays": False}
 ALWAYS = {"honest": True, "source": True, "relays": True}
 

@@ -303,15 +303,32 @@ def test_the_model_is_written_and_an_unwritable_place_is_said(
     assert not (healthy / "model").exists()
 
 
+BOTH = ("--engine", "both")
+
+
 @pytest.mark.parametrize("command", ["audit", "flow", "engine"])
 def test_a_jar_that_is_not_there_is_wrong_usage(keystore_audit: Any, healthy: Path, command: str) -> None:
     """It would leave the properties to the other engine, for a slip of the pen."""
-    what = {"audit": [healthy], "flow": [healthy, "/talker", "/listener"], "engine": []}[command]
+    what = {"audit": [healthy], "flow": [healthy, "/talker", "/listener", *BOTH], "engine": []}[command]
     for env, args in (({}, ["--alloy-jar", "nosuch.jar"]), ({"KEYSTORE_AUDIT_ALLOY_JAR": "nosuch.jar"}, [])):
         done = keystore_audit(command, *what, *args, env=env)
         assert (done.returncode, done.stdout) == (2, b"")
         assert b"Invalid value for '--alloy-jar'" in done.stderr
         assert b"nosuch.jar" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "what", [["audit"], ["flow", "/talker", "/listener"], ["flow", "--from-compromised", "/talker"]]
+)
+def test_a_jar_that_is_not_there_is_no_matter_where_nobody_asks_for_it(
+    keystore_audit: Any, healthy: Path, what: list[str]
+) -> None:
+    """The variable is for all commands; what the command line names has to be there."""
+    command, *more = what
+    native = ["--engine", "native"]
+    stale = keystore_audit(command, healthy, *more, *native, env={"KEYSTORE_AUDIT_ALLOY_JAR": "nosuch.jar"})
+    assert stale.returncode in (0, 1)
+    assert keystore_audit(command, healthy, *more, *native, "--alloy-jar", "nosuch.jar").returncode == 2
 
 
 def test_engine_says_what_there_is(keystore_audit: Any, tmp_path: Path) -> None:
