@@ -17,7 +17,7 @@ from keystore_audit.model.system import System
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 from keystore_audit.properties import Answer, Status
-from keystore_audit.text import some
+from keystore_audit.text import counted, some
 
 MAX_MOMENTS = 64
 """Validity boundaries that are looked at.
@@ -77,7 +77,7 @@ def _near(accesses: AccessViews, profiles: Sequence[Profile], instants: Collecti
     """Which date is near, of those that hang on the robot's zone."""
     (place, what), *more = dict.fromkeys(accesses.dated(profiles, instants))
     who = " and ".join(name for reading, name in _LOCAL.items() if any(p.access.dates is reading for p in profiles))
-    others = f", and so do {len(more)} more dates" if len(more) > 1 else ", and so does 1 more date" if more else ""
+    others = f"; {counted(len(more), 'more date')} of grants fall{'s' if len(more) == 1 else ''} then" if more else ""
     return f"a grant {what} in the robots' time zone under {who} ({place}; --time-zone){others}"
 
 

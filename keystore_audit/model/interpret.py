@@ -135,13 +135,18 @@ def _some(profiles: Sequence[Profile], under: Sequence[Profile]) -> tuple[str, .
 
 
 def _idle(systems: tuple[System, ...]) -> tuple[str, ...]:
-    """For each kind of implementation, whether no governance is in force, so that there is nothing to protect."""
-    return tuple(
-        f"Under {', '.join(system.profiles)} no enclave carries a governance that its peers accept: nothing "
-        "starts, and encryption and access control hold for want of anything to protect."
+    """Under which profiles no governance is in force, so that there is nothing to protect; a sentence, if any."""
+    idle = [
+        name
         for system in systems
         if system.reading is Reading.MAY and not any(view.protection.governed for view in enclaves_views(system))
+        for name in system.profiles
+    ]
+    told = (
+        f"Under {', '.join(idle)} no enclave carries a governance that its peers accept: nothing starts, and "
+        "encryption and access control hold for want of anything to protect."
     )
+    return (told,) if idle else ()
 
 
 def _unneeded(channel: ChannelAtom) -> tuple[bool, bool]:

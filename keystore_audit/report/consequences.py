@@ -46,6 +46,11 @@ class Consequences:
         told = [finding, *self._under.get(finding.fingerprint, [])]
         return min(each.severity.rank for each in told)
 
+    def is_example(self, finding: Finding) -> bool:
+        """Whether `finding` tells one way in which a property is violated, of perhaps many."""
+        result = self._results.get(finding.name)
+        return result is not None and any(each.counterexample is not None for each in result.profiles.values())
+
     def _example(self, finding: Finding) -> str:
         """The counterexample under a profile that the finding holds for, else the finding's own words."""
         result = self._results.get(finding.name)

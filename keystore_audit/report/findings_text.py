@@ -99,7 +99,7 @@ def _group(
         if told[finding.code] > MAX_ALIKE:
             continue
         page.blank()
-        _finding(page, finding, profiles)
+        _finding(page, finding, profiles, example=consequences.is_example(finding))
         _what_to_do(page, finding, remedies)
         _consequences(page, consequences.of(finding))
     for code, more in (told - Counter(dict.fromkeys(told, MAX_ALIKE))).items():
@@ -107,11 +107,11 @@ def _group(
         page.put(f"and {more} more of {code} (all are in the JSON report)", indent=2)
 
 
-def _finding(page: Page, finding: Finding, profiles: frozenset[str]) -> None:
-    """What was found, where, and for which implementations."""
+def _finding(page: Page, finding: Finding, profiles: frozenset[str], *, example: bool) -> None:
+    """What was found, where, and for which implementations; `example`: there may be more of it."""
     severity = finding.severity
     page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {finding.code} {finding.name}", indent=2)
-    page.put(finding.message, indent=4)
+    page.put(f"E.g. {_within(finding.message)}" if example else finding.message, indent=4)
     for number, place in enumerate(finding.locations[:MAX_PLACES]):
         note = f"  ({place.message})" if place.message else ""
         where: tuple[Piece, ...] = ((str(place), "bold"), (note, ""))

@@ -139,22 +139,20 @@ def _decisive(report: Report) -> tuple[Finding, ...]:
 
 
 def _enclaves(page: Page, enclaves: Sequence[EnclaveEntry]) -> None:
-    """Who can start: those that cannot with their reasons, the others in one line."""
+    """Who can start: those that cannot by their reasons, the others in one line."""
     if not enclaves:
         return
     page.blank()
     page.put(("Enclaves", "bold underline"))
     starting = [entry.path for entry in enclaves if all(use.usable for use in entry.profiles.values())]
-    for entry in enclaves:
-        groups = by_answer(entry.profiles)
-        if all(usability.usable for usability in groups):
-            continue
-        page.put((entry.path, "bold"), f"  ({entry.directory})", indent=2)
-        for usability, names in groups.items():
-            under = _under(names, len(entry.profiles))
+    others = (entry for entry in enclaves if not all(use.usable for use in entry.profiles.values()))
+    for uses, alike in grouped(others, lambda entry: tuple(entry.profiles.items())).items():
+        directory = f"  ({alike[0].directory})" if len(alike) == 1 else ""
+        page.put((", ".join(entry.path for entry in alike), "bold"), directory, indent=2)
+        for usability, names in by_answer(dict(uses)).items():
             reasons = "; ".join(reason.rstrip(".") for reason in usability.reasons)
             why = f": {reasons}" if reasons else ""
-            page.put(f"{_START_WORDS[usability.usable]} {under}{why}.", indent=4)
+            page.put(f"{_START_WORDS[usability.usable]} {_under(names, len(uses))}{why}.", indent=4)
     if starting:
         page.put(f"{some(starting, MAX_ENCLAVES)}: can start under all profiles.", indent=2)
 

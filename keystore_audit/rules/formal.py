@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties import stated
@@ -10,13 +11,15 @@ from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Property, Status
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.certificate import ISSUE_AGAIN
-from keystore_audit.rules.commands import SIGN_DOCUMENT
+from keystore_audit.rules.commands import SIGN_DOCUMENT, SIGN_GOVERNANCE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, register
 from keystore_audit.rules.wording import MAX_QUOTED, places
 from keystore_audit.text import shorten
 
-_SIGN_AGAIN = "Then sign the governance again with the permissions CA."
+_SIGN_AGAIN: Final = (
+    f"Then sign the governance again with the permissions CA, in the keystore's root: {SIGN_GOVERNANCE}."
+)
 
 
 def violated(result: PropertyResult) -> tuple[tuple[str, ...], Counterexample | None] | None:

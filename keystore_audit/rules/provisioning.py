@@ -19,7 +19,7 @@ from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import own_grants
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import permissions_uses
-from keystore_audit.rules.wording import listed, located, places, quoted
+from keystore_audit.rules.wording import located, places, quoted
 from keystore_audit.text import counted, instant
 
 LONGEST: Final = timedelta(days=2 * 366)
@@ -55,9 +55,9 @@ def provisioning_leftover(keystore: Keystore, context: Context) -> Iterator[Viol
     goes on a robot (--deployed).
     """
     found = keystore.layout.provisioning
-    where = "no robot needs them" if context.deployed else "they need not go on robots"
     yield Violation(
-        message=f"{counted(len(found), 'file')} that no run time reads: {listed(found)}; {where}.",
+        message=f"No run time reads {counted(len(found), 'file')} of this tree, and no robot needs "
+        f"{'it' if len(found) == 1 else 'them'}.",
         locations=places(Location(path=path) for path in found),
         severity=Severity.LOW if context.deployed else None,
         contents=False,

@@ -121,6 +121,16 @@ def test_a_date_that_is_read_in_the_robots_zone_is_named(tmp_path: Path) -> None
         assert told[1] == who
 
 
+def test_how_many_dates_fall_then_is_said(repository: Path) -> None:
+    samples = repository / "sample_keystores/healthy"
+    options = Options(at=START, engine="native", profiles=("fastdds",))
+    for name, said in (
+        ("talker_listener", "; 1 more date of grants falls then"),
+        ("turtlesim", "; 3 more dates of grants fall then"),
+    ):
+        assert audit(samples / name, options).safe_until_why.endswith(f"--time-zone){said}")
+
+
 def test_whoever_is_revoked_later_changes_what_holds_then() -> None:
     system, identity = healthy(), healthy().enclaves[TALKER].identity
     assert identity is not None

@@ -294,6 +294,10 @@ def test_an_example_goes_on_in_the_sentence(make_report: MakeReport, example: st
     consequence = replace(grants_itself, name="of-no-property", message=example)
     text = " ".join(render(replace(report, findings=(signed, consequence))).split())
     assert f"is violated, {told}" in text
+    alone = replace(grants_itself, message=example, explained_by=())
+    text = flat(render(replace(report, findings=(alone,))))
+    assert f"{alone.name} E{told[1:]}" in text, "there may be more of it"
+    assert f"{signed.name} {signed.message}" in flat(render(replace(report, findings=(signed,))))
 
 
 def test_reasons_follow_a_colon_and_are_listed(make_report: MakeReport) -> None:
@@ -306,6 +310,10 @@ def test_reasons_follow_a_colon_and_are_listed(make_report: MakeReport) -> None:
     flat = " ".join(text.split())
     assert "CANNOT START under spec: the key does not belong; key.pem is not there. UNKNOWN whether" in flat
     assert "UNKNOWN whether it can start, under fastdds-2.6: two texts. can start under cyclonedds-0.10." in flat
+    same, other = replace(talker, path="/b", profiles=uses), replace(talker, path="/c", profiles={"spec": refused})
+    text = render(replace(report, enclaves=(replace(talker, path="/a", profiles=uses), other, same)))
+    assert "\n  /a, /b\n    CANNOT START under spec: " in text
+    assert (text.count("two texts"), text.count("/c  (")) == (1, 1)
 
 
 def test_the_cause_of_the_worst_comes_first_though_it_is_lesser(make_report: MakeReport) -> None:

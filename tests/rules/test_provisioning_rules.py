@@ -166,6 +166,7 @@ def test_with_deployed_what_lasts_is_looked_at(fleet: Fleet, tmp_path: Path) -> 
     assert "2 identities and 2 grants" in found(root, deployed=True)["KA665"].message
     unsigned(fleet, root)
     assert found(root)["KA664"].severity is Severity.INFO
+    assert len(found(root)["KA664"].message) < 80, "the places name the files"
     assert found(root, deployed=True)["KA664"].severity is Severity.LOW
 
 
