@@ -122,4 +122,15 @@ def _explanations(root: etree._Element, grammar: Grammar) -> Iterator[tuple[int 
         found = "" if len(element) else f", found {str(element.text or '')!r}"
         expected = getattr(error.validator, "prefixed_name", None)  # of a simple type: xs:boolean, xs:dateTime
         wanted = f"expected {expected}" if found and expected in _VALUE_TYPES else error.reason
-        yield source_line(element), f"<{element.tag!s}>: {wanted}{found}"
+        if getattr(error.validator, "enumeration", None):
+            wanted = f"expected {', '.join(_values(grammar, str(element.tag)))}"
+        index = getattr(error, "index", len(element))  # of a child that should not be there
+        yield source_line(element[index] if index < len(element) else element), f"<{element.tag!s}>: {wanted}{found}"
+
+
+@lru_cache(maxsize=32)
+def _values(grammar: Grammar, tag: str) -> tuple[str, ...]:
+    """All values that an element of the grammar may have; xmlschema names those of one part of a union."""
+    declared: Any = _explaining(grammar).find(f".//{tag}")
+    parts = getattr(declared.type, "member_types", (declared.type,))
+    return tuple(value for part in parts for value in part.enumeration)

@@ -76,16 +76,17 @@ def defective(
 ) -> Iterator[Violation]:
     """One violation for all defects of one kind in one file, each of them a location of it; `says` what follows.
 
-    A hostile file may have thousands of them. The place of one alone does not repeat what the message says.
+    A hostile file may have thousands of them. Where all are the same, no place repeats what the message says.
     """
     found = list(defects)
     if not found:
         return
     first, more = found[0], more_like(found)
+    several = any(each.detail != first.detail for each in found)
     joint = "; " if ": " in first.detail else ": "  # one colon in a sentence
     yield Violation(
         message=f"{sentence(first.detail)}{more}{joint if says else '.'}{says}",
-        locations=places(located(defect, shorten(defect.detail, MAX_QUOTED) if more else "") for defect in found),
+        locations=places(located(each, shorten(each.detail, MAX_QUOTED) if several else "") for each in found),
         enclave=sole(enclaves),
         undecided=undecided,
         severity=severity,

@@ -63,20 +63,24 @@ def test_data_has_no_origin_authentication() -> None:
         data = GOVERNANCE.replace(b"<data_protection_kind>ENCRYPT", b"<data_protection_kind>" + kind)
         metadata = GOVERNANCE.replace(b"<metadata_protection_kind>ENCRYPT", b"<metadata_protection_kind>" + kind)
         assert kinds(data, Grammar.GOVERNANCE) == {Kind.SCHEMA_INVALID}
+        (defect,) = defects(data, Grammar.GOVERNANCE)
+        assert f": expected NONE, SIGN, ENCRYPT, found '{kind.decode()}'" in defect.detail
         assert kinds(metadata, Grammar.GOVERNANCE) == set()
+        (defect,) = defects(metadata.replace(kind, b"ENCRYPTED"), Grammar.GOVERNANCE)
+        assert "ENCRYPT, SIGN_WITH_ORIGIN_AUTHENTICATION, ENCRYPT_WITH_ORIGIN_AUTHENTICATION, found" in defect.detail
 
 
 @pytest.mark.parametrize(
     ("old", "new", "needle", "words"),
     [
         (b"<id>0</id>", b"<id>a</id>", b"<id>a", "expected xs:nonNegativeInteger, found 'a'"),
-        (b">DENY<", b">REFUSE<", b"REFUSE", "found 'REFUSE'"),
+        (b">DENY<", b">REFUSE<", b"REFUSE", "expected ALLOW, DENY, found 'REFUSE'"),
         (b"2024-01-01T00", b"2024-13-01T00", b"2024-13", "expected xs:dateTime, found '2024-13-01T00:00:00'"),
         (b"<default>DENY</default>", b"", b"<grant", "'default' expected"),
-        (b"<domains><id>0</id></domains>", b"", b"<allow_rule", "Tag 'domains' expected"),
+        (b"<domains><id>0</id></domains>", b"", b"<publish>", "Tag 'domains' expected"),
         (b"<topic>rt/chatter</topic>", b"", b"<publish><topics>", "Tag 'topic' expected"),
         (b' name="/talker"', b"", b"<grant", "missing required attribute 'name'"),
-        (b"publish>", b"write>", b"<allow_rule", "Unexpected child with tag 'write'"),
+        (b"publish>", b"write>", b"<write>", "Unexpected child with tag 'write'"),
         (b"<grant", b"text<grant", b"<permissions>", "character data between child elements not allowed"),
     ],
 )
