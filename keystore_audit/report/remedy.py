@@ -14,7 +14,7 @@ _SIGNED: Final = re.compile(r"enclaves/(governance|(?:\w+/)+permissions)\.(?:p7s
 _NAME: Final = "'/CN=NAME'"
 _WHICH: Final = re.compile(r", (?:DOCUMENT|NAME) being [^,;.]+")
 _OF_ALL: Final = re.compile(r"\bevery (?:enclave|identity)\b")
-_BEGINS: Final = re.compile("^|(?<=[.:] )")
+_BEGINS: Final = re.compile("^|(?<=[.:;] )|(?<=, )(?=correct )")
 """Where a part of a remedy may begin that another one ends with."""
 
 _COMMAND: Final = re.compile("`[^`]+`")
@@ -27,8 +27,12 @@ _HEAD: Final = 56
 
 def exact(finding: Finding) -> str:
     """The remedy with the enclave and the document that the finding is about in its commands, where they are plain."""
+    return _filled(finding.remedy, finding)
+
+
+def _filled(remedy: str, finding: Finding) -> str:
+    """The same of a part of the remedy."""
     document, enclave = _named(finding)
-    remedy = finding.remedy
     if document:
         remedy = _WHICH.sub("", remedy).replace("DOCUMENT", document)
     if enclave:
@@ -68,18 +72,16 @@ class Remedies:
         codes.append(finding.code)
         if first is not None:
             return f"as for {first} above{_for(finding)}"
-        words = exact(finding)
-        parts = [remedy[found.start() :].rstrip(".") for found in _BEGINS.finditer(remedy)]
-        above = [self._parts.get(part) if len(part) >= _LONG else None for part in parts]
-        for part in [*parts, *_COMMAND.findall(remedy)]:
+        parts = {begin.start(): remedy[begin.start() :].rstrip(".") for begin in _BEGINS.finditer(remedy)}
+        above = ((at, self._parts[part]) for at, part in parts.items() if len(part) >= _LONG and part in self._parts)
+        at, code = next(above, (len(remedy), ""))
+        for part in (*parts.values(), *_COMMAND.findall(remedy)):
             self._parts.setdefault(part, finding.code)
-        for begin, code in zip(_BEGINS.finditer(words), above, strict=True):
-            if code is not None:
-                head = words[begin.start() :].lstrip("`")[:_HEAD].rpartition(" ")[0]
-                before = words[: begin.start()]
-                go_on = "Go on as" if before.endswith(". ") else "as"
-                return f'{before}{go_on} for {code} above ("{head} …"){_for(finding)}.'
-        return words
+        if not code:
+            return exact(finding)
+        before, head = remedy[:at], _filled(remedy[at:], finding).lstrip("`")[:_HEAD].rpartition(" ")[0]
+        go_on = "Go on as" if before.endswith(". ") else "as"
+        return f'{_filled(before, finding)}{go_on} for {code} above ("{head} …"){_for(finding)}.'
 
 
 def _for(finding: Finding) -> str:

@@ -8,8 +8,10 @@ from typing import Final
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.model.ability import sent
+from keystore_audit.rules.commands import SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import in_document
+from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse
 
@@ -22,7 +24,7 @@ _MEASURED: Final = "fastdds-2.9"
     "KA517",
     Severity.CRITICAL,
     clause="Measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1; the XSD of DDS-Security 1.1 lets it pass",
-    remedy="Find out who signed it, take the empty element out and sign the document again with the permissions CA.",
+    remedy=f"Find out who signed it, take the empty element out and sign the document again: {SIGN_DOCUMENT}.",
     stops=True,
 )
 def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Violation]:
@@ -38,7 +40,7 @@ def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Viol
     "KA518",
     Severity.CRITICAL,
     clause="Measured on Cyclone DDS 0.10.2, read in 11.0.1 (access_control_parser.c); schema-invalid",
-    remedy="Find out who signed it, give the rule its <domains> and sign the document again with the permissions CA.",
+    remedy=f"Find out who signed it, and give the rule its <domains>: {WRITE_AGAIN}",
     stops=True,
 )
 def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
@@ -53,7 +55,7 @@ def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Vio
     "KA521",
     Severity.CRITICAL,
     clause="Measured: Fast DDS 2.9.1 and 2.14.6 crash; schema-invalid",
-    remedy="Find out who signed it, write the document anew and sign it again with the permissions CA.",
+    remedy=f"Find out who signed it, and write the document anew: {WRITE_AGAIN}",
     stops=True,
 )
 def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]:

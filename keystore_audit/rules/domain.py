@@ -10,6 +10,7 @@ from keystore_audit.keystore.governance import DomainRange, GovernanceFile
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, describe, domain_bits
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.rules.commands import SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.permissions import WRITE_AGAIN, about
@@ -74,7 +75,7 @@ _HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in
     "KA420",
     Severity.MEDIUM,
     clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
-    remedy="Use domain ids up to 230 and sign the document again with the permissions CA.",
+    remedy=f"Use domain ids up to 230 and sign the document again: {SIGN_DOCUMENT}.",
     applies=taken,
     stops=True,
 )

@@ -113,8 +113,8 @@ def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[V
             continue
         missing = [profile for profile in VARIANTS.values() if profile not in naming]
         yield Violation(
-            message=f"The grant of {quoted(grant.subject_name.text)} does not name {quoted(certificate.subject)} for "
-            f"{implementations(missing)}, though it means that subject.",
+            message=f"The grant of {quoted(grant.subject_name.text)} does not name the identity "
+            f"{quoted(certificate.subject)} for {implementations(missing)}, though it means that subject.",
             locations=_places(use, grant, certificate),
             severity=None if context.chose(missing) else Severity.LOW,
             profiles=tuple(profile.name for profile in missing),

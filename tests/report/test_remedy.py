@@ -96,6 +96,8 @@ def test_what_several_remedies_end_with_is_given_once() -> None:
     other = replace(again, code="KA503", remedy=f"Let both say CN=/b. {again.remedy}", enclave="/b")
     assert remedies.give(other).startswith('Let both say CN=/b. Go on as for KA219 above ("Move')
     assert remedies.give(replace(other, remedy="Something else: " + again.remedy)).startswith("Something else: as for")
+    opened = replace(other, remedy=f"{other.remedy.rstrip('.')}, and more.")
+    assert remedies.give(opened) == exact(opened), "it goes on otherwise"
 
 
 def test_a_command_of_a_longer_remedy_is_found_there() -> None:
@@ -119,3 +121,13 @@ def test_lesser_findings_that_differ_by_the_enclave_alone_are_counted(make_repor
     assert "2 more of it, about /b, /c." in text
     apart = (keys[0], replace(keys[1], message="Something else about /b."), keys[2])
     assert "One more of it, about /c." in render(replace(report, findings=apart))
+
+
+@pytest.mark.parametrize("enclave", [None, "/", "/arm/driver", "/$(reboot)"])
+def test_every_remedy_can_be_given_after_every_other(enclave: str | None) -> None:
+    remedies = Remedies()
+    for code in [*BY_CODE, *reversed(BY_CODE)]:
+        finding = about(code, f"enclaves{enclave}/permissions.p7s", enclave)
+        assert remedies.give(finding)
+        assert remedies.told(finding)
+    assert remedies.give(replace(about("KA209", "x", enclave), remedy="", code="KA999")) == ""

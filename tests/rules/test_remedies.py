@@ -95,6 +95,14 @@ def test_an_identity_is_issued_without_ros2(stock: Path) -> None:
     assert codes(stock) == {*before, "KA513"}  # a year, as KA665 asks for, is less than the sample's grants last
 
 
+AGAIN = re.compile("ign (it|the document|the governance) again")
+
+
+@pytest.mark.parametrize("code", [rule.code for rule in RULES if AGAIN.search(rule.remedy)])
+def test_whoever_is_to_sign_again_is_told_by_which_command(code: str) -> None:
+    assert [each for each in commands(code) if each.startswith("openssl smime -sign -text ")]
+
+
 @pytest.mark.parametrize("code", ["KA213", "KA214", "KA229"])
 def test_a_revocation_list_is_made_and_revokes(code: str, stock: Path) -> None:
     start, touch, revoke, make = commands(code)
