@@ -156,7 +156,7 @@ VALUES: Final = (
         edited(SUBJECT, "<subject_name>CN=/\u202emitciv</subject_name>".encode()),
     ),
     ambiguous("blanks around a value", edited(SUBJECT, b"<subject_name> CN=/victim </subject_name>")),
-    invalid("an element in no place for one", edited(SUBJECT, SUBJECT + XINCLUDE), at=b"<grant"),
+    invalid("an element in no place for one", edited(SUBJECT, SUBJECT + XINCLUDE), at=SUBJECT),
     invalid(
         "a value that declares another type", edited(b"<default>", b'<default xsi:type="xsi:string">'), at=b"<default"
     ),
@@ -227,11 +227,11 @@ STRUCTURE: Final = (
         ),
         (Finds("KA501", at=b"<grant"),),
     ),
-    invalid("a doubled element", edited(SUBJECT, SUBJECT + b"\n" + SUBJECT), at=b"<grant"),
+    invalid("a doubled element", edited(SUBJECT, SUBJECT + b"\n" + SUBJECT), at=b"\n" + SUBJECT),
     Case(
         "a rule without its domains",
         edited(b"<domains><id>0</id></domains>", b""),
-        (Finds("KA518", at=b"<allow_rule>"), Finds("KA501", at=b"<allow_rule>")),
+        (Finds("KA518", at=b"<allow_rule>"), Finds("KA501", at=b"<publish>")),
     ),
 )
 
@@ -412,7 +412,7 @@ GOVERNANCES: Final = tuple(
             "another order",
             re.sub(rb"( *<rtps.*\n)(?s:(.*)</domain_rule>)", rb"\2\1</domain_rule>", GOVERNANCE_OF_ALL),
             "KA401",
-            b"<domain_rule>",
+            b"<topic_access_rules>",
         ),
         ("a kind that there is not", GOVERNANCE_OF_ALL.replace(b">SIGN<", b">SIGNED<"), "KA401", b">SIGNED<"),
     )
