@@ -13,6 +13,7 @@ _PLAIN: Final = re.compile(r"(?:/\w+)+", re.ASCII)
 _SIGNED: Final = re.compile(r"enclaves/(governance|(?:\w+/)+permissions)\.(?:p7s|xml)", re.ASCII)
 _NAME: Final = "'/CN=NAME'"
 _WHICH: Final = re.compile(r", (?:DOCUMENT|NAME) being [^,;.]+")
+_DEEPER: Final = ", with one ../ more for every further level of the enclave's path"
 _OF_ALL: Final = re.compile(r"\bevery (?:enclave|identity)\b")
 _BEGINS: Final = re.compile("^|(?<=[.:;] )|(?<=, )(?=correct )")
 """Where a part of a remedy may begin that another one ends with."""
@@ -39,6 +40,8 @@ def _filled(remedy: str, finding: Finding) -> str:
         if _NAME in remedy:
             subject = enclave.replace("/", r"\/")
             remedy = _WHICH.sub("", remedy).replace(_NAME, f"'/CN={subject}'")
+        if _DEEPER in remedy:
+            remedy = remedy.replace(_DEEPER, "").replace("`ln -sf ", f"`ln -sf {'../' * (enclave.count('/') - 1)}")
         remedy = remedy.replace("enclaves/ENCLAVE/", f"enclaves{enclave}/").replace("ENCLAVE", enclave)
     return remedy
 
@@ -70,6 +73,8 @@ class Remedies:
         codes = self._codes.setdefault(remedy, [])
         first = next(iter(codes), None)
         codes.append(finding.code)
+        if _DEEPER in remedy:  # a link is another at another depth
+            return exact(finding)
         if first is not None:
             return f"as for {first} above{_for(finding)}"
         parts = {begin.start(): remedy[begin.start() :].rstrip(".") for begin in _BEGINS.finditer(remedy)}

@@ -14,6 +14,7 @@ from keystore_audit.report.content import Report
 from keystore_audit.report.remedy import Remedies, exact
 from keystore_audit.report.text import render
 from keystore_audit.rules import BY_CODE
+from keystore_audit.rules.commands import DEEPER, LINK_CA, LINK_GOVERNANCE
 from tools.samples.store import copy_with_modes
 
 MakeReport = Callable[..., Report]
@@ -63,6 +64,24 @@ def test_the_command_can_be_typed_as_it_stands(
     assert there.read_bytes() != before
     assert not any(word in remedy for word in ("ENCLAVE", "DOCUMENT", " being "))
     assert "create_permission KEYSTORE /talker policy.xml" in remedy
+
+
+@pytest.mark.parametrize("enclave", ["/listener", "/arm/driver", "/a/b/c"])
+def test_a_link_leads_to_its_file_from_any_depth(enclave: str, tmp_path: Path) -> None:
+    for name, target in (("governance.p7s", "enclaves"), ("identity_ca.cert.pem", "public")):
+        folder = tmp_path / f"enclaves{enclave}"
+        folder.mkdir(parents=True, exist_ok=True)
+        (tmp_path / target).mkdir(exist_ok=True)
+        (tmp_path / target / name).write_text("here")
+        command = LINK_GOVERNANCE if target == "enclaves" else LINK_CA.replace("ROLE", "identity")
+        missing = replace(about("KA101", f"enclaves{enclave}/{name}", enclave), remedy=f"Make it: {command}, {DEEPER}.")
+        remedy = exact(missing)
+        subprocess.run(["sh", "-ec", remedy.split("`")[1]], cwd=tmp_path, check=True, timeout=60)
+        assert (folder / name).read_text() == "here"
+        assert remedy.endswith("`.")
+        remedies = Remedies()
+        remedies.give(replace(missing, enclave="/other/depth/of/it"))
+        assert remedies.give(missing) == remedy
 
 
 def test_a_document_of_all_enclaves_is_named_too() -> None:
