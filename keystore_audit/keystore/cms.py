@@ -269,7 +269,6 @@ def _signer(
 def _attributes(attributes: list[_Attribute], malformed: Callable[[str], None]) -> tuple[bytes | None, datetime | None]:
     """The message digest (None where it is not there exactly once) and the signing time of signed attributes."""
     values: dict[x509.ObjectIdentifier, TLV | None] = {}
-    contents: dict[x509.ObjectIdentifier, bytes] = {}
     for attribute in attributes:
         kind = attribute.type
         alternatives = attribute.values.as_list()
@@ -277,17 +276,15 @@ def _attributes(attributes: list[_Attribute], malformed: Callable[[str], None]) 
         values[kind] = single
         if single is None:
             malformed(f"the signed attribute {kind.dotted_string} is there twice or has not one value")
-            continue
-        contents[kind] = bytes(single.data)
-        if not well_formed(single.tag_bytes[0], contents[kind]):
+        elif not well_formed(single.tag_bytes[0], single.data):
             malformed(f"the signed attribute {kind.dotted_string} has a malformed value")
     content_type, digest, time = values.get(_CONTENT_TYPE), values.get(_MESSAGE_DIGEST), values.get(_SIGNING_TIME)
-    if content_type is None or content_type.tag_bytes != _IDENTIFIER or contents[_CONTENT_TYPE] != _DATA_DER[2:]:
+    if content_type is None or content_type.tag_bytes != _IDENTIFIER or content_type.data != _DATA_DER[2:]:
         malformed("the signed attribute contentType does not say id-data once (RFC 5652, 11.1)")
     if digest is None or digest.tag_bytes != _OCTET_STRING:
         malformed("the signed attribute messageDigest is not one octet string (RFC 5652, 11.2)")
         digest = None
-    return None if digest is None else contents[_MESSAGE_DIGEST], None if time is None else _time(time)
+    return None if digest is None else bytes(digest.data), None if time is None else _time(time)
 
 
 def _time(value: TLV) -> datetime | None:

@@ -114,7 +114,9 @@ def opening(data: bytes, position: int) -> tuple[int, int, int | None]:
     is returned is the short form, where there is one. Raises ValueError for a header that is cut off.
     """
     try:
-        tag, at = data[position], position + 1
+        tag, at, length = data[position], position + 1, data[position + 1]
+        if tag & _LONG != _LONG and length < _MORE:  # nearly always
+            return tag, at + 1, length
         if tag & _LONG == _LONG:
             number = _NUMBER.match(data, at)
             if number is None:

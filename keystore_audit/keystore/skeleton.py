@@ -10,9 +10,9 @@ import re
 from typing import Final
 
 _SILENT: Final = bytes(code for code in range(0x21, 0x7F) if code not in b"<>/=&'\"")
-_BLANK_IN_END_TAG: Final = re.compile(rb"</[^\s<>]*\s")
 _BROKEN_VALUE: Final = re.compile(rb"""=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])""")
-_REMARKABLE_VALUE: Final = re.compile(rb"<(?!/)[^<>]*>[/=>]*[^/=<>][^<]*</")
+_REMARKABLE_VALUE: Final = re.compile(rb">(?<!/>)[/=>]*[^/=<>][^<]*</")
+"""Behind the end of a tag that is neither an end tag nor one of an empty element: those end in `/>` here."""
 
 
 class Skeleton:
@@ -27,7 +27,8 @@ class Skeleton:
     @property
     def odd(self) -> bool:
         """Whether there may be a blank in an end tag, a character reference or a broken value of an attribute."""
-        return b"&" in self._left or _BLANK_IN_END_TAG.search(self._left) is not None or self.broken
+        left = self._left
+        return b"&" in left or left.count(b"</") != left.count(b"</>") or self.broken
 
     @property
     def broken(self) -> bool:

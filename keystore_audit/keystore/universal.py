@@ -26,7 +26,7 @@ _BOOLEAN, _INTEGER, _BIT_STRING, _NULL, _IDENTIFIER, _ENUMERATED, _UNIVERSAL_STR
 _SEQUENCE, _SET = 0x30, 0x31
 
 
-def well_formed(tag: int, content: bytes) -> bool:
+def well_formed(tag: int, content: bytes | memoryview) -> bool:
     """Whether OpenSSL would write a value of this tag octet as it reads it; constructed ones are not looked into."""
     if tag in _AS_THEY_STAND or tag in (_SEQUENCE, _SET) or tag & 0xC0:
         return True
