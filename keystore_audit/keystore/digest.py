@@ -13,6 +13,7 @@ from keystore_audit.text import percent_path
 Record = tuple[bytes, bytes, bytes]
 """Path, type and value of an entry."""
 
+_HASH_LENGTH: Final = hashlib.sha256().digest_size * 2
 _FILE: Final = EntryKind.FILE.value.encode()
 _DIRECTORY: Final = EntryKind.DIRECTORY.value.encode()
 
@@ -47,7 +48,7 @@ def uncovered(records: Iterable[Record]) -> Iterator[str]:
 
 def _is_hash(value: bytes) -> bool:
     """Whether it is a SHA-256 in hexadecimal; every status is shorter."""
-    return len(value) == hashlib.sha256().digest_size * 2
+    return len(value) == _HASH_LENGTH
 
 
 def records(root: Root) -> Iterator[Record]:

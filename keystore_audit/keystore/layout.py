@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from enum import Enum
-from pathlib import PurePosixPath
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
@@ -378,7 +377,10 @@ def _nested(tree: _Tree, kind: LayoutKind) -> Iterator[Nested]:
 def _folders(tree: _Tree, authorities: Iterable[File], enclaves: Iterable[EnclaveFiles]) -> Iterator[File]:
     read = (file for enclave in enclaves for file in enclave.for_run_time)
     own = {path.rpartition("/")[0] for file in (*authorities, *read) for path in (file.path, file.place)}
-    folders = {str(each) for path in own | tree.root.passed() for each in PurePosixPath(path, "file").parents}
+    folders, above = set[str](), own | tree.root.passed()
+    while above:
+        folders |= above
+        above = {folder.rpartition("/")[0] or "." for folder in above} - folders
     return (each.directory for each in tree.listings.values() if each.directory.path in folders)
 
 

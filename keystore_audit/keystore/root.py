@@ -175,7 +175,7 @@ class Root:
     def _file(self, relative: bytes, *, keep: bool, needed: bool = True) -> File:
         """Read a file; its content is None unless it is `needed`, and kept for others if `keep`."""
         place: Place = ()
-        target: bytes | None = None
+        link: str | None = None
         path = display(relative)
         missing = (Status.MISSING, "there is no such file")
         if relative not in self._entries and self._is_listed(relative.rpartition(b"/")[0]):
@@ -183,8 +183,9 @@ class Root:
         try:
             place, found, target = self._find(relative)
             if target is not None:
+                link = display(target)
                 place, found = self._descent.follow(place[:-1], target)
-                refuse_unless_file(found, f"links to {display(target)}: ")
+                refuse_unless_file(found, f"links to {link}: ")
             reading = self._read(place, found, keep=keep, needed=needed)
         except (OSError, ValueError) as error:
             reading = _refused(path, refusal(error, "cannot be read", missing=missing))
@@ -194,7 +195,7 @@ class Root:
         if reading.status is Status.PRESENT:
             end = b"/".join(place)
             resolved = path if end == relative else display(end)
-        return replace(reading, path=path, resolved=resolved, link=display(target) if target is not None else None)
+        return replace(reading, path=path, resolved=resolved, link=link)
 
     def _find(self, relative: bytes) -> tuple[Place, os.stat_result | None, bytes | None]:
         """Return the place of a file or link, a file's state unless its directory was listed, a link's target."""
