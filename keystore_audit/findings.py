@@ -7,7 +7,9 @@ else in the program exists to produce them.
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Iterator, Sequence
 from enum import Enum
+from itertools import chain, repeat, starmap
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
@@ -117,14 +119,45 @@ WHOLE: Final = "keystore"
 
 
 class Outcome(NamedTuple):
-    """The answer of rule `rule` (a code) about `subject` (an enclave, a path, a property id or `WHOLE`).
-
-    A tuple, since there is one for every rule on every subject.
-    """
+    """The answer of rule `rule` (a code) about `subject` (an enclave, a path, a property id or `WHOLE`)."""
 
     rule: str
     subject: str
     outcome: Result
+
+
+class Row(NamedTuple):
+    """The answers of one rule about subjects in turn: each of `results` holds for so many of them."""
+
+    rule: str
+    subjects: Sequence[str]
+    results: Sequence[tuple[Result, int]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcomes:
+    """The answers of every rule about every subject: 80,000 for a thousand enclaves, nearly all alike."""
+
+    rows: tuple[Row, ...]
+
+    @classmethod
+    def of(cls, outcomes: Iterable[Outcome]) -> Outcomes:
+        """These, each by itself."""
+        return cls(rows=tuple(Row(rule, (subject,), ((result, 1),)) for rule, subject, result in outcomes))
+
+    def __iter__(self) -> Iterator[Outcome]:
+        """Each answer."""
+        for rule, subjects, results in self.rows:
+            each = chain.from_iterable(starmap(repeat, results))
+            yield from map(Outcome, repeat(rule), subjects, each)
+
+    def __len__(self) -> int:
+        """How many they are."""
+        return sum(len(row.subjects) for row in self.rows)
+
+    def some(self, wanted: Result) -> set[str]:
+        """The rules that gave this answer about some subject."""
+        return {row.rule for row in self.rows if any(result is wanted for result, _count in row.results)}
 
 
 def fingerprint(code: str, enclave: str | None, path: str | None, key: str) -> str:

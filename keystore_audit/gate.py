@@ -38,7 +38,7 @@ def complete(context: Context, judgement: Judgement) -> bool:
         and meaning.over_budget is None
         and all(run.status is EngineStatus.OK for run in context.engines if run.required)
         and all(result.status is not Status.UNKNOWN for result in context.results)
-        and all(outcome.outcome is not Result.OPEN for outcome in judgement.outcomes)
+        and not judgement.outcomes.some(Result.OPEN)
     )
 
 

@@ -8,7 +8,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.findings import Finding, Outcome, Severity
+from keystore_audit.findings import Finding, Outcomes, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import VARIANTS
@@ -156,7 +156,7 @@ class Report:
     enclaves: tuple[EnclaveEntry, ...]
     properties: tuple[PropertyResult, ...]
     findings: tuple[Finding, ...]
-    outcomes: tuple[Outcome, ...]
+    outcomes: Outcomes
     scope: Scope
     settings: GivenFile | None = None
     baseline: GivenFile | None = None

@@ -27,6 +27,10 @@ def keys(values: Mapping[str, Any]) -> list[str]:
     return [f"  {encoded(key)}: {encoded(value)}" for key, value in values.items()]
 
 
+BETWEEN: Final = ",\n    "
+"""What stands between items of a key of a document."""
+
+
 def array(key: str, items: Sequence[str], indent: int = 2) -> str:
     """A key of a document with a line for each of its items, which are JSON already."""
     space = " " * indent

@@ -42,14 +42,12 @@ def _statement(report: Report, kind: str, predicate: dict[str, Any]) -> dict[str
 
 
 def _test_result(report: Report) -> dict[str, Any]:
-    by_rule: dict[str, set[Result]] = {}
-    for outcome in report.outcomes:
-        by_rule.setdefault(outcome.rule, set()).add(outcome.outcome)
-    deciding = _deciding(report)
-    failed = [rule for rule, results in by_rule.items() if Result.OPEN in results or rule in deciding]
-    warned = [rule for rule, results in by_rule.items() if rule not in failed and Result.FAIL in results]
+    every, deciding = dict.fromkeys(row.rule for row in report.outcomes.rows if row.subjects), _deciding(report)
+    opened, failing, passing = (report.outcomes.some(result) for result in (Result.OPEN, Result.FAIL, Result.PASS))
+    failed = [rule for rule in every if rule in opened or rule in deciding]
+    warned = [rule for rule in every if rule not in failed and rule in failing]
     # What nothing was asked of, for want of a policy or an environment, did not pass.
-    passed = [rule for rule, results in by_rule.items() if rule not in {*failed, *warned} and Result.PASS in results]
+    passed = [rule for rule in every if rule not in {*failed, *warned} and rule in passing]
     return {
         "result": _result(report, warned=bool(warned)),
         "configuration": _configuration(report),

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.findings import Finding, Outcome, Result, Severity
+from keystore_audit.findings import Finding, Outcomes, Result, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
@@ -124,7 +124,7 @@ def _opening(page: Page, report: Report) -> None:
 
 def _open(report: Report) -> set[str]:
     """The rules that left something open."""
-    return {outcome.rule for outcome in report.outcomes if outcome.outcome is Result.OPEN}
+    return report.outcomes.some(Result.OPEN)
 
 
 def _decisive(report: Report) -> tuple[Finding, ...]:
@@ -199,7 +199,7 @@ def _answers(profiles: Mapping[str, ProfileResult]) -> list[tuple[tuple[Status, 
     return sorted(groups.items(), key=lambda group: STATUSES.index(group[0][0]))
 
 
-def _outcomes(page: Page, outcomes: Sequence[Outcome]) -> None:
+def _outcomes(page: Page, outcomes: Outcomes) -> None:
     """Per rule, how often it passed, failed, did not apply or stayed open, and what stayed open."""
     page.blank()
     page.put(("Outcomes", "bold underline"))

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from functools import cache
-from itertools import chain, repeat
+from itertools import chain
 from typing import Any, Final
 
 from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import dataclass
-from keystore_audit.findings import MAX_PLACES, WHOLE, Finding, Outcome, Result, Severity, fingerprint
+from keystore_audit.findings import MAX_PLACES, WHOLE, Finding, Outcomes, Result, Row, Severity, fingerprint
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.meaning import Doubt
@@ -50,7 +50,7 @@ class Judgement:
     """Findings, worst first, and the outcome of every rule on every subject that it is about."""
 
     findings: tuple[Finding, ...]
-    outcomes: tuple[Outcome, ...]
+    outcomes: Outcomes
 
 
 def judge(
@@ -73,7 +73,7 @@ def judge(
     run.over(chosen, [*run.crashes(), *run.unspoken(), *run.refusals()])
     return Judgement(
         findings=_findings(run, chosen, context),
-        outcomes=tuple(chain.from_iterable(run.outcomes.values())),
+        outcomes=Outcomes(rows=tuple(chain.from_iterable(run.outcomes.values()))),
     )
 
 
@@ -118,7 +118,7 @@ class _Run:
         self._aside = aside
         self._crashes: list[Crash] = []
         self.found: list[_Found] = []
-        self.outcomes: dict[str, list[Outcome]] = {rule.code: [] for rule in rules}
+        self.outcomes: dict[str, list[Row]] = {rule.code: [] for rule in rules}
 
     def over(self, rules: Iterable[Rule[Any]], subjects: Iterable[tuple[str, object]]) -> None:
         """Put every rule to every subject that it is about."""
@@ -143,9 +143,8 @@ class _Run:
             for violations, _results, crashes in parts:
                 self.found += [(rule, violation) for violation in violations]
                 self._crashes += crashes
-            code = rule.code
-            each = chain.from_iterable(repeat(*result) for _, results, _ in parts for result in results)
-            self.outcomes[code] += [Outcome(code, name, result) for (name, _), result in zip(about, each, strict=True)]
+            results = [(result, count) for _, results, _ in parts for result, count in results if count]
+            self.outcomes[rule.code].append(Row(rule.code, [name for name, _ in about], results))
 
     def _behind(self, tasks: Iterable[tuple[Rule[Any], Sequence[tuple[str, object]]]]) -> list[_Put]:
         return [self._put(rule, about[_half(about) :]) for rule, about in tasks]

@@ -8,7 +8,7 @@ from datetime import datetime, timezone
 
 import pytest
 
-from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, Suppression, fingerprint
+from keystore_audit.findings import Finding, Location, Outcomes, Result, Row, Severity, Suppression, fingerprint
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
@@ -155,10 +155,15 @@ def _full(name: str) -> Report:
         ),
         properties=_properties(name),
         findings=_findings(name),
-        outcomes=(
-            Outcome(rule="KA205", subject="enclaves/listener/cert.pem", outcome=Result.FAIL),
-            Outcome(rule="KA205", subject=f"enclaves/{name}/cert.pem", outcome=Result.PASS),
-            Outcome(rule="KA302", subject=f"enclaves/{name}/permissions.p7s", outcome=Result.FAIL),
+        outcomes=Outcomes(
+            rows=(
+                Row(
+                    "KA205",
+                    ("enclaves/listener/cert.pem", f"enclaves/{name}/cert.pem"),
+                    ((Result.FAIL, 1), (Result.PASS, 1)),
+                ),
+                Row("KA302", (f"enclaves/{name}/permissions.p7s",), ((Result.FAIL, 1),)),
+            )
         ),
         scope=Scope(certificates=4, documents=3, channels=17, rules=72, not_checked=("Timing.", "The nodes.")),
     )

@@ -18,7 +18,7 @@ from junitparser import Error, Failure, JUnitXml, Skipped
 
 from keystore_audit.cli.formats import rule_entries
 from keystore_audit.dataclass import replace
-from keystore_audit.findings import Location, Outcome, Result, Severity
+from keystore_audit.findings import Location, Outcome, Outcomes, Result, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.properties import Status
 from keystore_audit.report import junit, markdown, sarif, statement
@@ -140,11 +140,13 @@ class TestJunit:
         whole = make_report().findings[0]
         low = replace(whole, severity=Severity.LOW, enclave=None, locations=(Location(path=path, line=1),))
         outcomes = (Outcome(rule=whole.code, subject="keystore", outcome=Result.FAIL),)
-        report = make_report(findings=(whole, low), outcomes=outcomes)
+        report = make_report(findings=(whole, low), outcomes=Outcomes.of(outcomes))
         found = cases(junit.render([report]))
         assert isinstance(found[whole.code, "keystore"][0], Failure)
         assert isinstance(found["keystore-audit", "no finding decides"][0], Failure)
-        fine = cases(junit.render([make_report(findings=(low,), outcomes=(), verdict=Verdict.PASS, exit_code=0)]))
+        fine = cases(
+            junit.render([make_report(findings=(low,), outcomes=Outcomes.of(()), verdict=Verdict.PASS, exit_code=0)])
+        )
         assert fine["keystore-audit", "no finding decides"] == []
 
     def test_what_is_open_is_an_error_and_so_is_an_incomplete_audit(self, make_report: MakeReport) -> None:
@@ -153,7 +155,7 @@ class TestJunit:
             Outcome(rule="KA205", subject="x", outcome=Result.NOT_APPLICABLE),
             Outcome(rule="KA420", subject="enclaves/governance.p7s", outcome=Result.FAIL),
         )
-        report = make_report(outcomes=outcomes, verdict=Verdict.INCOMPLETE, exit_code=4)
+        report = make_report(outcomes=Outcomes.of(outcomes), verdict=Verdict.INCOMPLETE, exit_code=4)
         found = cases(junit.render([report]))
         assert isinstance(found["KA906", "outsiders-cannot-read"][0], Error)
         assert isinstance(found["KA205", "x"][0], Skipped)
@@ -193,7 +195,14 @@ def parsed(text: str) -> Any:
 
 def sound(make_report: MakeReport, **changes: object) -> Report:
     """A report that passes at full strength, without any finding."""
-    given = {"verdict": Verdict.PASS, "exit_code": 0, "weakened": (), "findings": (), "outcomes": (), "files": FILES}
+    given = {
+        "verdict": Verdict.PASS,
+        "exit_code": 0,
+        "weakened": (),
+        "findings": (),
+        "outcomes": Outcomes.of(()),
+        "files": FILES,
+    }
     return make_report(**{**given, **changes})
 
 
@@ -221,7 +230,7 @@ class TestStatements:
         assert results(sound(make_report, verdict=Verdict.INCOMPLETE, exit_code=4)) == ("FAILED", False)
         assert results(sound(make_report, verdict=Verdict.FAIL, exit_code=1)) == ("FAILED", False)
         low = (Outcome(rule="KA205", subject="x", outcome=Result.FAIL),)
-        assert results(sound(make_report, outcomes=low)) == ("WARNED", True)
+        assert results(sound(make_report, outcomes=Outcomes.of(low))) == ("WARNED", True)
 
     def test_properties_are_those_that_hold(self, make_report: MakeReport) -> None:
         report = sound(make_report)
