@@ -13,19 +13,20 @@ from cryptography import x509
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import GovernanceFile
-from keystore_audit.keystore.issuer import Issue, key_identifier_fits, names_itself, suits_key
+from keystore_audit.keystore.issuer import names_itself
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.doubt import file_doubts
 from keystore_audit.model.profiles import Trust
 from keystore_audit.model.revocation import lists_carried
 from keystore_audit.model.trust import (
-    Envelope,
     Verdict,
     authorities_read,
+    certificate_alike,
+    document_alike,
     envelope,
     is_root,
-    issue,
     may_have_issued,
 )
 
@@ -58,40 +59,34 @@ class Sight(NamedTuple):
     identity_ca: CertificateFile | None
     permissions_ca: CertificateFile | None
     governance: GovernanceFile | None
-    issued: tuple[tuple[Issue, bool, bool], ...]
-    """All that chains ask of the certificate, for each of the identity CA file (`trust.issuers_taken`)."""
-    signed: tuple[Envelope, tuple[Certificate, ...]] | None
-    """All that is asked of the message in which the permissions are."""
+    issued: Certificate | None
+    """The first certificate that chains do not tell from its own."""
+    signed: SignedDocument | None
+    """The first message that is not told from that in which the permissions are."""
 
 
 def sight_of(enclave: Enclave) -> Sight:
     """What is to be seen of the enclave."""
     certificate, key = enclave.identity, enclave.key
     signed = enclave.permissions.signed if enclave.permissions is not None else None
-    worth = envelope(signed) if signed is not None else None
     listed = enclave.crl is not None or enclave.files.files[Role.CRL].status.unknown or lists_carried(enclave)
-    alone = bool(listed or file_doubts(enclave) or (worth is not None and worth.verdict is Verdict.UNKNOWN))
+    doubtful = file_doubts(enclave) or (signed is not None and envelope(signed).verdict is Verdict.UNKNOWN)
+    alone, file = bool(listed or doubtful), enclave.identity_ca
     seen = None
     if certificate is not None:
         seen = bool(certificate.unknown_critical), certificate.key_kind, certificate.signature_algorithm
-    above = () if alone else enclave.trusts(Role.IDENTITY_CA)  # who trusts very many is in doubt
     return Sight(
         alone=enclave.files.directory if alone else None,
         absent=tuple(_absent(enclave)),
         encrypted=key is not None and key.encrypted,
         mismatched=bool(key and key.key is not None and certificate is not None and key.key != certificate.key),
         certificate=seen,
-        identity_ca=enclave.identity_ca,
+        identity_ca=file,
         permissions_ca=enclave.permissions_ca,
         governance=enclave.governance,
-        issued=tuple([_issue(each, certificate) for each in above]) if certificate is not None else (),
-        signed=(worth, signed.embedded) if signed is not None and worth is not None else None,
+        issued=certificate_alike(certificate, file) if certificate is not None and file is not None else None,
+        signed=document_alike(signed) if signed is not None else None,
     )
-
-
-def _issue(authority: Certificate, certificate: Certificate) -> tuple[Issue, bool, bool]:
-    fits = key_identifier_fits(certificate, authority)
-    return issue(authority, certificate), suits_key(certificate, authority), fits
 
 
 def _absent(enclave: Enclave) -> Iterator[str]:

@@ -13,6 +13,7 @@ from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.profiles import Trust
 from keystore_audit.model.trust import (
     authorities_read,
+    document_alike,
     is_authority,
     is_first_embedded,
     issuers_taken,
@@ -43,7 +44,6 @@ def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trus
     return None
 
 
-@lru_cache(maxsize=16_384)
 def path_refusal(
     signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust, at: datetime | None = None
 ) -> str | None:
@@ -54,8 +54,13 @@ def path_refusal(
     of one name, as sros2 names all, what the second signs is refused. Only who starts rests on this: what a peer may
     present is asked of `may_sign`, which looks at every path.
     """
-    if trust.pins_signer:
-        return None
+    return None if trust.pins_signer else _path_refusal(document_alike(signed), permissions_ca, trust, at)
+
+
+@lru_cache(maxsize=16_384)
+def _path_refusal(
+    signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust, at: datetime | None
+) -> str | None:
     read = authorities_read(permissions_ca, trust)
     if all(_arrives(signer, read, signed.embedded, at) for signer in signers_taken(signed, trust)):
         return None

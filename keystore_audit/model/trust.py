@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime
 from enum import Enum
 from functools import lru_cache
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -28,6 +28,8 @@ from keystore_audit.keystore.issuer import (
 from keystore_audit.keystore.smime import Signature, SignedDocument
 from keystore_audit.model.profiles import SPEC, Trust
 from keystore_audit.model.validity import in_force
+
+T = TypeVar("T")
 
 MAX_AUTHORITIES: Final = 64
 """Certificates of one CA file that chains are looked for among; a file with more leaves its enclave unknown."""
@@ -80,6 +82,48 @@ def _signer(signature: Signature) -> Certificate | None:
         return None
     verified = {certificate.sha256 for certificate in signature.verified_by}
     return next((certificate for certificate in signature.named if certificate.sha256 in verified), None)
+
+
+class _Asked(Generic[T]):
+    """Something, equal to all of which the same is known."""
+
+    __slots__ = ("known", "value")
+
+    def __init__(self, value: T, *known: object) -> None:
+        self.value = value
+        self.known = known
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Asked) and self.known == other.known
+
+    def __hash__(self) -> int:
+        return hash(self.known)
+
+
+@lru_cache(maxsize=65_536)
+def _first(asked: _Asked[T]) -> T:
+    """The first of all that are equal."""
+    return asked.value
+
+
+@lru_cache(maxsize=65_536)
+def document_alike(signed: SignedDocument) -> SignedDocument:
+    """The first message of which all is the same that is asked of it here: thousands have one signer."""
+    first: SignedDocument = _first(_Asked(signed, envelope(signed), signed.embedded))
+    return first
+
+
+@lru_cache(maxsize=65_536)
+def certificate_alike(certificate: Certificate, file: CertificateFile) -> Certificate:
+    """The first certificate of which all is the same that chains over the file ask of it, but for dates."""
+    if len(file.certificates) > MAX_AUTHORITIES:
+        return certificate
+    asked = [
+        (issue(a, certificate), suits_key(certificate, a), key_identifier_fits(certificate, a))
+        for a in file.certificates
+    ]
+    first: Certificate = _first(_Asked(certificate, file, *asked))
+    return first
 
 
 def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, ...]:
@@ -158,7 +202,7 @@ def is_root(certificate: Certificate, *, signed: bool = False) -> bool:
 
 
 @lru_cache(maxsize=4096)  # asked for each enclave, under each row, of the few files that they share
-def _chaining(trust: Trust, file: CertificateFile) -> Trust:
+def chaining(trust: Trust, file: CertificateFile) -> Trust:
     """One row for all that look for chains in the file alike: each is then looked for once."""
     return _row(False, trust.needs_root, trust.checks_root_signature, *_reading(trust, file))
 
@@ -191,40 +235,12 @@ def _row(pins: bool, needs_root: bool, checks_root: bool, first_only: bool, algo
 
 def is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at: datetime | None = None) -> bool:
     """Whether one of the `trusted_authorities` of an identity CA file issued the certificate."""
-    return _is_issued(file, certificate, _chaining(trust, file), at)
+    return _is_issued(file, certificate_alike(certificate, file), chaining(trust, file), at)
 
 
 @lru_cache(maxsize=65_536)
 def _is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at: datetime | None) -> bool:
     return any(may_have_issued(authority, certificate) for authority in trusted_authorities(file, trust, at))
-
-
-def chain_refusal(
-    certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None = None
-) -> str | None:
-    """Why the certificate does not chain to an identity CA of the file; None where it does.
-
-    `at` None: why it never does. Otherwise of the certificates in force then; that none is, is no reason here.
-
-    OpenSSL takes, at each step, the first certificate with the issuer's name and key identifier for the issuer, and
-    tries no other one (X509_STORE_CTX_get1_issuer; measured with 3.0.19): all authorities of sros2 have one name.
-    """
-    return _chain_refusal(certificate, file, _chaining(trust, file), at if len(file.certificates) > 1 else None)
-
-
-@lru_cache(maxsize=65_536)
-def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None) -> str | None:
-    place = file.file.place
-    if not _is_issued(file, certificate, trust, None):
-        issuers = [authority for authority in file.certificates if may_have_issued(authority, certificate)]
-        if not issuers:
-            return f"no certificate in {place} has the key that signed it"
-        if not any(is_authority(authority) for authority in issuers):
-            return f"the certificate in {place} that signed it is no authority"
-        if not any(authority in authorities_read(file, trust) for authority in issuers):
-            return not_read(place, trust)
-        return f"no chain in {place} ends at a self-signed certificate within its path lengths"
-    return _path_refusal(certificate, file, trust, at) if trust.needs_root else None
 
 
 def issuers_taken(
@@ -252,44 +268,6 @@ def issuers_taken(
         for number, each in enumerate(fitting)
         if not any(e.not_before <= each.not_before and each.not_after <= e.not_after for e in fitting[:number])
     )
-
-
-def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None) -> str | None:
-    """Why no path that OpenSSL builds holds `at` the instant, or at any; None where one does."""
-    place, authorities = file.file.place, authorities_read(file, trust)
-    refusals: list[str] = []
-    # A certificate with the number of authorities below it that are not self-issued; each pair is looked at once.
-    pending = [(certificate, 0)]
-    seen = {*pending}
-    while pending:
-        below, between = pending.pop()
-        taken = issuers_taken(below, authorities, at)
-        if not taken:
-            refusals.append(f"no certificate in {place} has the issuer's name and key identifier")
-        for above in taken:
-            root = names_itself(above)
-            refusal = _step_refusal(above, below, between, root=root, signed=trust.checks_root_signature)
-            if refusal is not None:
-                refusals.append(f"the first certificate in {place} of the issuer's name {refusal}")
-            elif root:
-                return None
-            else:
-                step = (above, between + (above.subject_der != above.issuer_der))
-                if step not in seen and step[1] < MAX_AUTHORITIES:
-                    seen.add(step)
-                    pending.append(step)
-    return refusals[0] if refusals else f"no path over {place} has an end"
-
-
-def _step_refusal(above: Certificate, below: Certificate, between: int, *, root: bool, signed: bool) -> str | None:
-    """What is wrong with a certificate that OpenSSL takes for the issuer of another; no other one is tried."""
-    if issue(above, below) is Issue.SIGNATURE_INVALID:
-        return "is another authority's; no other is tried"
-    if not is_authority(above) or not (root or above.is_ca):
-        return "is no authority; no other is tried"
-    if above.path_length is not None and between > above.path_length:
-        return "allows no path of this length"
-    return "did not sign itself" if root and signed and not may_have_issued(above, above) else None
 
 
 def may_sign(
@@ -356,7 +334,7 @@ def first_of_number(signer: Certificate, among: Iterable[Certificate]) -> Certif
 
 def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
     """What an enclave with this permissions CA file does with the document's signatures."""
-    return _document_verdict(signed, permissions_ca, _judging(trust, permissions_ca))
+    return _document_verdict(document_alike(signed), permissions_ca, _judging(trust, permissions_ca))
 
 
 @lru_cache(maxsize=65_536)

@@ -14,6 +14,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.chain import chain_refusal
 from keystore_audit.model.domains import Interval, contains, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.inventory import Typed
@@ -26,7 +27,6 @@ from keystore_audit.model.signer_path import path_refusal
 from keystore_audit.model.subject import names
 from keystore_audit.model.trust import (
     Verdict,
-    chain_refusal,
     document_verdict,
     is_issued,
     may_sign,

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.keystore.keystore import Keystore, read_keystore
-from keystore_audit.model import trust
+from keystore_audit.model import chain, trust
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS
@@ -104,7 +104,9 @@ def test_a_chain_and_a_signer_looked_for_once_are_those_of_each_implementation(s
                             signed = document.signed
                             verdict = trust.document_verdict(signed, file, own)
                             assert verdict is trust._document_verdict(signed, file, own)
-                    assert trust.chain_refusal(certificate, file, own) == trust._chain_refusal(certificate, file, own)
+                    assert chain.chain_refusal(certificate, file, own) == chain._chain_refusal(
+                        certificate, file, own, None
+                    )
                     for at in (None, AT):
                         asked = trust.is_issued(file, certificate, own, at)
                         assert asked == trust._is_issued(file, certificate, own, at)
