@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from functools import lru_cache
 
 from keystore_audit.keystore.certificate import CertificateFile
@@ -19,6 +20,9 @@ from tests.oracles.smime.oracle import Answer, Oracle
 PINNED = VARIANTS["spec"].trust
 CHAINED = VARIANTS["fastdds-2.9"].trust
 """Implementations that pin the signer, and those that follow a chain: the latter as Fast DDS 2.9.1 does."""
+
+INSTANT = datetime(2030, 1, 1, tzinfo=timezone.utc)
+"""At which the program in C looks at chains."""
 
 _VARIABLE = re.compile(
     r'"[^"]*"|\b\d+(?:\.\d+)+\b|-?\b\d+\b|(?<=whose key is ).*|(?<=, key ).*'
@@ -94,7 +98,7 @@ def compare(oracle: Oracle, message: bytes, trusted: Sequence[Signed], known: It
     document = read_signed(present(message), candidates)
     oracle.trust(pem)
     chained = document_verdict(document, file, CHAINED)
-    lost = chained is Verdict.ACCEPTED and path_refusal(document, file, CHAINED) is not None
+    lost = chained is Verdict.ACCEPTED and path_refusal(document, file, CHAINED, INSTANT) is not None
     return Comparison(
         document=document,
         pinned=document_verdict(document, file, PINNED),

@@ -6,6 +6,7 @@ import random
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from datetime import timedelta
 from pathlib import Path
 
 from cryptography import x509
@@ -15,7 +16,7 @@ from cryptography.x509.name import _ASN1Type
 from cryptography.x509.oid import NameOID
 
 from keystore_audit.model.trust import Verdict
-from tests.keystore.builder import Signed, authority, certificate
+from tests.keystore.builder import END, Signed, authority, certificate
 from tests.keystore.messages import with_signature
 from tests.oracles.smime.comparison import compare
 from tests.oracles.smime.der import ECDSA_SHA256, NULL, RSA, algorithm, integer, tlv
@@ -37,7 +38,13 @@ def _name(rng: random.Random) -> x509.Name:
 
 def _pool(rng: random.Random) -> list[Signed]:
     found = [
-        authority(_name(rng), key=rng.choice(KEYS), serial=rng.choice(NUMBERS)) for _ in range(rng.choice((1, 2, 3)))
+        authority(
+            _name(rng),
+            key=rng.choice(KEYS),
+            serial=rng.choice(NUMBERS),
+            end=END + timedelta(days=rng.choice((0, 0, 1, 2))),
+        )
+        for _ in range(rng.choice((1, 2, 3)))
     ]
     for _ in range(rng.choice((0, 1, 2))):
         below = certificate(
