@@ -54,7 +54,9 @@ def path_refusal(
     of one name, as sros2 names all, what the second signs is refused. Only who starts rests on this: what a peer may
     present is asked of `may_sign`, which looks at every path.
     """
-    return None if trust.pins_signer else _path_refusal(document_alike(signed), permissions_ca, trust, at)
+    several = len(permissions_ca.certificates) > 1 or len(signed.embedded) > 1
+    when = at if several else None
+    return None if trust.pins_signer else _path_refusal(document_alike(signed), permissions_ca, trust, when)
 
 
 @lru_cache(maxsize=16_384)
