@@ -160,7 +160,10 @@ def started_with(action: StartProcess, scope: Scope, source: Source) -> dict[str
         variable = scope.known(name, source)
         if isinstance(variable, Unknown):
             found |= dict.fromkeys(NAMES, variable)
-        elif variable in NAMES and not is_lookup(variable, value):
+        elif variable in NAMES and is_lookup(variable, value):
+            found.pop(variable, None)
+            found |= {variable: scope.environment[variable]} if variable in scope.environment else {}
+        elif variable in NAMES:
             found[variable] = scope.known(value, source)
     prefix = scope.arguments.get(PREFIX, "") if action.prefix is None else scope.known(action.prefix, source)
     before = _unknown(prefix) if isinstance(prefix, Unknown) else set_by_prefix(prefix)

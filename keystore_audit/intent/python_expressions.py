@@ -44,6 +44,7 @@ _SAME: Final = frozenset(
     {"str", "os.fspath", "os.path.abspath", "os.path.realpath", "os.path.normpath", "pathlib.Path"}
 )
 _LOOKUPS: Final = dict.fromkeys(("os.environ.get", "os.getenv"), "launch.substitutions.EnvironmentVariable")
+_ENVIRON: Final = Imported(path="os.environ")
 _SAME_METHODS: Final = frozenset({"resolve", "absolute", "as_posix"})
 _SHARE: Final = frozenset({"get_package_share_directory", "get_package_share_path", "get_package_prefix"})
 
@@ -99,6 +100,10 @@ class Expressions:
             return self._joined(node, depth)
         if isinstance(node, ast.Call):
             return self._call(node, depth)
+        if isinstance(node, ast.Subscript) and self.value(node.value, depth + 1) == _ENVIRON:
+            name = self.part(self.value(node.slice, depth + 1), node.lineno)
+            named = Call(line=node.lineno, name="EnvironmentVariable", positional=(name,), keywords={})
+            return CLASSES[named.name](named)
         return _opaque(node, "an expression that only running the file works out")
 
     def _name(self, node: ast.Name) -> Value:

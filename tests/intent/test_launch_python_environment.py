@@ -183,6 +183,13 @@ def test_what_is_not_followed_may_start_with_what_is_named_there_whatever_is_set
         ("import other", "additional_env=other.e", dict.fromkeys(NAMES)),
         ("e = {'A': 'b'}\ne.update(other())", "additional_env=e", dict.fromkeys(NAMES)),
         ("", "additional_env={'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID', '0')}", {}),
+        ("", "additional_env={'ROS_DOMAIN_ID': os.environ['ROS_DOMAIN_ID']}", {}),
+        (
+            "",
+            "env={'ROS_DOMAIN_ID': os.environ['ROS_DOMAIN_ID']}",
+            {name: "" for name in NAMES if name != "ROS_DOMAIN_ID"},
+        ),
+        ("", "additional_env={'ROS_DOMAIN_ID': os.environ['OTHER']}", {"ROS_DOMAIN_ID": None}),
         ("", "additional_env={'ROS_DOMAIN_ID': os.getenv('ROS_DOMAIN_ID', '7')}", {"ROS_DOMAIN_ID": None}),
         ("", "additional_env={'ROS_DOMAIN_ID': os.getenv('OTHER')}", {"ROS_DOMAIN_ID": None}),
         ("", f"additional_env={{{ENABLE}: EnvironmentVariable({ENABLE}, default_value='false')}}", {}),
