@@ -10,7 +10,7 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import until
-from keystore_audit.report.remedy import exact
+from keystore_audit.report.remedy import Remedies
 from keystore_audit.text import instant, markdown, shorten, some
 
 MAX_LENGTH: Final = 60_000
@@ -90,8 +90,9 @@ def _report(report: Report, least: Severity, budget: int) -> str:
     shown = [finding for finding in report.shown(least) if finding.suppressed is None]
     left = budget - sum(len(line) + 1 for line in (*head, *rest))
     items: list[str] = []
+    remedies = Remedies()
     for finding in shown:
-        item = "\n".join(_finding(finding))
+        item = "\n".join(_finding(finding, remedies))
         left -= len(item) + 1
         if left < 0:
             break
@@ -142,11 +143,11 @@ def _counts(report: Report) -> str:
     return ", ".join([*(counts or ["no findings"]), *([f"{accepted} accepted"] if accepted else [])])
 
 
-def _finding(finding: Finding) -> Iterator[str]:
+def _finding(finding: Finding, remedies: Remedies) -> Iterator[str]:
     yield f"- **{finding.severity.value} {finding.code} {markdown(finding.name)}** {markdown(finding.message)}  "
     if finding.locations:
         yield f"  {_places(finding.locations)}  "
-    yield f"  *What to do:* {markdown(exact(finding))} ({markdown(finding.clause)})"
+    yield f"  *What to do:* {markdown(remedies.give(finding))} ({markdown(finding.clause)})"
     yield ""
 
 

@@ -178,7 +178,7 @@ class TestMarkdown:
         assert len(text) < 65_536
         said = re.search(r"(\d+) more findings", text)
         assert said is not None
-        assert int(said[1]) + text.count("KA302") == 2000
+        assert int(said[1]) + text.count("critical KA302") == 2000
 
     def test_less_severe_findings_are_counted_and_not_shown(self, make_report: MakeReport) -> None:
         text = markdown.render([make_report()], Severity.HIGH)

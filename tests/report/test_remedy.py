@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.findings import Finding, Location, Severity
+from keystore_audit.report import markdown
 from keystore_audit.report.content import Report
 from keystore_audit.report.remedy import Remedies, exact
 from keystore_audit.report.text import render
@@ -126,6 +127,13 @@ def test_a_command_of_a_longer_remedy_is_found_there() -> None:
     assert said.endswith('as for KA222 above ("openssl smime -sign -text -in enclaves/governance.xml …").')
     short = replace(about("KA408", "enclaves/governance.p7s", None), remedy="Run `chmod 600`.")
     assert [Remedies().give(short), remedies.give(short)] == ["Run `chmod 600`."] * 2
+
+
+def test_markdown_gives_it_once_too(make_report: MakeReport) -> None:
+    keys = tuple(about("KA209", f"enclaves{name}/key.pem", name) for name in ("/a", "/b"))
+    text = markdown.render([replace(make_report(), findings=keys)], Severity.INFO)
+    assert text.count("openssl req") == 1
+    assert "as for KA209 above, for /b" in text.replace("\\", "")
 
 
 def test_lesser_findings_that_differ_by_the_enclave_alone_are_counted(make_report: MakeReport) -> None:
