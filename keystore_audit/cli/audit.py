@@ -179,9 +179,10 @@ def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int
     from keystore_audit.pipeline import audit
 
     watch = Watch(visible=not given["quiet"] and sys.stderr.isatty())
+    aside = (given["jobs"] or processors()) > 1
     try:
         with watch:
-            report = audit(keystore, replace(options, aside=(given["jobs"] or processors()) > 1), progress=watch)
+            report = audit(keystore, replace(options, aside=aside), progress=watch)
     except UsageError:
         raise
     except AuditError as error:
@@ -191,5 +192,5 @@ def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int
         return error.exit_code
     for stage, seconds in watch.durations if given["verbose"] else ():
         click.echo(f"{seconds:8.3f} s  {terminal(stage)}", err=True)
-    delivery.deliver([report], given, several=False)
+    delivery.deliver([report], given, several=False, aside=aside)
     return report.exit_code
