@@ -131,8 +131,7 @@ class AccessViews:
         """The dates of grants that a profile takes for one of the `instants` in the robot's zone: where, and what."""
         readings = {profile.access.dates for profile in profiles}
         for file in self._files:
-            read = file.permissions if isinstance(file, PermissionsFile) else None
-            for grant in read.grants if read is not None else ():
+            for grant in file.grants if isinstance(file, PermissionsFile) else ():
                 for verb, date in (("begins", grant.not_before), ("ends", grant.not_after)):
                     taken = [read_date(date.text, reading, self._zone) for reading in readings]
                     if any(each is not None and each.local and each.instant in instants for each in taken):

@@ -280,8 +280,7 @@ def _governance(peers: _Peers, realm: int, operation: Operation) -> Iterator[_De
 def _rules(peers: _Peers, grant: int, operation: Operation) -> Iterator[_Decider]:
     """What the rules of a grant decide, and its default."""
     atom = peers.system.grants[grant]
-    for rule in peers.system.rules:
-        if rule.grant == grant:
-            channels = bits(rule.named(operation)) & peers.permissions.within(rule.domains)
-            yield _Decider(channels, rule.allow, rule.location, True)
+    for rule in peers.decisions.rules[grant]:
+        channels = bits(rule.named(operation)) & peers.permissions.within(rule.domains)
+        yield _Decider(channels, rule.allow, rule.location, True)
     yield _Decider(-1, atom.default_allow, atom.location, False)

@@ -20,7 +20,8 @@ class Peers:
 
     def __init__(self, system: System, decisions: Decisions | None = None) -> None:
         self.system = system
-        self.permissions = Permissions(system, None, decisions)
+        self.decisions = decisions or Decisions(system)
+        self.permissions = Permissions(system, None, self.decisions)
         self.numbers: dict[str, int] = {}
         for number, enclave in enumerate(system.enclaves):
             self.numbers.setdefault(enclave.label, number)

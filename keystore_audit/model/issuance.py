@@ -6,13 +6,14 @@ is `model.trust`'s and the properties' question.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
 from datetime import datetime
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.layout import Role
 from keystore_audit.model.inventory import certificates_of
 from keystore_audit.model.system import System
 
@@ -69,7 +70,11 @@ def issuance(keystore: Keystore, system: System) -> Issuance:
         for signer in document.signers:
             signed[signer].append(document.location.path)
     revoked = {certificate for realm in system.realms for certificate in realm.revoked}
-    roles = _Roles(keystore)
+    identities = gathered((each.identity.sha256, each.path) for each in keystore.enclaves if each.identity is not None)
+    trusting = {
+        role: Counter(sha256 for each in keystore.enclaves for sha256 in {c.sha256 for c in each.trusts(role)})
+        for role in (Role.IDENTITY_CA, Role.PERMISSIONS_CA)
+    }
     return Issuance(
         certificates=tuple(
             IssuedCertificate(
@@ -79,9 +84,9 @@ def issuance(keystore: Keystore, system: System) -> Issuance:
                 signature_algorithm=certificate.signature_algorithm,
                 not_before=certificate.not_before,
                 not_after=certificate.not_after,
-                identity_of=tuple(roles.identities.get(certificate.sha256, ())),
-                identity_ca_of=roles.identity_cas.get(certificate.sha256, 0),
-                permissions_ca_of=roles.permissions_cas.get(certificate.sha256, 0),
+                identity_of=tuple(identities.get(certificate.sha256, ())),
+                identity_ca_of=trusting[Role.IDENTITY_CA][certificate.sha256],
+                permissions_ca_of=trusting[Role.PERMISSIONS_CA][certificate.sha256],
                 issued=tuple(sorted(issued[number], key=lambda n: (certificates[n].subject, n))),
                 signed=tuple(sorted(signed[number])),
                 is_root=roots[number],
@@ -92,23 +97,3 @@ def issuance(keystore: Keystore, system: System) -> Issuance:
         unsigned=tuple(each.location.path for each in system.documents if not each.signers and not each.opaque),
         unread=tuple(each.location.path for each in system.documents if each.opaque),
     )
-
-
-class _Roles:
-    """What the certificates of a keystore are for, by the SHA-256 of each."""
-
-    def __init__(self, keystore: Keystore) -> None:
-        self.identities: dict[str, list[str]] = {}
-        self.identity_cas: dict[str, int] = {}
-        self.permissions_cas: dict[str, int] = {}
-        for enclave in keystore.enclaves:
-            first = enclave.identity
-            if first is not None:
-                self.identities.setdefault(first.sha256, []).append(enclave.path)
-            _count(self.identity_cas, enclave.identity_ca.certificates if enclave.identity_ca else ())
-            _count(self.permissions_cas, enclave.permissions_ca.certificates if enclave.permissions_ca else ())
-
-
-def _count(counts: dict[str, int], certificates: Sequence[Certificate]) -> None:
-    for sha256 in {certificate.sha256 for certificate in certificates}:
-        counts[sha256] = counts.get(sha256, 0) + 1

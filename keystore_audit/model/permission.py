@@ -114,7 +114,7 @@ class Decisions:
         self._within: dict[frozenset[int], int] = {}
 
     @cached_property
-    def _rules(self) -> list[list[RuleAtom]]:
+    def rules(self) -> list[list[RuleAtom]]:
         """By grant: its rules in order."""
         rules: list[list[RuleAtom]] = [[] for _ in self._system.grants]
         for rule in self._system.rules:
@@ -125,7 +125,7 @@ class Decisions:
         """Channels on which the first matching rule allows, or none matches and the default does."""
         known = self._allowed.get((grant, operation))
         if known is None:
-            rulings = [(self._matches(rule, operation), rule.allow) for rule in self._rules[grant]]
+            rulings = [(self._matches(rule, operation), rule.allow) for rule in self.rules[grant]]
             if self._system.grants[grant].default_allow:
                 rulings.append((self.all_channels, True))
             known = self._allowed[grant, operation] = allowing(rulings)
@@ -149,7 +149,7 @@ class Decisions:
         """Domains that the grant lets its holder join."""
         if self._system.grants[grant].default_allow:
             return self.all_domains
-        return union(bits(rule.domains) for rule in self._rules[grant] if rule.allow)
+        return union(bits(rule.domains) for rule in self.rules[grant] if rule.allow)
 
 
 class Permissions:

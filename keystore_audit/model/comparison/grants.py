@@ -202,7 +202,7 @@ def deciding(view: View, grant: int | None, operation: Operation, channels: int)
         return None
     channel = next(iter(members(channels)))
     domain = view.system.channels[channel].domain
-    for rule in view.rules_of.get(grant, ()):
+    for rule in view.decisions.rules[grant]:
         if domain in rule.domains and channel in rule.named(operation):
             return rule.location
     return whole(view, grant)

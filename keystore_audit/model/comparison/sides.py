@@ -25,7 +25,7 @@ from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.own_rights import OwnRights
 from keystore_audit.model.permission import Decisions, bits, members, union
 from keystore_audit.model.profiles import Profile
-from keystore_audit.model.system import Reading, RuleAtom, System
+from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.trust import Verdict, envelope
 from keystore_audit.model.usability import Usabilities
@@ -36,10 +36,6 @@ MAX_SHOWN = 3
 
 class View(Peers):
     """One keystore under one system, what could not be read left out."""
-
-    def __init__(self, system: System, decisions: Decisions) -> None:
-        super().__init__(system, decisions)
-        self.decisions = decisions
 
     def letting_in(self, path: str) -> tuple[int, ...]:
         """The realms, by their places, that take the enclave for who it says it is, whatever the dates."""
@@ -56,11 +52,6 @@ class View(Peers):
     def taken(self) -> frozenset[int]:
         """The documents that some peer takes."""
         return frozenset(document for realm in self.realms for document in realm.accepted)
-
-    @cached_property
-    def rules_of(self) -> dict[int, list[RuleAtom]]:
-        """The rules of each grant, in order."""
-        return grouped(self.system.rules, lambda rule: rule.grant)
 
     def own_grant(self, path: str) -> int | None:
         """The grant of the enclave's own document that counts."""

@@ -20,7 +20,7 @@ from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Grant, Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
-from keystore_audit.model.decision import WILDCARDS
+from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.intended.observed_needs import Need, in_layout, needs, nodes_of, usages, usual_channels
 from keystore_audit.model.intended.observed_rights import Deciders, JointRuling, PointRights
 from keystore_audit.model.names import Use
@@ -335,7 +335,7 @@ def _partitions(partitions: Sequence[Text] | None) -> Sequence[str]:
 
 def _is_name(text: Text) -> bool:
     """Whether every implementation takes the expression for that one name."""
-    return bool(text.text) and WILDCARDS.isdisjoint(text.text) and "\\" not in text.text
+    return bool(text.text) and not has_wildcard(text.text)
 
 
 def _has_expressions(grant: Grant) -> bool:
