@@ -105,7 +105,8 @@ def list_used(enclave: Enclave, certificate: Certificate, trust: Trust, at: date
     measured on Fast DDS 2.9.1).
     """
     authorities = identity_authorities(enclave, trust)
-    return _chosen((each for each in lists_read(enclave, trust) if _usable(each, certificate, authorities, trust)), at)
+    lists = lists_read(enclave, trust)
+    return _chosen((each for each in lists if _usable(each, certificate, authorities, trust, at)), at)
 
 
 def list_broken(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> bool:
@@ -117,10 +118,10 @@ def list_broken(enclave: Enclave, certificate: Certificate, trust: Trust, at: da
     fitting = (
         each
         for each in lists_read(enclave, trust)
-        if _is_about(each, certificate) and any(_signers(each, certificate, authorities, trust))
+        if _is_about(each, certificate) and any(_signers(each, certificate, authorities, trust, at))
     )
     chosen = _chosen(fitting, at)
-    return chosen is not None and not _usable(chosen, certificate, authorities, trust)
+    return chosen is not None and not _usable(chosen, certificate, authorities, trust, at)
 
 
 def list_looked_up(authority: Certificate, lists: Iterable[RevocationList], at: datetime) -> RevocationList | None:
@@ -153,8 +154,8 @@ def names_revoked(revocations: RevocationList, certificate: Certificate) -> bool
     return certificate.serial in revocations.revoked and same_name(revocations.issuer_name, certificate.issuer_name)
 
 
-def list_missing(enclave: Enclave, certificate: Certificate, trust: Trust) -> bool:
-    """Whether lists are read and at no instant one of them can be used for the identity, so that it is refused.
+def list_missing(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime | None = None) -> bool:
+    """Whether lists are read and none of them can be used for the identity `at` the instant, or ever: it is refused.
 
     One that can be used names the identity's issuer, is signed by the certificate of that name which OpenSSL takes for
     the list's issuer, whose keyUsage allows it, and holds identities of every kind.
@@ -163,16 +164,20 @@ def list_missing(enclave: Enclave, certificate: Certificate, trust: Trust) -> bo
     if not lists:  # nearly always
         return False
     authorities = identity_authorities(enclave, trust)
-    return not any(_usable(each, certificate, authorities, trust) for each in lists)
+    return not any(_usable(each, certificate, authorities, trust, at) for each in lists)
 
 
 def _usable(
-    revocations: RevocationList, certificate: Certificate, authorities: Sequence[Certificate], trust: Trust
+    revocations: RevocationList,
+    certificate: Certificate,
+    authorities: Sequence[Certificate],
+    trust: Trust,
+    at: datetime | None,
 ) -> bool:
     """Whether a list can be used for a certificate; a signature that cannot be checked counts."""
     return _is_about(revocations, certificate) and any(
         crl_signed_by(revocations, signer) is not False and _lets_sign_lists(revocations, signer)
-        for signer in _signers(revocations, certificate, authorities, trust)
+        for signer in _signers(revocations, certificate, authorities, trust, at)
     )
 
 
@@ -200,7 +205,11 @@ def _lets_sign_lists(revocations: RevocationList, signer: Certificate) -> bool:
 
 
 def _signers(
-    revocations: RevocationList, certificate: Certificate, authorities: Sequence[Certificate], trust: Trust
+    revocations: RevocationList,
+    certificate: Certificate,
+    authorities: Sequence[Certificate],
+    trust: Trust,
+    at: datetime | None,
 ) -> Iterator[Certificate]:
     """The certificates that may be taken for the list's issuer (crl_akid_check in x509_vfy.c).
 
@@ -211,7 +220,7 @@ def _signers(
     while pending:
         below = pending.pop()
         for above in (
-            issuers_taken(below, authorities)
+            issuers_taken(below, authorities, at)
             if trust.needs_root
             else [each for each in authorities if may_have_issued(each, below)]
         ):

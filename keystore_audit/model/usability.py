@@ -41,6 +41,7 @@ UNGRANTED: Final = "the grant allows no"
 """How reasons begin that are about domains: only governance and permissions mend them."""
 
 _NOT_ISSUED: Final = "the identity CA did not issue the identity certificate"
+_NO_LIST: Final = "no revocation list that it carries can be used for the identity, so every identity is refused"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -300,7 +301,7 @@ def _chain_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) ->
     if refusal is not None:
         return (f"{_NOT_ISSUED}: {refusal}",)
     if list_missing(enclave, certificate, trust):
-        return ("no revocation list that it carries can be used for the identity, so every identity is refused",)
+        return (_NO_LIST,)
     return ()
 
 
@@ -390,6 +391,8 @@ def _revocations_at(enclave: Enclave, certificate: Certificate, trust: Trust, at
     """What the revocation list says in which the identity is looked up."""
     if revoked(enclave, (certificate,), trust, at):
         yield "the identity certificate is revoked"
+    if list_missing(enclave, certificate, trust, at) and not list_missing(enclave, certificate, trust):
+        yield _NO_LIST
     if len(lists_read(enclave, trust)) > 1 and list_broken(enclave, certificate, trust, at):
         yield "the newest revocation list is not validly signed, so every identity is refused"
     used = list_used(enclave, certificate, trust, at)

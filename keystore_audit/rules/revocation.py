@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from datetime import datetime
 from typing import Any, Final
 
 from keystore_audit.findings import Location, Severity
@@ -104,7 +105,7 @@ def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violatio
     remedy=NEW_LIST,
     stops=True,
 )
-def crl_invalid(use: RevocationUse, _context: Context) -> Iterator[Violation]:
+def crl_invalid(use: RevocationUse, context: Context) -> Iterator[Violation]:
     """The revocation list does not parse, or the identity CA did not make it: it revokes nothing.
 
     OpenSSL, told to check revocation and finding no list that it can use, refuses every identity: the enclaves that
@@ -128,10 +129,10 @@ def crl_invalid(use: RevocationUse, _context: Context) -> Iterator[Violation]:
             key = f"{revocations.issuer} {revocations.this_update}"
             yield _about(use, revocations, message, key, undecided=undecided)
     if use.in_use and not found:
-        yield from _of_another_issuer(use)
+        yield from _of_another_issuer(use, context.at)
 
 
-def _of_another_issuer(use: RevocationUse) -> Iterator[Violation]:
+def _of_another_issuer(use: RevocationUse, at: datetime) -> Iterator[Violation]:
     """Lists that some certificate of the CA file made, but not the one that OpenSSL takes for their issuer."""
     refused: dict[tuple[str, ...], list[Enclave]] = {}
     for enclave in use.enclaves:
@@ -142,7 +143,8 @@ def _of_another_issuer(use: RevocationUse) -> Iterator[Violation]:
         refusing = tuple(
             name
             for name, profile in VARIANTS.items()
-            if chain_refusal(first, file, profile.trust) is None and list_missing(enclave, first, profile.trust)
+            if chain_refusal(first, file, profile.trust) is None
+            and (list_missing(enclave, first, profile.trust) or list_missing(enclave, first, profile.trust, at))
         )
         if refusing:
             refused.setdefault(refusing, []).append(enclave)

@@ -116,6 +116,7 @@ def pool() -> Pool:
         "stale": crl(root, end=START + timedelta(days=30)),
         "not yet": crl(root, days=3000),
         "of below": crl(below, serials[::2]),
+        "of next root": crl(authorities["next root"]),
         "of other root": crl(authorities["other root"]),
         "of printable root": crl(authorities["printable root"], serials),
     }
@@ -150,6 +151,9 @@ def combinations(pool: Pool, number: int, seed: int) -> Iterator[Combination]:
         yield from (Combination(alone, identity, revocations) for revocations in pool.lists)
     for before in ("may not sign", "no authority", "expired root"):  # not the first, which Fast DDS looks at by itself
         yield Combination(("short root", before, "root"), "of root", None)
+    for revocations in ("empty", "of next root"):
+        yield Combination(("root", "next root"), "of root", revocations)
+        yield Combination(("next root", "root"), "of next root", revocations)
     random = Random(seed)
     for _ in range(number):
         identity = random.choice(list(pool.identities))
