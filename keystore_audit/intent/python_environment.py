@@ -44,6 +44,10 @@ _GIVING: Final = frozenset({"additional_env", "env"})
 """Arguments that give variables to a process."""
 
 _EMPTYING: Final = frozenset({"clear", "popitem"})
+_ADDING: Final = frozenset({"__setitem__", "setdefault", "update"})
+_READS: Final = frozenset({"__import__", "eval", "exec", "getattr", "globals", "input", "open", "vars"})
+_BUILTIN: Final = frozenset(dir(builtins)) - _READS
+"""What brings nothing from elsewhere."""
 
 _NOT_FOLLOWED: Final = (ast.Lambda, ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.DictComp, ast.IfExp)
 
@@ -127,7 +131,7 @@ class _Made:
 
     values: dict[str, list[ast.AST]] = field(default_factory=dict)
     more: dict[str, list[ast.AST]] = field(default_factory=dict)
-    bound: set[str] = field(default_factory=lambda: set(dir(builtins)))
+    bound: set[str] = field(default_factory=lambda: set(_BUILTIN))
     aliases: set[str] = field(default_factory=set)
     emptied: set[str] = field(default_factory=set)
     whole: dict[str, bool] = field(default_factory=dict)
@@ -158,12 +162,15 @@ class _Made:
         if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
             for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
                 kept = self.values if isinstance(target, ast.Name) else self.more
-                for name in () if isinstance(target, ast.Subscript) else _named_in([target]):
-                    kept.setdefault(name, []).append(node.value)
+                added = target.slice if isinstance(target, ast.Subscript) else node.value
+                for name in _named_in([getattr(target, "value", target)]):
+                    kept.setdefault(name, []).append(added)
                     self.aliases.update([name] if _is_environ(node.value) else [])
-        elif isinstance(node, (ast.For, ast.comprehension, ast.AugAssign)):
-            for name in _named_in([node.target]):
-                self.more.setdefault(name, []).append(node.value if isinstance(node, ast.AugAssign) else node.iter)
+        elif isinstance(node, (ast.For, ast.comprehension, ast.AugAssign, ast.withitem)):
+            bound = node.optional_vars if isinstance(node, ast.withitem) else node.target
+            added = next(getattr(node, each) for each in ("iter", "value", "context_expr") if hasattr(node, each))
+            for name in _named_in([] if bound is None else [bound]):
+                self.more.setdefault(name, []).append(added)
         elif isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Del) and _text(node.slice) is None:
             self.emptied.update(_named_in([node.value]))
         elif isinstance(node, ast.Call):
@@ -173,8 +180,8 @@ class _Made:
                     self.more.setdefault(each.id, []).append(node.func)
             if method in _EMPTYING or (method == "pop" and node.args and _text(node.args[0]) is None):
                 self.emptied.add(held)
-            elif method == "update":
-                self.more.setdefault(held, []).extend(node.args)
+            elif method in _ADDING:
+                self.more.setdefault(held, []).extend(node.args[:1])
 
     def has_all(self, value: ast.AST, depth: int = 0) -> bool:
         """Whether a dictionary holds all variables that there were, or there is none."""
@@ -200,7 +207,7 @@ class _Made:
             if self.is_environ(value):
                 continue
             if not isinstance(value, ast.Name):
-                waiting += _parts(value)
+                waiting += _names_from(value)
             elif value.id not in self.bound:
                 return True
             elif value.id not in seen and value.id not in self.own:
@@ -227,6 +234,22 @@ def _parts(value: ast.AST) -> Iterator[ast.AST]:
         yield from [value.func.value] if isinstance(value.func, ast.Attribute) and not value.args else []
     elif isinstance(value, (ast.Call, ast.Attribute, ast.Subscript)):
         yield value.func if isinstance(value, ast.Call) else value.value
+
+
+def _names_from(value: ast.AST) -> Iterator[ast.AST]:
+    """What the names of entries come from, or the texts of a list."""
+    yield from _parts(value)
+    if isinstance(value, ast.Dict):
+        yield from (key for key in value.keys if key is not None)
+    elif isinstance(value, ast.DictComp):
+        yield value.key
+    elif isinstance(value, (ast.Tuple, ast.List)):
+        pair = len(value.elts) == 2 and _text(value.elts[0]) is not None
+        yield from () if pair else value.elts
+    elif isinstance(value, ast.Call) and _called(value.func) in _BUILTIN:
+        yield from value.args
+    elif isinstance(value, (ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.JoinedStr, ast.FormattedValue)):
+        yield from ast.iter_child_nodes(value)
 
 
 def _given(node: ast.AST, made: _Made, unread: Collection[ast.AST]) -> Iterable[str]:
