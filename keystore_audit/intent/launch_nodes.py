@@ -21,7 +21,7 @@ from keystore_audit.intent.intent import (
     UsedName,
 )
 from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, StartProcess, Unknown
-from keystore_audit.intent.launch_environment import NAMES, command_line, set_by_command, started_with
+from keystore_audit.intent.launch_environment import command_line, set_by_command, started_with
 from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
@@ -151,7 +151,7 @@ class Nodes:
     def unread(self, line: int, reason: str, scope: Scope, source: Source) -> None:
         """Something that is not read: if it starts processes, then in the environment that there is."""
         self.unresolved(source.location(line), reason)
-        variables = {name: scope.environment[name] for name in NAMES if name in scope.environment}
+        variables = started_with(StartProcess(line=line), scope, source)
         self._sets("what is not read here", source.file.sha256, variables, source.location(None))
 
     def _sets(self, node: str, started: str, variables: Mapping[str, str | Unknown], location: Location) -> None:

@@ -201,7 +201,7 @@ class _Made:
 
     def comes_from_elsewhere(self, value: ast.AST) -> bool:
         """Whether a dictionary or list may have names in it that this file does not say."""
-        waiting, seen = [value], set[str]()
+        waiting, seen, asked = [value], set[str](), getattr(value, "id", "")
         while waiting:
             value = waiting.pop()
             if self.is_environ(value):
@@ -209,6 +209,7 @@ class _Made:
             if not isinstance(value, ast.Name):
                 waiting += _names_from(value)
             elif value.id not in self.bound:
+                self.bound.discard(asked)
                 return True
             elif value.id not in seen and value.id not in self.own:
                 seen.add(value.id)

@@ -299,6 +299,10 @@ def test_what_is_not_read_starts_with_what_is_set_before_it(unread: str, tmp_pat
     off = '<set_env name="ROS_SECURITY_ENABLE" value="no"/>'
     assert variables(launch(tmp_path, f"{off}{unread}")) == {"SECURITY_ENABLE": "no"}
     assert variables(launch(tmp_path, f"<group>{off}</group>{unread}")) == {}
+    for prefix, expected in (("env ROS_SECURITY_ENABLE=no", "no"), ("sudo", None), ("gdb --args", "")):
+        before = f'<let name="launch-prefix" value="{prefix}"/>'
+        told = {} if expected == "" else {"SECURITY_ENABLE": expected}
+        assert variables(launch(tmp_path, f"{before}{unread}")) == told
 
 
 @pytest.mark.parametrize(
