@@ -67,11 +67,11 @@ _TOUCHED: Final = re.compile(r"\b(?:declare|export|for|printf|read|typeset)\s")
 _BEGUN: Final = re.compile(r"\^?([A-Z]+_(?:[A-Z]+_)*)(?![A-Z0-9_])")
 """How names of variables begin."""
 
-_AS_ANOTHER: Final = re.compile(
-    r"\b(?:doas|pkexec|runuser|su|sudo)\s(?!.*(?<!\S)(?:-[A-Za-z]*E|--preserve-env)\s)"
-    r".*(?:\bros2\s|--ros-args|/opt/ros/)"
-)
-"""A node that somebody else starts: such programs take back all variables that they are not told to keep."""
+_AS_ANOTHER: Final = re.compile(r"\b(?:doas|pkexec|runuser|su|sudo)(?=\s)")
+"""What starts programs as somebody else, and takes back all variables that it is not told to keep."""
+
+_KEPT: Final = re.compile(r"\s(?:-[A-Za-z]*E|--preserve-env)\s")
+_NODE: Final = re.compile(r"\bros2\s|--ros-args|/opt/ros/")
 
 _CLEAN: Final = re.compile(
     r"\benv\s+(?:(?:-[0v]*[uC]|--unset|--chdir)\s+\S+\s+|-(?![0v]*[uC]\s|-unset\s|-chdir\s)\S+\s+){0,9}?"
@@ -105,7 +105,8 @@ def set_by_command(command: str) -> dict[str, str | Unknown]:
     """The values that a command line itself gives to `NAMES`, in any of its words: `env NAME=VALUE`, or a shell's."""
     plain = re.sub(r"""["'\\]""", "", command)
     found: dict[str, str | Unknown] = dict.fromkeys(NAMES, "") if _CLEAN.search(plain) else {}
-    if _AS_ANOTHER.search(plain):
+    another = _AS_ANOTHER.search(plain)
+    if another and _NODE.search(plain, another.end()) and not _KEPT.search(plain, another.end()):
         found |= _unknown(Unknown(reason=f"{shown(command)}, which starts it as somebody else"))
     for name in NAMES:
         values = set(re.findall(rf"(?<![A-Za-z0-9_]){name}=([^\s;&|]*)", plain))
