@@ -66,8 +66,7 @@ def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Itera
         if issuers:
             last = max(issuers, key=lambda authority: authority.not_after)
             yield Violation(
-                message=f"{what(use, certificate)} is good until {instant(certificate.not_after)}, its authority only "
-                f"until {instant(last.not_after)}.",
+                message=f"{what(use, certificate)} outlives its authority, which ends at {instant(last.not_after)}.",
                 locations=(located(certificate), located(last, "the authority")),
                 enclave=sole(use.enclaves),
                 key=certificate.sha256,

@@ -16,6 +16,7 @@ from keystore_audit.report.remedy import Remedies, exact
 from keystore_audit.report.text import render
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.commands import DEEPER, LINK_CA, LINK_GOVERNANCE
+from tests.cli.keystores import answer
 from tools.samples.store import copy_with_modes
 
 MakeReport = Callable[..., Report]
@@ -158,3 +159,10 @@ def test_every_remedy_can_be_given_after_every_other(enclave: str | None) -> Non
         assert remedies.give(finding)
         assert remedies.told(finding)
     assert remedies.give(replace(about("KA209", "x", enclave), remedy="", code="KA999")) == ""
+
+
+def test_identities_that_outlive_an_authority_by_seconds_are_told_once(repository: Path) -> None:
+    """As sros2 makes them, each at another second."""
+    _exit_code, text = answer("audit", repository / "sample_keystores/stock/turtlesim", "--engine", "native")
+    assert text.count("outlives its authority") == 1
+    assert "KA206 certificate-outlives-its-ca\n    3 more of it, about /multiplexer, /random, /turtlesim." in text
