@@ -10,9 +10,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Finding, Outcomes, Result, Severity
 from keystore_audit.grouped import grouped
+from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
 from keystore_audit.report import ranking
@@ -146,15 +147,26 @@ def _enclaves(page: Page, enclaves: Sequence[EnclaveEntry]) -> None:
     page.put(("Enclaves", "bold underline"))
     starting = [entry.path for entry in enclaves if all(use.usable for use in entry.profiles.values())]
     others = (entry for entry in enclaves if not all(use.usable for use in entry.profiles.values()))
-    for uses, alike in grouped(others, lambda entry: tuple(entry.profiles.items())).items():
-        directory = f"  ({alike[0].directory})" if len(alike) == 1 else ""
-        page.put((", ".join(entry.path for entry in alike), "bold"), directory, indent=2)
-        for usability, names in by_answer(dict(uses)).items():
+    for same, alike in grouped(others, _own_words).items():
+        entry, several = alike[0], len(alike) > 1
+        page.put(
+            (", ".join(each.path for each in alike), "bold"), "" if several else f"  ({entry.directory})", indent=2
+        )
+        for usability, names in by_answer(dict(same) if several else entry.profiles).items():
             reasons = "; ".join(reason.rstrip(".") for reason in usability.reasons)
             why = f": {reasons}" if reasons else ""
-            page.put(f"{_START_WORDS[usability.usable]} {_under(names, len(uses))}{why}.", indent=4)
+            page.put(f"{_START_WORDS[usability.usable]} {_under(names, len(same))}{why}.", indent=4)
     if starting:
         page.put(f"{some(starting, MAX_ENCLAVES)}: can start under all profiles.", indent=2)
+
+
+def _own_words(entry: EnclaveEntry) -> tuple[tuple[str, Usability], ...]:
+    """Whether it starts, as it would be said of any other enclave for which the same is so."""
+    own = entry.subject or entry.path
+    return tuple(
+        (name, replace(use, reasons=tuple(reason.replace(own, "its identity") for reason in use.reasons)))
+        for name, use in entry.profiles.items()
+    )
 
 
 _START_WORDS: Final[Mapping[bool | None, str]] = {

@@ -314,6 +314,13 @@ def test_reasons_follow_a_colon_and_are_listed(make_report: MakeReport) -> None:
     text = render(replace(report, enclaves=(replace(talker, path="/a", profiles=uses), other, same)))
     assert "\n  /a, /b\n    CANNOT START under spec: " in text
     assert (text.count("two texts"), text.count("/c  (")) == (1, 1)
+    own = {
+        f"/{name}": {"spec": Usability(usable=False, reasons=(f"no grant names CN=/{name}",))} for name in ("a", "b")
+    }
+    both = [replace(talker, path=path, subject=f"CN={path}", profiles=uses) for path, uses in own.items()]
+    text = render(replace(report, enclaves=tuple(both)))
+    assert "\n  /a, /b\n    CANNOT START under all profiles: no grant names its identity.\n" in text
+    assert "no grant names CN=/a.\n" in render(replace(report, enclaves=tuple(both[:1])))
 
 
 def test_the_cause_of_the_worst_comes_first_though_it_is_lesser(make_report: MakeReport) -> None:
