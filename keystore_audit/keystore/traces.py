@@ -96,9 +96,9 @@ def look(content: bytes) -> Traces:
     # By itself: in a list of names and values, a certificate may be read on into what stands behind it.
     signed = () if is_message else structures_in_base64(content, is_signed_data)
     how = concealed(content, others, signed)
-    written = (content, *others)
-    secret = any(_KEY in text for text in written) or _MICROSOFT.match(content) is not None
-    certified = any(word in text for text in written for word in _ARMOUR)
+    written = b"\n".join((content, *others))
+    secret = _KEY in written or _MICROSOFT.match(content) is not None
+    certified = any(word in written for word in _ARMOUR)
     return Traces(
         private_key=secret or any(map(is_key_in_der, encoded)) or any_structure(is_key_in_der, content),
         certificate=certified
