@@ -16,9 +16,9 @@ from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.claim import ClaimAtom
 from keystore_audit.model.permission import Permissions, bits
 from keystore_audit.model.profiles import VARIANTS, SubjectComparison
-from keystore_audit.model.subject import CYCLONEDDS_MAX_ATTRIBUTES, TOKENWISE, matching
+from keystore_audit.model.subjects.comparison import CYCLONEDDS_MAX_ATTRIBUTES, TOKENWISE, matching
+from keystore_audit.model.subjects.told import ToldSubject, meaning, told
 from keystore_audit.model.system import System
-from keystore_audit.model.told_subject import ToldSubject, meaning, told
 
 _BETWEEN_PARTS: Final = re.compile("[,/|]")
 

@@ -23,7 +23,7 @@ from keystore_audit.model.expression import any_matches, parse
 from keystore_audit.model.permission import allowing, bits
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding, is_controlled
-from keystore_audit.model.subject import names
+from keystore_audit.model.subjects.comparison import names
 
 WILDCARDS: Final = frozenset("*?[")
 """What makes an expression of a name on Fast DDS."""

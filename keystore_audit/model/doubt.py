@@ -26,7 +26,7 @@ from keystore_audit.model.inventory import (
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.profiles import Access, Profile, Trust
 from keystore_audit.model.revocation import list_unread
-from keystore_audit.model.subject import is_printable
+from keystore_audit.model.subjects.comparison import is_printable
 from keystore_audit.model.trust import MAX_AUTHORITIES, Verdict, document_verdict, envelope, is_authority, issue
 
 

@@ -12,8 +12,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location
+from keystore_audit.model.subjects.told import Meaning, grants_naming, meaning
 from keystore_audit.model.system import CertificateAtom, GrantAtom, Reading, RealmAtom, System
-from keystore_audit.model.told_subject import Meaning, grants_naming, meaning
 
 UNREAD = "somebody whom a document names that could not be read"
 """The subject that stands for all that are named there."""

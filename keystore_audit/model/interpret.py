@@ -18,7 +18,7 @@ from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.attacker import enclaves_views
 from keystore_audit.model.channels import ReadRegion
 from keystore_audit.model.claims import Claim, lasting, with_claims
-from keystore_audit.model.divergence import divergences
+from keystore_audit.model.divergence.find import divergences
 from keystore_audit.model.doubt import keystore_doubts
 from keystore_audit.model.forwards import Declared, with_determinism
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability

@@ -18,7 +18,7 @@ from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.stray import Stray
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.semantics import ReadGrant
-from keystore_audit.model.subject import matching
+from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust import Verdict, document_verdict, envelope, is_authority, may_have_issued, signers_taken
 
 Typed = GovernanceFile | PermissionsFile

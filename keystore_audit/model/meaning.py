@@ -11,8 +11,8 @@ from keystore_audit.keystore.permissions import Operation
 
 if TYPE_CHECKING:  # `can` has no part in either
     from keystore_audit.model.anomalies.anomaly import Anomaly
+    from keystore_audit.model.divergence.substitution import Cause
     from keystore_audit.model.ros.patterns import RosPatterns
-    from keystore_audit.model.substitution import Cause
     from keystore_audit.model.system import System
 
 

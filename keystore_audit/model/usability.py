@@ -24,7 +24,7 @@ from keystore_audit.model.revocation import list_broken, list_missing, list_used
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant
 from keystore_audit.model.sight import Sight, authority_refusals, certificate_refusals, key_refusals, sight_of
 from keystore_audit.model.signer_path import path_refusal
-from keystore_audit.model.subject import names
+from keystore_audit.model.subjects.comparison import names
 from keystore_audit.model.trust import (
     Verdict,
     document_verdict,

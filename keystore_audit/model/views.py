@@ -17,7 +17,7 @@ from keystore_audit.model.inventory import Document
 from keystore_audit.model.lone_endpoints import Alone, Endpoints, LoneEndpoints, LoneRefusals
 from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
 from keystore_audit.model.revocation import list_dates, list_unread, revoked
-from keystore_audit.model.subject import matching
+from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.system import RealmAtom
 from keystore_audit.model.trust import (
     Verdict,

@@ -8,8 +8,8 @@ from typing import Final
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
+from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.substitution import Cause
 from keystore_audit.rules.anomaly import folded, named, odd
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import spoken_of

@@ -1,4 +1,4 @@
-"""KA6: what one keystore allows under one implementation and not under another (`model.divergence`).
+"""KA6: what one keystore allows under one implementation and not under another (`model.divergence.find`).
 
 A rule for each cause. What rules about single documents say already of a line is not said again: documents that an
 implementation refuses as a whole (KA417, KA420, KA421), a default that allows (KA509), second grants (KA504), the want
@@ -15,10 +15,10 @@ from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.substitution import Cause
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.domain import allowed_domains, governed_domains, meet
 from keystore_audit.rules.governance import CORRECT, COVER_DOMAIN

@@ -17,7 +17,7 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.permission import union
 from keystore_audit.model.profiles import VARIANTS, SubjectComparison, Trust
 from keystore_audit.model.revocation import revoked
-from keystore_audit.model.subject import matching
+from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust import is_issued
 from keystore_audit.model.validity import DateReading, read_date
 from keystore_audit.rules.acceptance import ROWS

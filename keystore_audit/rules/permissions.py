@@ -18,7 +18,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
-from keystore_audit.model.subject import matching, same_meaning
+from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.model.trust import Verdict
 from keystore_audit.rules.acceptance import ROWS, verdict
 from keystore_audit.rules.certificate import ISSUE_AGAIN, has_usual_subject, usual_subject

@@ -8,9 +8,9 @@ from typing import Final
 from keystore_audit.findings import Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.governance import Text
+from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.expression import parse
 from keystore_audit.model.profiles import DateReading, Profile
-from keystore_audit.model.substitution import Cause
 from keystore_audit.model.validity import read_date
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import spoken_of

@@ -1,4 +1,4 @@
-"""KA6: rules of one grant that implementations read and order differently (`model.divergence`)."""
+"""KA6: rules of one grant that implementations read and order differently (`model.divergence.find`)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.substitution import Cause
+from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import MEASURED, said
 from keystore_audit.rules.permissions import WRITE_AGAIN

@@ -14,7 +14,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.inventory import identities_at_large
 from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
-from keystore_audit.model.subject import matching, same_meaning
+from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule

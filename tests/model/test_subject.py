@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.model.profiles import SubjectComparison
-from keystore_audit.model.subject import matching, names, printed, same_meaning
+from keystore_audit.model.subjects.comparison import matching, names, printed, same_meaning
 from tests.keystore.builder import certificate, evidence
 
 KINDS = (NameOID.COMMON_NAME, NameOID.ORGANIZATION_NAME, NameOID.ORGANIZATIONAL_UNIT_NAME)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from keystore_audit.model.stolen_key import holding
-from keystore_audit.model.told_subject import grants_naming, meaning
+from keystore_audit.model.subjects.told import grants_naming, meaning
 from tests.engine.systems import IDENTITY_CA, TALKER_PERMISSIONS, Builder, healthy_builder
 
 

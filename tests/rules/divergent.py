@@ -11,7 +11,7 @@ from keystore_audit.keystore.governance import DomainRange
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Criterion, Operation, Rule
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.divergence import divergences
+from keystore_audit.model.divergence.find import divergences
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Divergence
 from keystore_audit.model.profiles import DEFAULT, VARIANTS, Profile

@@ -9,10 +9,10 @@ import pytest
 from keystore_audit.findings import Location, Result, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.meaning import Divergence
 from keystore_audit.model.profiles import DEFAULT
-from keystore_audit.model.substitution import Cause
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge

@@ -21,7 +21,7 @@ from keystore_audit.model.comparison.facts import Dates, told
 from keystore_audit.model.comparison.grants import NOTHING, WORDS, Given, Right, differing, either, given
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.permission import members, union
-from keystore_audit.model.subject import same_meaning
+from keystore_audit.model.subjects.comparison import same_meaning
 
 KINDS: Final = ("right-of-others", "grant-of-others")
 SUBJECT: Final = "grant for"

@@ -28,7 +28,7 @@ from keystore_audit.model.inventory import documents_of, may_be_taken, permissio
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.profiles import Profile, SubjectComparison
 from keystore_audit.model.semantics import deciding
-from keystore_audit.model.subject import matching
+from keystore_audit.model.subjects.comparison import matching
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,7 +9,7 @@ from keystore_audit.model.profiles.access import Access, Local
 
 
 class SubjectComparison(str, Enum):
-    """How the subject_name of a grant is compared with the subject of a certificate (`model.subject`)."""
+    """How the subject_name of a grant is compared with the subject of a certificate (`model.subjects.comparison`)."""
 
     EXACT = "exact"
     FASTDDS_ORDERED = "fastdds-ordered"

@@ -19,9 +19,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.model.opendds_subject import oneline
 from keystore_audit.model.profiles import SubjectComparison
-from keystore_audit.model.subject import names, printed, same_meaning
+from keystore_audit.model.subjects.comparison import names, printed, same_meaning
+from keystore_audit.model.subjects.opendds import oneline
 from tests.keystore.builder import certificate, evidence
 from tests.keystore.documents import PERMISSIONS
 from tests.oracles.xml.ours import DocumentKind

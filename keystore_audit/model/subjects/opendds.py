@@ -10,7 +10,7 @@ import re
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.model.subject_types import Subject, typed
+from keystore_audit.model.subjects.attributes import Subject, typed
 
 RelativeNames = tuple[frozenset[tuple[str, str]], ...]
 

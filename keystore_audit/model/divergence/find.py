@@ -2,8 +2,8 @@
 
 Compared are decisions (`model.decision`, with whether a participant starts there), what peers accept
 (`model.effective`) and whether an enclave starts at all, over every class of names, partitions and domains. Whom an
-implementation trusts is left aside (`model.substitution`): that has rules of its own. So is what is unknown to one of
-the two: it leaves the audit incomplete.
+implementation trusts is left aside (`divergence.substitution`): that has rules of its own. So is what is unknown to one
+of the two: it leaves the audit incomplete.
 """
 
 from __future__ import annotations
@@ -21,14 +21,21 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.divergence_lines import DecidingLines, Part
-from keystore_audit.model.divergence_values import LocalValues, PeerValues, Value, attributed, differing
+from keystore_audit.model.divergence.lines import DecidingLines, Part
+from keystore_audit.model.divergence.substitution import (
+    PARTITION_CAUSES,
+    Cause,
+    PlainPairs,
+    Reader,
+    Stages,
+    odd_documents,
+)
+from keystore_audit.model.divergence.values import LocalValues, PeerValues, Value, attributed, differing
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import AMBIENT_TOPICS
 from keystore_audit.model.permission import bits, members
 from keystore_audit.model.profiles import Profile
-from keystore_audit.model.substitution import PARTITION_CAUSES, Cause, PlainPairs, Reader, Stages, odd_documents
 from keystore_audit.model.systems import SystemBuilder
 
 MAX_WITNESSES: Final = 64

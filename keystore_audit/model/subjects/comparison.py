@@ -17,9 +17,9 @@ from cryptography import x509
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.model.opendds_subject import oneline, relative_names
 from keystore_audit.model.profiles import SubjectComparison
-from keystore_audit.model.subject_types import SHORT_NAMES, Subject, typed
+from keystore_audit.model.subjects.attributes import SHORT_NAMES, Subject, typed
+from keystore_audit.model.subjects.opendds import oneline, relative_names
 
 TOKENWISE: Final = frozenset({SubjectComparison.CYCLONEDDS, SubjectComparison.CYCLONEDDS_TRIMMED})
 """Comparisons by parts of names: a text names each subject that is made of some of its own."""

@@ -15,8 +15,8 @@ from cryptography import x509
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.subject import escaped, matching, split, unescaped
-from keystore_audit.model.subject_types import OBJECT_IDENTIFIERS
+from keystore_audit.model.subjects.attributes import OBJECT_IDENTIFIERS
+from keystore_audit.model.subjects.comparison import escaped, matching, split, unescaped
 from keystore_audit.model.system import System
 
 Meaning = object
@@ -27,7 +27,7 @@ _REMEMBERED: Final = 65_536
 
 @dataclass(frozen=True, slots=True)
 class ToldSubject:
-    """A subject that a text tells (`subject.Subject`)."""
+    """A subject that a text tells (`attributes.Subject`)."""
 
     subject: str
     subject_name: x509.Name

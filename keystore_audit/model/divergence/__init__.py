@@ -1,0 +1,1 @@
+"""Where implementations decide differently about one keystore, and which line and which peculiarity is why."""
