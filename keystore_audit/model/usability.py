@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from datetime import datetime
-from itertools import islice
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
@@ -15,13 +14,13 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.chain import chain_refusal
-from keystore_audit.model.domains import Interval, contains, elementary
 from keystore_audit.model.doubt import enclave_doubts
 from keystore_audit.model.inventory import Typed
+from keystore_audit.model.joining import Governed, governed, join_refusals
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import JoinCheck, Profile, Trust
 from keystore_audit.model.revocation import list_broken, list_missing, list_used, lists_read, revoked
-from keystore_audit.model.semantics import ReadDomainRule, ReadGrant
+from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.sight import Sight, authority_refusals, certificate_refusals, key_refusals, sight_of
 from keystore_audit.model.signer_path import path_refusal
 from keystore_audit.model.subjects.comparison import names
@@ -34,11 +33,8 @@ from keystore_audit.model.trust import (
 )
 from keystore_audit.model.validity import in_force
 
-_Governed = tuple[tuple[Interval, ReadDomainRule], ...]
-
 UNGOVERNED: Final = ("the governance covers no domain", "the governance does not cover domain")
-UNGRANTED: Final = "the grant allows no"
-"""How reasons begin that are about domains: only governance and permissions mend them."""
+"""How reasons begin that are about domains, as `joining.UNGRANTED`: only governance and permissions mend them."""
 
 _NOT_ISSUED: Final = "the identity CA did not issue the identity certificate"
 _NO_LIST: Final = "no revocation list that it carries can be used for the identity, so every identity is refused"
@@ -55,7 +51,7 @@ class _Dated:
     skips_grants_out_of_date: bool
     joins_out_of_date: bool
     joins: JoinCheck
-    governed: _Governed | None
+    governed: Governed | None
     """The domains of which a grant has to let the enclave join one; None where the governance says nothing."""
     listed: Enclave | None
     """The enclave, where it carries revocation lists."""
@@ -94,7 +90,7 @@ class Usabilities:
     def __init__(self, domain: int | None, accesses: AccessViews) -> None:
         self.domain = domain
         self._accesses = accesses
-        self._governed: dict[tuple[str, object], _Governed] = {}
+        self._governed: dict[tuple[str, object], Governed] = {}
         self._sights: dict[str, Sight] = {}
         self._own: dict[tuple[str, object, object], _Own] = {}
         self._alike: dict[object, list[Enclave]] = {}
@@ -248,24 +244,14 @@ class Usabilities:
             grant for grant in grants if names(grant.grant.subject_name.text, certificate, profile.trust.subjects)
         )
 
-    def _governed_domains(self, file: GovernanceFile | None, profile: Profile) -> _Governed | None:
+    def _governed_domains(self, file: GovernanceFile | None, profile: Profile) -> Governed | None:
         """The domains in question, each with the domain rules that decide; None where the document says nothing."""
         if file is None or self._accesses.read(file, profile.access).domain_rules is None:
             return None
         key = (file.signed.file.place, self._accesses.row(profile.access))
         if key not in self._governed:
-            self._governed[key] = tuple(self._deciding(file, profile))
+            self._governed[key] = governed(self._accesses.deciding(file, profile.access), self.domain, profile.access)
         return self._governed[key]
-
-    def _deciding(self, file: GovernanceFile, profile: Profile) -> Iterator[tuple[Interval, ReadDomainRule]]:
-        """The first rule for the domain in question, or for each that they tell apart; all rules where any counts."""
-        every, rules = profile.access.any_governance_rule, self._accesses.deciding(file, profile.access)
-        asked: Iterable[Interval] = ((self.domain, self.domain),) if self.domain is not None else ()
-        if self.domain is None:
-            asked = elementary(rule.domains for rule in rules)
-        for interval in asked:
-            covering = (rule for rule in rules if contains(rule.domains, interval[0]))
-            yield from ((interval, rule) for rule in islice(covering, None if every else 1))
 
 
 def _naming(answer: Usability, enclave: Enclave) -> Usability:
@@ -358,11 +344,8 @@ def _refusals_at(dated: _Dated, own: _Own, trust: Trust, at: datetime) -> Iterat
         grant = next(eligible, None)
         if grant is None or not (in_force(grant, at) or dated.joins_out_of_date):
             yield _NO_GRANT
-        elif dated.governed is not None and not _joins(dated.governed, grant, dated.joins):
-            asked = {interval for interval, _rule in dated.governed}
-            low, high = min(asked, default=(0, 232))
-            one = dated.joins in _BY_DOMAIN and len(asked) == 1 and low == high
-            yield f"{UNGRANTED}thing in domain {low}" if one else _NOT_JOINING[dated.joins]
+        elif dated.governed is not None:
+            yield from join_refusals(dated.governed, grant, dated.joins)
 
 
 def _signers_refused_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
@@ -379,14 +362,6 @@ def _signers_refused_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[s
             yield f"{signed.file.place} is not validly signed by anybody whom the permissions CA vouches for: {lost}"
 
 
-_BY_DOMAIN: Final = (JoinCheck.SPEC, JoinCheck.CYCLONEDDS)
-_NOT_JOINING: Final = {
-    **dict.fromkeys(_BY_DOMAIN, f"{UNGRANTED} domain that the governance covers"),
-    JoinCheck.FASTDDS: "the grant has no allow rule, and without one no participant is created",
-    JoinCheck.OPENDDS: "join access control is on and no topic is without access control, so no participant is created",
-}
-
-
 def _revocations_at(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> Iterator[str]:
     """What the revocation list says in which the identity is looked up."""
     if revoked(enclave, (certificate,), trust, at):
@@ -400,26 +375,3 @@ def _revocations_at(enclave: Enclave, certificate: Certificate, trust: Trust, at
         yield "the revocation list is stale, so every identity is refused"
     if used is not None and used.this_update > at:
         yield "the revocation list is not yet valid, so every identity is refused"
-
-
-def _joins(governed: _Governed, grant: ReadGrant, check: JoinCheck) -> bool:
-    """Whether the grant lets its holder join one of the domains."""
-    if check is JoinCheck.FASTDDS:
-        return any(rule.allow for rule in grant.rules)
-    if not governed:
-        return True  # that the governance covers no domain is a reason of its own, where it is one
-    if check is JoinCheck.OPENDDS:
-        return any(not read.rule.enable_join_access_control or _is_loose(read) for _domains, read in governed)
-    return any(
-        not read.rule.enable_join_access_control
-        or (check is JoinCheck.CYCLONEDDS and _is_loose(read))
-        or grant.default_allow
-        or any(low <= upper and lower <= high for each in grant.rules if each.allow for lower, upper in each.domains)
-        for (low, high), read in governed
-    )
-
-
-def _is_loose(read: ReadDomainRule) -> bool:
-    """Whether some topic of the domain rule has no access control in one direction."""
-    topics = read.rule.topic_rules
-    return any(not (topic.enable_read_access_control and topic.enable_write_access_control) for topic in topics)
