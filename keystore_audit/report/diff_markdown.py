@@ -8,7 +8,6 @@ from typing import Final
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
 from keystore_audit.report.content import assumed_of
-from keystore_audit.report.diff_alike import alike
 from keystore_audit.text import instant
 from keystore_audit.text import markdown as escaped
 
@@ -48,7 +47,7 @@ def _items(comparison: Comparison) -> Iterator[str]:
         if changes:
             yield f"### {words.TITLES[layer]}"
             yield ""
-            for change, others in alike(changes):
+            for change, others in words.alike(changes):
                 yield _item(change, comparison, others)
             yield ""
 

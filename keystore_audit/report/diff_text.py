@@ -8,8 +8,7 @@ from typing import Final
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
 from keystore_audit.report.content import assumed_of
-from keystore_audit.report.diff_alike import alike
-from keystore_audit.report.paragraph import wrapped
+from keystore_audit.report.paragraph import unbroken
 from keystore_audit.text import instant, terminal
 
 MAX_UNREAD: Final = 10
@@ -18,38 +17,34 @@ MAX_UNREAD: Final = 10
 def text(comparison: Comparison, fail_on: FailOn) -> str:
     """Lines of 80 columns at most, as far as names allow: unknown first, then the changes by layer."""
     lines = [terminal(words.verdict(comparison, fail_on))]
-    lines.append(_wrapped(f"{comparison.old} → {comparison.new}, at {instant(comparison.at)}", "", "  "))
+    lines.append(unbroken(f"{comparison.old} → {comparison.new}, at {instant(comparison.at)}", "", "  "))
     if comparison.unknown:
         lines += ["", "Not compared, since it could not be read:"]
-        lines += [_wrapped(words.unread(each), "  ? ", "    ") for each in comparison.unknown[:MAX_UNREAD]]
+        lines += [unbroken(words.unread(each), "  ? ", "    ") for each in comparison.unknown[:MAX_UNREAD]]
         if len(comparison.unknown) > MAX_UNREAD:
             lines.append(f"    and {len(comparison.unknown) - MAX_UNREAD} more")
     for layer in Layer:
         changes = [change for change in comparison.changes if change.layer is layer]
         if changes:
             lines += ["", words.TITLES[layer]]
-        for change, others in alike(changes):
+        for change, others in words.alike(changes):
             lines += _change(change, comparison, others)
     if comparison.changes:
         lines += [
-            line for each in assumed_of(comparison.profiles) for line in ("", _wrapped(f"Assumed: {each}", "", ""))
+            line for each in assumed_of(comparison.profiles) for line in ("", unbroken(f"Assumed: {each}", "", ""))
         ]
         lines += ["", "+ gained   - lost   ± both   ~ changed   i no difference to anybody"]
     return "\n".join(lines) + "\n"
 
 
 def _change(change: Change, comparison: Comparison, others: tuple[str, ...]) -> Iterator[str]:
-    yield _wrapped(words.sentence(change, comparison), f"  {words.MARKS[change.direction]} ", "    ")
+    yield unbroken(words.sentence(change, comparison), f"  {words.MARKS[change.direction]} ", "    ")
     for side, location in (("old", change.old), ("new", change.new)):
         if location is not None:
             yield terminal(f"      {side} {location}")
     for each in change.consequences[: words.MAX_CONSEQUENCES]:
-        yield _wrapped(words.consequence(each, comparison), f"      {words.MARKS[each.direction]} so ", "        ")
+        yield unbroken(words.consequence(each, comparison), f"      {words.MARKS[each.direction]} so ", "        ")
     if len(change.consequences) > words.MAX_CONSEQUENCES:
         yield f"      {words.left_out(change.consequences)} (--format json)"
     if others:
-        yield _wrapped(words.others(others), "      ", "        ")
-
-
-def _wrapped(sentence: str, first: str, rest: str) -> str:
-    return wrapped(sentence, first, rest, break_long_words=False)
+        yield unbroken(words.others(others), "      ", "        ")

@@ -12,7 +12,7 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult
 from keystore_audit.report.content import STATUSES
 from keystore_audit.report.flow_json import assumptions
-from keystore_audit.report.paragraph import profiles, rests_on, wrapped
+from keystore_audit.report.paragraph import profiles, rests_on, unbroken
 from keystore_audit.text import terminal
 
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}
@@ -39,22 +39,22 @@ def text(
     unknown = False
     shown: set[tuple[Step, ...]] = set()
     for attacker, result in results:
-        lines += ["", _wrapped(f"If {_ASSUMED[attacker]}:")]
+        lines += ["", unbroken(f"If {_ASSUMED[attacker]}:")]
         for answer, names in _groups(result):
             under = profiles(names, result.profiles)
-            lines.append(_wrapped(under, f"  {_WORDS[answer.status]:<8} ", " " * 11))
+            lines.append(unbroken(under, f"  {_WORDS[answer.status]:<8} ", " " * 11))
             unknown = unknown or answer.status is Status.UNKNOWN
             if answer.counterexample is not None:
                 lines += _path(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
     lines.append("")
-    lines += [_wrapped(f"Assumed: {each}") for each in assumptions(results)]
+    lines += [unbroken(f"Assumed: {each}") for each in assumptions(results)]
     if unknown and doubts:
-        lines.append(_wrapped(rests_on(doubts)))
+        lines.append(unbroken(rests_on(doubts)))
     for run in engines:
         reason = "" if run.status is EngineStatus.OK else f" ({run.status.value}: {run.reason})"
-        lines.append(_wrapped(f"{'Not decided' if reason else 'Decided'} by {run.name}{reason}."))
+        lines.append(unbroken(f"{'Not decided' if reason else 'Decided'} by {run.name}{reason}."))
     later = "dates may change it, and a property with `until` in the settings asks about later days too."
-    lines.append(_wrapped(f"As of {at}: {later}"))
+    lines.append(unbroken(f"As of {at}: {later}"))
     return "\n".join(lines) + "\n"
 
 
@@ -69,18 +69,14 @@ def _groups(result: AssertedResult) -> list[tuple[ProfileResult, list[str]]]:
 
 def _path(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) -> list[str]:
     """The way with its lines, these once: a flow without an attack is one with any."""
-    lines = [_wrapped(path.text if certain else f"Perhaps: {path.text}", " " * 11, " " * 11)]
+    lines = [unbroken(path.text if certain else f"Perhaps: {path.text}", " " * 11, " " * 11)]
     if path.steps and path.steps in shown:
-        return [*lines, _wrapped("by the same lines as above", " " * 13, " " * 15)]
+        return [*lines, unbroken("by the same lines as above", " " * 13, " " * 15)]
     shown.add(path.steps)
     for step in path.steps:
         if step.path is not None:
             line = "" if step.line is None else f":{step.line}"
             who = f"{step.enclave}, " if step.enclave is not None else ""
             place = f"{step.path}{line}  ({who}{step.witness})"
-            lines.append(_wrapped(place, " " * 13, " " * 15))
+            lines.append(unbroken(place, " " * 13, " " * 15))
     return lines
-
-
-def _wrapped(words: str, first: str = "", rest: str = "") -> str:
-    return wrapped(words, first, rest, break_long_words=False)

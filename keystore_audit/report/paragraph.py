@@ -31,6 +31,11 @@ def wrapped(text: str, first: str = "", rest: str = "", *, width: int = WIDTH, b
     )
 
 
+def unbroken(text: str, first: str = "", rest: str = "") -> str:
+    """The same, with long names in one piece, whatever the width."""
+    return wrapped(text, first, rest, break_long_words=False)
+
+
 def rests_on(doubts: Sequence[Location]) -> str:
     """What an unknown answer rests on, a sentence."""
     return f"It depends on what could not be read: {some((place.path for place in doubts), MAX_DOUBTS)}."
