@@ -26,7 +26,8 @@ from hypothesis import strategies as st
 
 from keystore_audit.access import Access
 from keystore_audit.findings import Finding, Severity
-from keystore_audit.fleet.task import Audited, Task
+from keystore_audit.fleet import run
+from keystore_audit.fleet.task import Audited, Task, carry_out
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.question import Question
@@ -601,6 +602,16 @@ def shared(*roots: Path, options: tuple[str, ...] = ()) -> list[dict[str, str]]:
     return [{f["severity"]: f["message"] for f in each["findings"] if f["code"] == "KA666"} for each in reports]
 
 
+def behind_the_comparison(monkeypatch: pytest.MonkeyPatch, change: Callable[[], object]) -> None:
+    """Before each keystore is audited, when all were compared."""
+
+    def later(task: Task) -> Audited:
+        change()
+        return carry_out(task)
+
+    monkeypatch.setattr(run, "carry_out", later)
+
+
 def test_robots_share_keys_or_subjects_and_both_are_told(fleet: Fleet, tmp_path: Path) -> None:
     one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two", "/other")
     assert shared(one, two) == [{}, {}]
@@ -616,16 +627,8 @@ def test_an_identity_that_changes_behind_the_comparison_is_no_pass(
     swapped: str, fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever writes into a keystore while the run goes on: what was compared is not what is audited."""
-    import keystore_audit.fleet.run
-
     one, two = fleet.robot(tmp_path / "one", "/talker"), fleet.robot(tmp_path / "two", "/other")
-    really = keystore_audit.fleet.run.carry_out
-    target = two / "enclaves/other" / swapped
-
-    def later(task: Task) -> Audited:
-        content = (one / "enclaves/talker/cert.pem").read_bytes() if swapped == "cert.pem" else Fleet().identity.pem
-        target.write_bytes(content)
-        return really(task)
+    content = (one / "enclaves/talker/cert.pem").read_bytes() if swapped == "cert.pem" else Fleet().identity.pem
 
     def audited() -> tuple[int, list[str]]:
         code, out = answer("audit", one, two, "--engine", "native", "-f", "json", "--at", INSTANT)
@@ -633,7 +636,7 @@ def test_an_identity_that_changes_behind_the_comparison_is_no_pass(
         return code, [f["message"] for each in reports for f in each["findings"] if f["code"] == "KA666"]
 
     assert audited() == (0, [])
-    monkeypatch.setattr(keystore_audit.fleet.run, "carry_out", later)
+    behind_the_comparison(monkeypatch, lambda: (two / "enclaves/other" / swapped).write_bytes(content))
     code, (message,) = audited()
     assert (code, "not those that were compared" in message) == (4, True)
 
@@ -723,16 +726,8 @@ def test_the_keys_of_a_keystore_in_a_keystore_are_its_own(fleet: Fleet, tmp_path
 def test_a_key_that_comes_to_lie_there_behind_the_comparison_is_no_pass(
     fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import keystore_audit.fleet.run
-
     one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two", "/arm")
-    really = keystore_audit.fleet.run.carry_out
-
-    def later(task: Task) -> Audited:
-        shutil.copy(two / "enclaves/arm/key.pem", one / "spare.pem")
-        return really(task)
-
-    monkeypatch.setattr(keystore_audit.fleet.run, "carry_out", later)
+    behind_the_comparison(monkeypatch, lambda: shutil.copy(two / "enclaves/arm/key.pem", one / "spare.pem"))
     assert answer("audit", one, two, "--engine", "native", "--at", INSTANT)[0] == 4
 
 
@@ -740,17 +735,9 @@ def test_an_identity_that_goes_behind_the_comparison_is_no_fault(
     fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its key was found with another robot, and is nobody's here any more."""
-    import keystore_audit.fleet.run
-
     one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two", "/arm", "/leg")
     shutil.copy(two / "enclaves/arm/key.pem", one / "spare.pem")
-    really = keystore_audit.fleet.run.carry_out
-
-    def later(task: Task) -> Audited:
-        shutil.rmtree(two / "enclaves/arm", ignore_errors=True)
-        return really(task)
-
-    monkeypatch.setattr(keystore_audit.fleet.run, "carry_out", later)
+    behind_the_comparison(monkeypatch, lambda: shutil.rmtree(two / "enclaves/arm", ignore_errors=True))
     assert ["not those that were compared" in each.get("high", "") for each in shared(one, two)] == [False, True]
 
 
