@@ -8,7 +8,6 @@ from fnmatch import fnmatchcase
 from . import (
     alloy_stories,
     anomaly_stories,
-    behaviour_stories,
     certificate_stories,
     divergence_stories,
     drift_stories,
@@ -18,7 +17,6 @@ from . import (
     governance_stories,
     healthy,
     identity_stories,
-    label_stories,
     layout_stories,
     observed_stories,
     permissions_stories,
@@ -50,9 +48,7 @@ FAMILIES = (
     ros_stories,
     formal_stories,
     flow_stories,
-    behaviour_stories,
     alloy_stories,
-    label_stories,
     suppression_stories,
 )
 

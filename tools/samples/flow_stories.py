@@ -17,18 +17,29 @@ ASSERTED = {name: ("--settings", f"settings/{name}.toml") for name in ("turtlesi
 
 
 def stories() -> Iterator[Story]:
-    """The pair of KA740, and the samples below flows/."""
+    """The pairs of KA740 and KA742, and the samples below flows/."""
     yield from pair(
         "KA740",
         bad=Case(
             "The settings say that nothing gets from the listener to the talker; the listener may publish /answer, to "
             "which the talker subscribes.",
-            answering("rt/answer"),
+            _answering("rt/answer"),
         ),
-        good=Case("Nobody subscribes to what the listener publishes.", answering("rt/question")),
+        good=Case("Nobody subscribes to what the listener publishes.", _answering("rt/question")),
         options=ASSERTED["chatter"],
     )
+    yield from pair(
+        "KA742",
+        bad=Case(
+            "The talker is trusted and the listener is not, and nothing untrusted may reach what is trusted; the "
+            "listener may publish /answer, to which the talker subscribes.",
+            _answering("rt/answer"),
+        ),
+        good=Case("Nobody subscribes to what the untrusted listener publishes.", _answering("rt/question")),
+        options=("--settings", "settings/labels.toml"),
+    )
     yield from _turtlesim()
+    yield from _determinism()
     yield from _vehicle()
     yield from _unknown()
     yield from _partitions()
@@ -36,7 +47,7 @@ def stories() -> Iterator[Story]:
     yield from _written_domains()
 
 
-def answering(subscribed: str) -> Store:
+def _answering(subscribed: str) -> Store:
     """Talker and listener, where the talker subscribes to this beside what it publishes."""
     talking = Permissions(grants=(grant("/talker", Node(name="talker", publish=("chatter",), common=False)),))
     heard = replace(talking.grants[0], rules=(Rule(publish=("rt/chatter",), subscribe=(subscribed,)),))
@@ -275,4 +286,31 @@ def _written_domains() -> Iterator[Story]:
         "written_here",
         "The same, but in domains 0 and 9: an honest talker takes it too.",
         store(0, 9),
+    )
+
+
+def _determinism() -> Iterator[Story]:
+    """The TurtleSim with what its multiplexer does declared in settings."""
+    store = healthy("flow turtlesim", TURTLESIM)
+    yield Story(
+        directory="flows/turtlesim_fixed_priority",
+        text="The multiplexer takes the keyboard's command first: what is sent decides how the turtle moves.",
+        tree=store.tree(),
+        options=("--settings", "settings/turtlesim_priority.toml"),
+    )
+    yield Story(
+        directory="flows/turtlesim_arrival_order",
+        text="The multiplexer takes whichever command comes first: two runs with the same commands differ.",
+        tree=store.tree(),
+        options=("--settings", "settings/turtlesim_arrival.toml"),
+    )
+    keyboard = Node(name="keyboard", publish=("high_priority",), subscribe=("joystick",))
+    joystick = Node(name="joystick", publish=("joystick",))
+    watched = healthy("flow turtlesim", {**TURTLESIM, "/keyboard": keyboard, "/joystick": joystick})
+    yield Story(
+        directory="flows/turtlesim_joystick",
+        text="The keyboard's node reads the joystick, and nobody says what it makes of it: whether the joystick moves "
+        "the turtle is unknown.",
+        tree=watched.tree(),
+        options=("--settings", "settings/turtlesim_joystick.toml"),
     )
