@@ -9,10 +9,9 @@ from keystore_audit.findings import Location
 from keystore_audit.model.claim import Attacker
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult
-from keystore_audit.report.content import STATUSES
+from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
 from keystore_audit.report.flow_json import assumptions
-from keystore_audit.report.paragraph import profiles, rests_on, unbroken
+from keystore_audit.report.paragraph import profiles, rests_on, unbroken, worst_first
 from keystore_audit.text import terminal
 
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}
@@ -40,7 +39,9 @@ def text(
     shown: set[tuple[Step, ...]] = set()
     for attacker, result in results:
         lines += ["", unbroken(f"If {_ASSUMED[attacker]}:")]
-        for answer, names in _groups(result):
+        for answer, names in worst_first(
+            result.profiles, lambda each: each.counterexample and each.counterexample.text
+        ):
             under = profiles(names, result.profiles)
             lines.append(unbroken(under, f"  {_WORDS[answer.status]:<8} ", " " * 11))
             unknown = unknown or answer.status is Status.UNKNOWN
@@ -56,15 +57,6 @@ def text(
     later = "dates may change it, and a property with `until` in the settings asks about later days too."
     lines.append(unbroken(f"As of {at}: {later}"))
     return "\n".join(lines) + "\n"
-
-
-def _groups(result: AssertedResult) -> list[tuple[ProfileResult, list[str]]]:
-    """Profiles by equal answer, flows first."""
-    groups: dict[tuple[Status, str], tuple[ProfileResult, list[str]]] = {}
-    for name, answer in result.profiles.items():
-        key = (answer.status, answer.counterexample.text if answer.counterexample else "")
-        groups.setdefault(key, (answer, []))[1].append(name)
-    return sorted(groups.values(), key=lambda group: STATUSES.index(group[0].status))
 
 
 def _path(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) -> list[str]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from textwrap import fill
 from typing import Final, TypeVar
 
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
+from keystore_audit.properties.result import ProfileResult
+from keystore_audit.report.content import STATUSES
 from keystore_audit.text import some, terminal
 
 WIDTH: Final = 80
@@ -44,6 +46,15 @@ def rests_on(doubts: Sequence[Location]) -> str:
 def by_answer(answers: Mapping[str, _A]) -> dict[_A, list[str]]:
     """By answer the profiles under which it is given."""
     return grouped(answers, answers.__getitem__)
+
+
+def worst_first(
+    answers: Mapping[str, ProfileResult], told: Callable[[ProfileResult], object]
+) -> list[tuple[ProfileResult, list[str]]]:
+    """Profiles with one status of which the same is told, each group with the answer of its first."""
+    groups = grouped(answers, lambda name: (answers[name].status, told(answers[name])))
+    first = ((answers[names[0]], names) for names in groups.values())
+    return sorted(first, key=lambda group: STATUSES.index(group[0].status))
 
 
 def profiles(names: Sequence[str], every: Mapping[str, object]) -> str:

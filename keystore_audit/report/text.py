@@ -17,13 +17,13 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
 from keystore_audit.report import ranking
-from keystore_audit.report.content import STATUSES, EnclaveEntry, NoReport, Report, Verdict
+from keystore_audit.report.content import EnclaveEntry, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import ENGINE_WORDS, sentence, until, warnings
 from keystore_audit.report.findings_text import put_findings
 from keystore_audit.report.json import TOOL
 from keystore_audit.report.next_step import next_step
 from keystore_audit.report.page import Page
-from keystore_audit.report.paragraph import by_answer
+from keystore_audit.report.paragraph import by_answer, worst_first
 from keystore_audit.report.ros_nodes import nodes_beside
 from keystore_audit.text import counted, instant, shorten, some
 
@@ -188,27 +188,24 @@ def _properties(page: Page, results: Sequence[PropertyResult]) -> None:
     page.put(("Properties", "bold underline"))
     column = 12 + 2 + max(len(result.prop.id) for result in results)
     for result in results:
-        groups = _answers(result.profiles)
-        for (status, engines), names in groups:
+        groups = worst_first(result.profiles, _engines)
+        for answer, names in groups:
+            status = answer.status
             word = status.value if status is Status.HOLDS else status.value.upper()
             label = f"{word:<10}{result.prop.id}"
             inline = ", all profiles" if len(groups) == 1 else ", all others" if names is groups[-1][1] else ""
-            page.labelled(label, engines + inline, indent=2, column=column, style=_STATUS_STYLE[status])
+            page.labelled(label, _engines(answer) + inline, indent=2, column=column, style=_STATUS_STYLE[status])
             if not inline:
                 page.put(f"under {', '.join(names)}", indent=12)
         if result.beside:
             page.put(result.beside, indent=12)
 
 
-def _answers(profiles: Mapping[str, ProfileResult]) -> list[tuple[tuple[Status, str], list[str]]]:
-    """Profiles by equal answer, the worst answer first."""
-    groups: dict[tuple[Status, str], list[str]] = {}
-    for name, result in profiles.items():
-        statuses = set(result.engines.values())
-        each = (f"{engine} says {status.value}" for engine, status in result.engines.items())
-        engines = ", ".join(result.engines if statuses <= {result.status} else each) or "no engine"
-        groups.setdefault((result.status, engines), []).append(name)
-    return sorted(groups.items(), key=lambda group: STATUSES.index(group[0][0]))
+def _engines(answer: ProfileResult) -> str:
+    """Who gave it; where they do not agree, what each says."""
+    each = (f"{engine} says {status.value}" for engine, status in answer.engines.items())
+    agree = set(answer.engines.values()) <= {answer.status}
+    return ", ".join(answer.engines if agree else each) or "no engine"
 
 
 def _outcomes(page: Page, outcomes: Outcomes) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from keystore_audit.properties.counterexample import Counterexample, Step
@@ -11,6 +11,7 @@ from keystore_audit.properties.result import ProfileResult, PropertyResult
 from keystore_audit.report.content import STATUSES
 from keystore_audit.report.html.element import NOTHING, Html, element, folded, joined, lines, name, place
 from keystore_audit.report.html.sheet import Sheet, status
+from keystore_audit.report.paragraph import worst_first
 from keystore_audit.text import counted, shorten
 
 MAX_STEPS: Final = 30
@@ -61,25 +62,13 @@ def _engines(results: Sequence[PropertyResult]) -> Html:
 
 
 def _failed(sheet: Sheet, result: PropertyResult) -> Html:
-    answers = _answers(result.profiles)
+    answers = worst_first(result.profiles, lambda each: (frozenset(each.engines.items()), each.counterexample))
     body = [_answer(sheet, answer, names, len(answers)) for answer, names in answers]
     title = joined([status(result.status), element("strong", shorten(result.prop.statement, MAX_TEXT))])
     identity = element("p", result.prop.id, class_="identity")
     return folded(
         title, element("div", identity, lines([*body, *_beside(result)]), class_="rule"), open_=True, class_="findings"
     )
-
-
-def _answers(profiles: Mapping[str, ProfileResult]) -> list[tuple[ProfileResult, list[str]]]:
-    """Profiles by equal answers, the worst first."""
-    groups: list[tuple[ProfileResult, list[str]]] = []
-    for profile, answer in profiles.items():
-        known = next((names for other, names in groups if other == answer), None)
-        if known is None:
-            groups.append((answer, [profile]))
-        else:
-            known.append(profile)
-    return sorted(groups, key=lambda group: STATUSES.index(group[0].status))
 
 
 def _answer(sheet: Sheet, answer: ProfileResult, names: Sequence[str], groups: int) -> Html:
