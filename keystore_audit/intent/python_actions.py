@@ -77,9 +77,9 @@ class Call:
         value = self.get(keyword, position, other)
         return text_of(value) if value != NONE else None
 
-    def listed(self, keyword: str, position: int | None = None, other: str = "") -> Iterator[Value]:
+    def listed(self, keyword: str, position: int | None = None) -> Iterator[Value]:
         """The values of a list; one Opaque where it is none."""
-        value = self.get(keyword, position, other)
+        value = self.get(keyword, position)
         if isinstance(value, Items):
             yield from value.items
         elif value != NONE:

@@ -112,14 +112,13 @@ class Builder:
         identity_ca: Collection[int],
         permissions_ca: Collection[int],
         governance: int | None,
-        revoked: Collection[int] = (),
     ) -> int:
         self.realms.append(
             RealmAtom(
                 identity_ca=frozenset(identity_ca),
                 permissions_ca=frozenset(permissions_ca),
                 governance=governance,
-                revoked=frozenset(revoked),
+                revoked=frozenset(),
             )
         )
         return len(self.realms) - 1

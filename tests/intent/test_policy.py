@@ -35,9 +35,9 @@ def written(folder: Path, text: str, name: str = "a.policy.xml") -> Path:
     return file
 
 
-def policy(folder: Path, profile: str, *, ns: str = "/", node: str = "talker", version: str = "0.2.0") -> Path:
+def policy(folder: Path, profile: str, *, ns: str = "/", version: str = "0.2.0") -> Path:
     """A policy with what `profile` lists for one node, each piece on a line of its own."""
-    one = f'<profile ns="{ns}" node="{node}">\n{profile}\n</profile>'
+    one = f'<profile ns="{ns}" node="talker">\n{profile}\n</profile>'
     if version == "0.1.0":
         return written(folder, f'<policy version="0.1.0" {XI}><profiles>{one}</profiles></policy>')
     enclave = f'<enclave path="/talker"><profiles>{one}</profiles></enclave>'

@@ -71,10 +71,11 @@ def message(signer: Signed) -> bytes:
     return signed_document(DOCUMENT, signer)
 
 
-def authority_of(root: Path, key: str = "private/ca.key.pem", certificate: str = "public/ca.cert.pem") -> Signed:
+def authority_of(root: Path) -> Signed:
     """The authority of a built keystore."""
-    private = load_pem_private_key((root / key).read_bytes(), None)
-    return Signed(private, x509.load_pem_x509_certificate((root / certificate).read_bytes()))  # type: ignore[arg-type]
+    private = load_pem_private_key((root / "private/ca.key.pem").read_bytes(), None)
+    certificate = x509.load_pem_x509_certificate((root / "public/ca.cert.pem").read_bytes())
+    return Signed(private, certificate)  # type: ignore[arg-type]
 
 
 def places(keystore: Keystore) -> list[str]:

@@ -595,9 +595,9 @@ def test_wider_is_what_peers_take_only_with_the_old_document(
 # --- several robots
 
 
-def shared(*roots: Path, options: tuple[str, ...] = ()) -> list[dict[str, str]]:
+def shared(*roots: Path) -> list[dict[str, str]]:
     """The severity of KA666 by message in the report of each."""
-    _code, out = answer("audit", *roots, "--engine", "native", "--format", "json", "--at", INSTANT, *options)
+    _code, out = answer("audit", *roots, "--engine", "native", "--format", "json", "--at", INSTANT)
     reports = json.loads(out)["reports"]
     return [{f["severity"]: f["message"] for f in each["findings"] if f["code"] == "KA666"} for each in reports]
 

@@ -114,11 +114,6 @@ class Remote:
         )
         return governance(*rules, join=self.join_control)
 
-    @property
-    def is_named_in_force(self) -> bool:
-        """Whether a grant for the second side is in date."""
-        return any(grant.subject == SUBJECT and grant.validity == LONG for grant in self.grants)
-
     def permissions(self) -> bytes:
         """The document of the second side."""
         return permissions(*(grant.xml() for grant in self.grants))
