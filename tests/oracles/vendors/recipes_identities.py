@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import timedelta
 from functools import lru_cache
 
 from cryptography import x509
@@ -16,7 +17,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from tests.keystore.builder import Signed, authority, certificate
+from tests.keystore.builder import END, START, Signed, authority, certificate
 from tests.oracles.smime.der import NULL, algorithm, parse
 from tests.oracles.vendors.recipe import NOW, Recipe, allow, common_authority, grant, permissions, pubsub, talker
 from tests.oracles.vendors.recipes_signers import DAY, FUTURE, PAST, purpose, usage
@@ -106,6 +107,8 @@ def chains() -> tuple[Recipe, ...]:
     narrow = certificate("below sros2's", common_authority(), ca=True)
     leaf, mine = certificate("/talker", intermediate), certificate("/talker", wide)
     plain = common_authority()
+    before, later = authority("i"), authority("i", start=START + timedelta(days=200), end=END + timedelta(days=200))
+    idle = authority("i", key=later.key, extensions=(usage("crl_sign"),))
     kinds = {
         "expired": authority("i", **PAST),
         "not yet valid": authority("i", **FUTURE),
@@ -130,6 +133,9 @@ def chains() -> tuple[Recipe, ...]:
         under("below a root that allows one", narrow, narrow.pem + plain.pem),
         under("and another", plain, plain.pem + authority("x").pem),
         under("behind another", plain, authority("x").pem + plain.pem),
+        under("behind another of its name, made before", later, before.pem + later.pem),
+        under("before another of its name, made before", later, later.pem + before.pem),
+        under("behind two, one of its name and key that may not sign", later, plain.pem + idle.pem + later.pem),
         under("empty", plain, b""),
         under("no PEM", plain, b"hello"),
         Recipe(title="identity CA missing", files={"identity_ca.cert.pem": None}),
