@@ -13,7 +13,7 @@ from cryptography import x509
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.governance import GovernanceFile
-from keystore_audit.keystore.issuer import names_itself
+from keystore_audit.keystore.issuer import may_issue, names_itself
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
@@ -168,8 +168,8 @@ def strict_refusal(authority: Certificate) -> str | None:
         return None
     if not may_have_issued(authority, authority):
         return "its first certificate names itself, and another key signed it"
-    if authority.is_ca is None and (authority.parsed.version is x509.Version.v1 or authority.key_usage is not None):
+    if authority.is_ca is None and may_issue(authority):
         return "its first certificate does not say that it is an authority"
-    if authority.key_usage is not None and "keyCertSign" not in authority.key_usage:
+    if authority.is_ca and not may_issue(authority):
         return "the key usage of its first certificate does not admit signing certificates"
     return None

@@ -55,7 +55,12 @@ def test_one_below_a_root_is_refused_where_openssl_refuses_it(extensions: Sequen
     assert (strict_refusal(evidence(first)) is None) == loaded(first, tmp_path)
 
 
-@pytest.mark.parametrize("extensions", [(CRITICAL,), (NOT_CRITICAL,), (), (SIGNS,), (CRITICAL, usage("crl_sign"))])
+NONE = x509.BasicConstraints(ca=False, path_length=None), True
+IDLE = usage("digital_signature")
+AS_ROOT = [(CRITICAL,), (NOT_CRITICAL,), (), (SIGNS,), (CRITICAL, usage("crl_sign")), (IDLE,), (NONE, IDLE), (NONE,)]
+
+
+@pytest.mark.parametrize("extensions", AS_ROOT)
 def test_a_root_is_refused_where_openssl_refuses_it(extensions: Sequence[Extension], tmp_path: Path) -> None:
     first = certificate("alone", key=KEY, ca=None, extensions=extensions)
     assert (strict_refusal(evidence(first)) is None) == loaded(first, tmp_path)
