@@ -1,0 +1,216 @@
+"""What dictionaries of variables are made of in a Python launch file, wherever in it: names are not told by scope."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Final
+
+from keystore_audit.dataclass import dataclass, field
+
+ENVIRON: Final = frozenset({"environ", "environb"})
+LOOKING: Final = frozenset({"EnvironmentVariable", "get", "getenv"})
+"""What is called with the name of a variable to look it up."""
+
+MAX_DEPTH: Final = 64
+"""Dictionaries that are made of others."""
+
+_ADDING: Final = frozenset({"__setitem__", "setdefault", "update"})
+_EMPTYING: Final = frozenset({"clear", "popitem"})
+_KEEPING: Final = frozenset({"pop", "setdefault", *LOOKING})
+"""What changes nothing that it is called with."""
+
+_READS: Final = frozenset({"__import__", "eval", "exec", "getattr", "globals", "input", "open", "vars"})
+_BUILTIN: Final = frozenset(dir(builtins)) - _READS
+"""What brings nothing from elsewhere."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Made:
+    """What names stand for.
+
+    `values`: what is assigned, returned by the function, or given for the parameter; `more`: what is added to it, gone
+    through by a loop, or called with it. `bound`: names that are no other module's; `aliases`: other names of
+    `os.environ`. `removed`: by name of a dictionary, what the entries are called by that it loses, if not by a text
+    (None: any). `whole`: what `has_all` said of names; `own`: those that do not come from elsewhere.
+    """
+
+    values: dict[str, list[ast.AST]] = field(default_factory=dict)
+    more: dict[str, list[ast.AST]] = field(default_factory=dict)
+    bound: set[str] = field(default_factory=lambda: set(_BUILTIN))
+    aliases: set[str] = field(default_factory=set)
+    removed: dict[str, set[str | None]] = field(default_factory=dict)
+    whole: dict[str, bool] = field(default_factory=dict)
+    own: set[str] = field(default_factory=set)
+
+    @staticmethod
+    def of(nodes: Iterable[ast.AST], parents: Mapping[ast.AST, ast.AST]) -> Made:
+        """All of a file; `nodes`: outer ones first."""
+        made = Made()
+        within: dict[ast.AST, str] = {}
+        functions: dict[str, list[str]] = {}
+        calls: list[ast.Call] = []
+        for node in nodes:
+            outer = parents.get(node, node)
+            within[node] = outer.name if isinstance(outer, ast.FunctionDef) else within.get(outer, "")
+            if isinstance(node, ast.Return) and node.value is not None:
+                made.values.setdefault(within[node], []).append(node.value)
+            elif isinstance(node, ast.FunctionDef):
+                told = node.args
+                functions[node.name] = [each.arg for each in (*told.posonlyargs, *told.args, *told.kwonlyargs)]
+                made.bound.add(node.name)
+            elif isinstance(node, (ast.arg, ast.ClassDef)):
+                made.bound.add(node.arg if isinstance(node, ast.arg) else node.name)
+            elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
+                made.bound.add(node.id)
+            elif isinstance(node, ast.Call):
+                calls.append(node)
+            else:
+                made._note(node)
+        for call in calls:
+            made._call(call, functions.get(getattr(call.func, "id", "")))
+        return made
+
+    def _note(self, node: ast.AST) -> None:
+        """What a statement, or the end of one, makes of names."""
+        if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
+            for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                kept = self.values if isinstance(target, ast.Name) else self.more
+                added = target.slice if isinstance(target, ast.Subscript) else node.value
+                for name in named_in([getattr(target, "value", target)]):
+                    kept.setdefault(name, []).append(added)
+                    self.aliases.update([name] if is_environ(node.value) else [])
+        elif isinstance(node, (ast.For, ast.comprehension, ast.AugAssign, ast.withitem)):
+            bound = node.optional_vars if isinstance(node, ast.withitem) else node.target
+            added = next(getattr(node, each) for each in ("iter", "value", "context_expr") if hasattr(node, each))
+            for name in named_in([] if bound is None else [bound]):
+                self.more.setdefault(name, []).append(added)
+        elif isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Del):
+            for name in named_in([node.value]):
+                self._remove(name, node.slice)
+
+    def _call(self, call: ast.Call, parameters: list[str] | None) -> None:
+        """What a call may make of names: of the parameters of a function, of what another gets, of a dictionary.
+
+        Classes make something; functions of other modules may change what they get.
+        """
+        method, held = called(call.func) or "", called(getattr(call.func, "value", call.func)) or ""
+        if parameters is not None:
+            given = [*zip(parameters, call.args, strict=False), *((each.arg, each.value) for each in call.keywords)]
+            for name, value in given:
+                if name in parameters:
+                    self.values.setdefault(str(name), []).append(value)
+        elif not method[:1].isupper() and method not in _KEEPING:
+            for each in named_in(each for each in call.args if isinstance(each, ast.Name)):
+                self.more.setdefault(each, []).append(call.func)
+        if method in _EMPTYING or (method == "pop" and call.args):
+            self._remove(held, None if method in _EMPTYING else call.args[0])
+        elif method in _ADDING:
+            self.more.setdefault(held, []).extend(call.args[:1])
+
+    def _remove(self, held: str, key: ast.AST | None) -> None:
+        if text_of(key) is None:
+            self.removed.setdefault(held, set()).add(key.id if isinstance(key, ast.Name) else None)
+
+    def has_all(self, value: ast.AST, depth: int = 0) -> bool:
+        """Whether a dictionary holds all variables that there were, or there is none."""
+        if depth > MAX_DEPTH:
+            return False
+        if self.is_environ(value) or (isinstance(value, ast.Constant) and value.value is None):
+            return True
+        if isinstance(value, ast.Name):
+            if value.id not in self.whole:
+                self.whole[value.id] = False  # until it is known: a name may be made of itself
+                made = self.values.get(value.id, ())
+                kept = bool(made) and all(map(self._is_listed, self.removed.get(value.id, ())))
+                self.whole[value.id] = kept and all(self.has_all(each, depth + 1) for each in made)
+            return self.whole[value.id]
+        if isinstance(value, ast.IfExp):
+            return self.has_all(value.body, depth + 1) and self.has_all(value.orelse, depth + 1)
+        return any(self.has_all(part, depth + 1) for part in _parts(value))
+
+    def _is_listed(self, key: str | None) -> bool:
+        """Whether a name goes through texts of the file alone, which are read apart."""
+        through = self.more.get(key or "", ())
+        named = (self.values.get(each.id, [each]) if isinstance(each, ast.Name) else [each] for each in through)
+        return bool(through) and all(
+            isinstance(each, (ast.List, ast.Tuple)) and None not in map(text_of, each.elts)
+            for lists in named
+            for each in lists
+        )
+
+    def comes_from_elsewhere(self, value: ast.AST) -> bool:
+        """Whether a dictionary or list may have names in it that this file does not say."""
+        waiting, seen, asked = [value], set[str](), getattr(value, "id", "")
+        while waiting:
+            value = waiting.pop()
+            if self.is_environ(value):
+                continue
+            if not isinstance(value, ast.Name):
+                waiting += _names_from(value)
+            elif value.id not in self.bound:
+                self.bound.discard(asked)
+                return True
+            elif value.id not in seen and value.id not in self.own:
+                seen.add(value.id)
+                waiting += (*self.values.get(value.id, ()), *self.more.get(value.id, ()))
+        self.own.update(seen)
+        return False
+
+    def is_environ(self, node: ast.AST) -> bool:
+        """Whether it is `os.environ`, or a name for it."""
+        return is_environ(node) or (isinstance(node, ast.Name) and node.id in self.aliases)
+
+
+def _parts(value: ast.AST) -> Iterator[ast.AST]:
+    """The dictionaries that entries of a dictionary come from."""
+    if isinstance(value, ast.Dict):
+        yield from (each for key, each in zip(value.keys, value.values, strict=True) if key is None)
+    elif isinstance(value, ast.BinOp):
+        yield from (value.left, value.right)
+    elif isinstance(value, ast.IfExp):
+        yield from (value.body, value.orelse)
+    elif isinstance(value, ast.Call) and called(value.func) in ("dict", "copy", "deepcopy"):
+        yield from (*value.args, *(each.value for each in value.keywords if each.arg is None))
+        yield from [value.func.value] if isinstance(value.func, ast.Attribute) and not value.args else []
+    elif isinstance(value, (ast.Call, ast.Attribute, ast.Subscript)):
+        yield value.func if isinstance(value, ast.Call) else value.value
+
+
+def _names_from(value: ast.AST) -> Iterator[ast.AST]:
+    """What the names of entries come from, or the texts of a list."""
+    yield from _parts(value)
+    if isinstance(value, ast.Dict):
+        yield from (key for key in value.keys if key is not None)
+    elif isinstance(value, ast.DictComp):
+        yield value.key
+    elif isinstance(value, (ast.Tuple, ast.List)):
+        pair = len(value.elts) == 2 and text_of(value.elts[0]) is not None
+        yield from () if pair else value.elts
+    elif isinstance(value, ast.Call) and called(value.func) in _BUILTIN:
+        yield from value.args
+    elif isinstance(value, (ast.ListComp, ast.GeneratorExp, ast.SetComp, ast.JoinedStr, ast.FormattedValue)):
+        yield from ast.iter_child_nodes(value)
+
+
+def named_in(nodes: Iterable[ast.AST]) -> set[str]:
+    """All names within."""
+    return {inner.id for node in nodes for inner in ast.walk(node) if isinstance(inner, ast.Name)}
+
+
+def called(node: ast.AST) -> str | None:
+    """The last name of what is called or spoken of."""
+    name: str | None = getattr(node, "attr", getattr(node, "id", None))
+    return name
+
+
+def is_environ(node: ast.AST) -> bool:
+    """Whether it is `os.environ`, as Python or launch calls it."""
+    name = called(node)
+    return name in ENVIRON or (isinstance(node, ast.Attribute) and name == "environment")
+
+
+def text_of(node: ast.AST | None) -> str | None:
+    """The text that a constant is."""
+    return node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else None
