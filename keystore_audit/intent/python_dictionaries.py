@@ -57,9 +57,7 @@ class Made:
             if isinstance(node, ast.Return) and node.value is not None:
                 made.values.setdefault(within[node], []).append(node.value)
             elif isinstance(node, ast.FunctionDef):
-                told = node.args
-                functions[node.name] = [each.arg for each in (*told.posonlyargs, *told.args, *told.kwonlyargs)]
-                made.bound.add(node.name)
+                functions[node.name] = made._define(node)
             elif isinstance(node, (ast.arg, ast.ClassDef)):
                 made.bound.add(node.arg if isinstance(node, ast.arg) else node.name)
             elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
@@ -71,6 +69,18 @@ class Made:
         for call in calls:
             made._call(call, functions.get(getattr(call.func, "id", "")))
         return made
+
+    def _define(self, function: ast.FunctionDef) -> list[str]:
+        """The names of the parameters, which have the values that are given, or those of the definition."""
+        self.bound.add(function.name)
+        told = function.args
+        plain = [each.arg for each in (*told.posonlyargs, *told.args)]
+        named = [each.arg for each in told.kwonlyargs]
+        usual = [*zip(plain[::-1], told.defaults[::-1], strict=False), *zip(named, told.kw_defaults, strict=True)]
+        for name, value in usual:
+            if value is not None:
+                self.values.setdefault(name, []).append(value)
+        return plain + named
 
     def _note(self, node: ast.AST) -> None:
         """What a statement, or the end of one, makes of names."""

@@ -183,6 +183,8 @@ def test_what_is_not_followed_may_start_with_what_is_named_there_whatever_is_set
         ("def e():\n    return {'A': 'b'}", "additional_env=e()", {}),
         ("import other", "additional_env=other.e", dict.fromkeys(NAMES)),
         ("def f(a):\n    return {**a, 'A': 'b'}", "env=f(os.environ)", {}),
+        ("def f(*, a=None):\n    return a", "env=f()", {}),
+        ("def f(b, a={}):\n    return a", "env=f(1)", dict.fromkeys((ENABLE, STRATEGY))),
         ("def f(a):\n    return {**a, 'A': 'b'}", "env=f({})", dict.fromkeys((ENABLE, STRATEGY))),
         ("def f(a):\n    return {**a, 'A': 'b'}", "additional_env=f(other)", dict.fromkeys(NAMES)),
         ("e = dict(os.environ)\nfor k in ('A', 'B'):\n    e.pop(k)", "env=e", {}),
