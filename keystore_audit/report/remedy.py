@@ -10,7 +10,7 @@ from keystore_audit.findings import Finding
 _PLAIN: Final = re.compile(r"(?:/\w+)+", re.ASCII)
 """Enclaves as ROS names them: nothing in them that a shell would read otherwise."""
 
-_SIGNED: Final = re.compile(r"enclaves/(governance|(?:\w+/)+permissions)\.(?:p7s|xml)", re.ASCII)
+_SIGNED: Final = re.compile(r"enclaves/(?:(?:\w+/)*(governance)|((?:\w+/)+permissions))\.(?:p7s|xml)", re.ASCII)
 _NAME: Final = "'/CN=NAME'"
 _WHICH: Final = re.compile(r", (?:DOCUMENT|NAME) being [^,;.]+")
 _DEEPER: Final = ", with one ../ more for every further level of the enclave's path"
@@ -50,7 +50,7 @@ def _named(finding: Finding) -> tuple[str, str]:
     """What DOCUMENT and ENCLAVE are in the remedy, empty where they stay."""
     remedy, enclave = finding.remedy, finding.enclave or ""
     signed = (_SIGNED.fullmatch(place.path) for place in finding.locations)
-    document = next((found[1] for found in signed if found), "") if "DOCUMENT" in remedy else ""
+    document = next((found[1] or found[2] for found in signed if found), "") if "DOCUMENT" in remedy else ""
     plain = "ENCLAVE" in remedy and _PLAIN.fullmatch(enclave) and not _OF_ALL.search(remedy)
     return document, enclave if plain else ""
 

@@ -52,8 +52,7 @@ def _trusting(groups: Iterable[tuple[str, Iterable[str], Iterable[Enclave]]]) ->
 _SEPARATE: Final = (
     "Make a second authority beside sros2's links and move it over them, in the keystore's root: "
     f"{MAKE_PERMISSIONS_CA} (written through the links, it would overwrite the one CA there is). Sign everything with "
-    f"it: {SIGN_GOVERNANCE}, and for every enclave {SIGN_PERMISSIONS}. {UNREVIEWED}. Enclaves with copies in place of "
-    "links need the new files too."
+    f"it: {SIGN_GOVERNANCE}, and for every enclave {SIGN_PERMISSIONS}. {UNREVIEWED}."
 )
 
 

@@ -7,17 +7,25 @@ tests/rules/test_remedies.py runs them.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Final
 
 from keystore_audit.keystore.layout import LayoutKind
 
 _PLACE: Final = re.compile(r"`[^`]*\b(public|private|enclaves)/")
+_SHARED: Final = re.compile(r"-out (public/|enclaves/(governance|DOCUMENT)\.p7s)")
+_COPY: Final = re.compile(r"enclaves/.+/(governance\.p7s|(identity|permissions)_ca\.cert\.pem)", re.DOTALL)
+COPIES: Final = "Enclaves with copies in place of links need the new files too."
 
 
-def for_layout(remedy: str, kind: LayoutKind) -> str:
-    """The remedy as it is to be read in a keystore of this layout: in an older one its commands find nothing."""
+def for_layout(remedy: str, kind: LayoutKind, places: Iterable[str] = ()) -> str:
+    """The remedy as it is to be read in a keystore of this layout: in an older one its commands find nothing, and where
+    enclaves have copies, as the places of the finding tell, what they write is not yet where it is read.
+    """
     if kind in (LayoutKind.FLAT, LayoutKind.ARDENT) and _PLACE.search(remedy) and MAKE_LAYOUT not in remedy:
         return f"The commands are for the layout since Foxy, which this keystore does not have (KA115). {remedy}"
+    if _SHARED.search(remedy) and COPIES not in remedy and any(map(_COPY.fullmatch, places)):
+        return f"{remedy} {COPIES}"
     return remedy
 
 

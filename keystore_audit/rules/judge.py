@@ -361,7 +361,7 @@ def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str
         name=rule.name,
         severity=violation.severity or rule.severity,
         message=shorten(violation.message, MAX_MESSAGE),
-        remedy=for_layout(violation.remedy or rule.remedy, layout),
+        remedy=for_layout(violation.remedy or rule.remedy, layout, (place.path for place in violation.locations)),
         clause=rule.clause,
         enclave=violation.enclave,
         locations=violation.locations[:MAX_PLACES],

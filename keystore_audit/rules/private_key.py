@@ -14,6 +14,7 @@ from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.model.inventory import beside_enclaves
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.commands import (
+    COPIES,
     ISSUE_IDENTITY,
     MAKE_IDENTITY_CA,
     MAKE_PERMISSIONS_CA,
@@ -181,7 +182,7 @@ def _authority_anew(key: PrivateKey, keystore: Keystore) -> str | None:
         return None
     return (
         "Take the key out of the file. Whoever had the file has the key, so that the authority needs another, in the "
-        f"keystore's root: {' '.join(made)} Enclaves with copies in place of links need the new files too."
+        f"keystore's root: {' '.join(made)} {COPIES}"
     )
 
 

@@ -14,7 +14,7 @@ import pytest
 
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.rules import BY_CODE, RULES
-from keystore_audit.rules.commands import for_layout
+from keystore_audit.rules.commands import COPIES, for_layout
 from tests.cli.keystores import answer
 from tools.samples.store import copy_with_modes
 
@@ -356,3 +356,21 @@ def test_one_command_signs_from_the_root() -> None:
                 assert command.endswith(
                     " -signer public/permissions_ca.cert.pem -inkey private/permissions_ca.key.pem"
                 ), rule.code
+
+
+def test_where_enclaves_have_copies_what_is_signed_again_has_to_get_there(stock: Path, tmp_path: Path) -> None:
+    """The command writes enclaves/governance.p7s, and nobody reads that one."""
+    copies = tmp_path / "copies"
+    shutil.copytree(stock, copies)
+    remedies = [{each["remedy"] for each in found(root) if each["code"] == "KA408"} for root in (stock, copies)]
+    assert remedies == [{BY_CODE["KA408"].remedy}, {f"{BY_CODE['KA408'].remedy} {COPIES}"}]
+    for code, path, told in (
+        ("KA209", "enclaves/a/governance.p7s", False),
+        ("KA222", "enclaves/a/permissions_ca.cert.pem", True),
+        ("KA222", "public/ca.cert.pem", False),
+        ("KA301", "enclaves/governance.p7s", False),
+        ("KA301", "enclaves/a/governance.p7s", True),
+        ("KA301", "enclaves/a/permissions.p7s", False),
+    ):
+        remedy = BY_CODE[code].remedy
+        assert for_layout(remedy, LayoutKind.SROS2, [path]) == (f"{remedy} {COPIES}" if told else remedy)
