@@ -14,6 +14,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.signer_path import path_refusal, signer_refusal
@@ -28,6 +29,12 @@ from keystore_audit.rules.wording import implementations, located, of_kinds, pat
 
 SIGN_AGAIN: Final = f"Sign the document again: {SIGN_DOCUMENT}; for permissions {CREATE_PERMISSION} does it."
 _READ_AND_SIGN: Final = f"Read the .xml before you sign it: it may be theirs, too. {SIGN_AGAIN}"
+
+_EXCHANGE: Final = (
+    "Exchange the certificates, in the keystore's root: `mv public/identity_ca.cert.pem public/new.cert.pem`, "
+    "`mv public/permissions_ca.cert.pem public/identity_ca.cert.pem`, `mv public/new.cert.pem "
+    "public/permissions_ca.cert.pem`; likewise the keys in private/ if they are exchanged too, and copies in enclaves."
+)
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"
 _FORGED: Final = (
@@ -182,13 +189,26 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
             if signer is None
             else f"{quoted(signer.subject)}, serial number {signer.serial:x}"
         )
+        exchanged = signer is not None and _exchanged(use, signer)
+        why = " The files of the two authorities hold each other's certificate." if exchanged else ""
         yield _violation(
             use,
-            f"Signed by {got}; {_expected(use)}: {_consequence(use)}.",
+            f"Signed by {got}; {_expected(use)}: {_consequence(use)}.{why}",
             signer,
             signer.key if signer is not None else f"{signature.serial:x}",
             explains=frozenset(_FORGED if _accepting(use) else (_SIGNED,)),
+            remedy=_EXCHANGE if exchanged else None,
         )
+
+
+def _exchanged(use: SignedUse, signer: Certificate) -> bool:
+    """Whether the files of the two authorities hold each other's certificate, as far as these enclaves tell."""
+    return all(
+        any(signer.sha256 == authority.sha256 for authority in enclave.trusts(Role.IDENTITY_CA))
+        and enclave.identity is not None
+        and any(vouches(authority, enclave.identity) for authority in file.certificates)
+        for enclave, file in use.judging
+    )
 
 
 @rule(

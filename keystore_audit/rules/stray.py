@@ -10,6 +10,7 @@ from typing import Final
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.stray import Stray
 from keystore_audit.model.inventory import (
     governance_apart,
@@ -240,6 +241,8 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     has no further rights then. Certificates and keys are taken from wherever they stand: PEM within any file, in UTF-16
     or in base64, too (as Kubernetes keeps files), DER, the same in base64 alone, PKCS #7.
 
+    A certificate that an enclave has as its own, in a form that no run time reads, is left to certificate-unreadable.
+
     Undecided where a key that cannot be read (a password, another form, too large) may be that of such a certificate,
     and where a file may hold both: PKCS #12, one with a certificate that cannot be read or with more structures than
     are looked at, one too large to be read with a certificate in it, one that is not readable and called like one. Keys
@@ -248,7 +251,9 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     tokens, or DER behind other bytes, nor a certificate without a key in the tree.
     """
     identities = keystore.identities
-    found = admitted(keystore, identities.found, context.profiles, context.at)
+    unreadable = {enclave.files.files[Role.CERTIFICATE].place for enclave in keystore.enclaves if not enclave.identity}
+    every = admitted(keystore, identities.found, context.profiles, context.at)
+    found = [each for each in every if each.certificate.path not in unreadable]
     for same in (False, True):
         alike = [each for each in found if (each.enclave is not None) is same]
         if alike:

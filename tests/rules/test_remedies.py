@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import ssl
 import subprocess
 from collections.abc import Mapping
 from pathlib import Path
@@ -374,3 +375,31 @@ def test_where_enclaves_have_copies_what_is_signed_again_has_to_get_there(stock:
     ):
         remedy = BY_CODE[code].remedy
         assert for_layout(remedy, LayoutKind.SROS2, [path]) == (f"{remedy} {COPIES}" if told else remedy)
+
+
+def test_authorities_that_stand_for_each_other_are_exchanged_and_nothing_is_signed(
+    repository: Path, tmp_path: Path
+) -> None:
+    """To sign or issue anything again would fail: the keys belong to the other certificates."""
+    root = tmp_path / "keystore"
+    copy_with_modes(repository / "sample_keystores/healthy/talker_listener", root, 0o600)
+    before = codes(root)
+    identity, permissions = (root / f"public/{role}_ca.cert.pem" for role in ("identity", "permissions"))
+    first, second = identity.read_bytes(), permissions.read_bytes()
+    identity.write_bytes(second)
+    permissions.write_bytes(first)
+    told = [each for each in found(root) if each["code"] == "KA301"]
+    assert len(told) == 3
+    said = " The files of the two authorities hold each other's certificate."
+    assert all(each["message"].endswith(said) for each in told)
+    for command in typed(told[0]["remedy"]):
+        type_in(root, command)
+    assert codes(root) == before
+    permissions.write_bytes(first)
+    assert not any(said in each["message"] for each in found(root)), "one of them alone is another mistake"
+
+
+def test_an_identity_in_der_is_the_enclave_s_own(stock: Path) -> None:
+    own = stock / "enclaves/talker/cert.pem"
+    own.write_bytes(ssl.PEM_cert_to_DER_cert(own.read_text()))
+    assert codes(stock) & {"KA201", "KA668"} == {"KA201"}
