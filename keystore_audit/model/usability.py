@@ -55,9 +55,9 @@ class _Dated:
     """The domains of which a grant has to let the enclave join one; None where the governance says nothing."""
     listed: Enclave | None
     """The enclave, where it carries revocation lists."""
-    signed: tuple[tuple[SignedDocument, CertificateFile], ...]
-    """The documents, each with the permissions CA file, where others than the permissions CA may sign: the dates of
-    the signers, and of the authorities above them, count (measured)."""
+    signed: tuple[tuple[Role, SignedDocument, CertificateFile], ...]
+    """The documents, each with its role and the permissions CA file, where others than the permissions CA may sign: the
+    dates of the signers, and of the authorities above them, count (measured)."""
 
 
 class _Own(NamedTuple):
@@ -299,21 +299,21 @@ def _chain_refusals_at(certificate: Certificate, file: CertificateFile, trust: T
         yield f"{_NOT_ISSUED}: {refusal}"
 
 
-def _signed_validly(enclave: Enclave, trust: Trust) -> Iterator[tuple[SignedDocument, CertificateFile]]:
+def _signed_validly(enclave: Enclave, trust: Trust) -> Iterator[tuple[Role, SignedDocument, CertificateFile]]:
     """The enclave's documents that are taken at some instant."""
     file = enclave.permissions_ca
-    for read in (enclave.governance, enclave.permissions):
+    for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
         if read is None or file is None:
             continue
         if document_verdict(read.signed, file, trust) is Verdict.ACCEPTED:
-            yield read.signed, file
+            yield role, read.signed, file
 
 
 def _rests_on(dated: _Dated) -> Iterator[Certificate | ReadGrant | None]:
     """Whatever of it is in force or is not; None for revocation lists."""
     if dated.permissions_ca is not None:
         yield dated.permissions_ca
-    for signed, file in dated.signed:
+    for _role, signed, file in dated.signed:
         yield from (*file.certificates, *signed.embedded)
     yield from dated.identity_ca.certificates if dated.identity_ca is not None else ()
     if dated.listed is not None:
@@ -351,15 +351,17 @@ def _refusals_at(dated: _Dated, own: _Own, trust: Trust, at: datetime) -> Iterat
 def _signers_refused_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:
     """What is wrong `at` an instant with who signed the documents."""
     authority = dated.permissions_ca
-    signers = [(signer, signed, file) for signed, file in dated.signed for signer in signers_taken(signed, trust)]
+    signers = [
+        (signer, signed, file) for _role, signed, file in dated.signed for signer in signers_taken(signed, trust)
+    ]
     if any(signer != authority and not in_force(signer, at) for signer, _signed, _file in signers):
         yield "the certificate that signed a document is outside its validity"
     elif not all(signer == authority or may_sign(signer, signed, file, trust, at) for signer, signed, file in signers):
         yield "a certificate above the one that signed a document is outside its validity"
-    for signed, file in dated.signed:
+    for role, signed, file in dated.signed:
         lost = path_refusal(signed, file, trust, at)
         if lost is not None and path_refusal(signed, file, trust) is None:
-            yield f"{signed.file.place} is not validly signed by anybody whom the permissions CA vouches for: {lost}"
+            yield f"{role.value}.p7s is not validly signed by anybody whom the permissions CA vouches for: {lost}"
 
 
 def _revocations_at(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> Iterator[str]:

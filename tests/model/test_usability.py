@@ -15,6 +15,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.usability import Usabilities
+from tests.keystore import builder
 
 AT = datetime(2026, 6, 1, tzinfo=timezone.utc)
 SAMPLES = Path(__file__).parents[2] / "sample_keystores"
@@ -86,6 +87,22 @@ def test_an_answer_shared_among_enclaves_and_instants_is_that_of_each_alone(stor
                 if enclave.files.directory not in touched:
                     later = Usabilities(None, accesses).of(enclave, at, profile)
                     assert later == answers[enclave, profile.name], (at, profile.name)
+
+
+def test_what_is_said_of_many_enclaves_at_an_instant_names_no_file_of_one(tmp_path: Path) -> None:
+    root = builder.sros2(tmp_path / "keystore", ["/a", "/b"], split=True)
+    year = timedelta(days=365)
+    old, new = (builder.authority("p", start=builder.START + y, end=builder.END + y) for y in (0 * year, year))
+    (root / "public/permissions_ca.cert.pem").write_bytes(old.pem + new.pem)
+    (root / "enclaves/governance.p7s").write_bytes(builder.signed_document(builder.GOVERNANCE, old))
+    for name in ("a", "b"):
+        document = builder.PERMISSIONS.format(name=f"/{name}").encode()
+        (root / f"enclaves/{name}/permissions.p7s").write_bytes(builder.signed_document(document, new))
+    keystore = read_keystore(root)
+    usabilities = Usabilities(None, AccessViews(documents_of(keystore), AT, None))
+    first, second = (usabilities.of(each, AT, VARIANTS["fastdds-2.9"]).reasons for each in keystore.enclaves)
+    assert first == second
+    assert [reason.partition(" is")[0] for reason in first] == ["permissions.p7s"]
 
 
 @pytest.mark.parametrize("store", STORES, ids=lambda path: f"{path.parent.name}/{path.name}")
