@@ -11,6 +11,7 @@ from keystore_audit.dataclass import dataclass, fields, replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRange, Governance, GovernanceFile, ProtectionKind, Text
+from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import Interval
@@ -24,6 +25,7 @@ from keystore_audit.model.semantics import (
     read_domain_rules,
     read_grant,
 )
+from keystore_audit.model.subjects.comparison import names
 from keystore_audit.model.validity import SECOND, Dated, counts_at, read_date
 
 if TYPE_CHECKING:  # most audits are told no zone
@@ -95,6 +97,15 @@ class AccessViews:
         """What these documents say to each; what is not there says nothing."""
         found = tuple(file for file in files if file is not None)
         return {row: [self.read(file, row) for file in found] for row in self.rows(profiles)}
+
+    def own_grants(self, enclave: Enclave, profile: Profile) -> tuple[ReadGrant, ...] | None:
+        """The grants of the enclave's own document that name its certificate; None where the document says nothing."""
+        certificate = enclave.identity
+        read = self.read(enclave.permissions, profile.access).grants if enclave.permissions is not None else None
+        if read is None or certificate is None:
+            return None
+        comparison = profile.trust.subjects
+        return tuple([each for each in read if names(each.grant.subject_name.text, certificate, comparison)])
 
     def deciding(self, file: GovernanceFile, access: Access) -> Sequence[ReadDomainRule]:
         """The domain rules of the document that may decide: of those about the same domains the first, or any."""

@@ -23,7 +23,6 @@ from keystore_audit.model.expression import any_matches, parse
 from keystore_audit.model.permission import allowing, bits
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding, is_controlled
-from keystore_audit.model.subjects.comparison import names
 
 WILDCARDS: Final = frozenset("*?[")
 """What makes an expression of a name on Fast DDS."""
@@ -227,13 +226,7 @@ class LocalRights:
 
     def grant(self, enclave: Enclave, profile: Profile) -> ReadGrant | None:
         """The grant of the enclave's own document that decides."""
-        certificate = enclave.identity
-        if enclave.permissions is None or certificate is None:
-            return None
-        access = self._accesses.row(profile.access)
-        grants = self._accesses.read(enclave.permissions, access).grants or ()
-        named = (g for g in grants if names(g.grant.subject_name.text, certificate, profile.trust.subjects))
-        return deciding(named, self._at, access)
+        return deciding(self._accesses.own_grants(enclave, profile) or (), self._at, self._accesses.row(profile.access))
 
     def _region(self, access: Access, region: Region) -> int:
         if not region:

@@ -23,7 +23,6 @@ from keystore_audit.model.revocation import list_broken, list_missing, list_used
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.sight import Sight, authority_refusals, certificate_refusals, key_refusals, sight_of
 from keystore_audit.model.signer_path import path_refusal
-from keystore_audit.model.subjects.comparison import names
 from keystore_audit.model.trust import (
     Verdict,
     document_verdict,
@@ -157,7 +156,7 @@ class Usabilities:
         directory, row = enclave.files.directory, self._accesses.row(profile.access)
         known = self._own.get((directory, row, profile.trust.subjects))
         if known is None:
-            grants = self._own_grants(enclave, enclave.identity, profile)
+            grants = self._accesses.own_grants(enclave, profile)
             alike = self._alike.setdefault(self._seen(enclave, grants, profile), [])
             alike.append(enclave)
             known = _Own(certificate=enclave.identity, grants=grants, alike=alike)
@@ -229,19 +228,6 @@ class Usabilities:
             governed=self._governed_domains(enclave.governance, profile),
             listed=enclave if lists_read(enclave, trust) else None,
             signed=() if trust.pins_signer else tuple(_signed_validly(enclave, trust)),
-        )
-
-    def _own_grants(
-        self, enclave: Enclave, certificate: Certificate | None, profile: Profile
-    ) -> tuple[ReadGrant, ...] | None:
-        """The grants of the enclave's own document that name its certificate."""
-        if certificate is None or enclave.permissions is None:
-            return None
-        grants = self._accesses.read(enclave.permissions, profile.access).grants
-        if grants is None:
-            return None
-        return tuple(
-            grant for grant in grants if names(grant.grant.subject_name.text, certificate, profile.trust.subjects)
         )
 
     def _governed_domains(self, file: GovernanceFile | None, profile: Profile) -> Governed | None:
