@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Set
+from collections.abc import Iterable, Iterator, Set
 from typing import Final
 
 from keystore_audit.findings import Location
@@ -13,7 +13,8 @@ from keystore_audit.model.comparison.governance import same_protection
 from keystore_audit.model.comparison.later import KIND as LATER
 from keystore_audit.model.comparison.others import SameGrants
 from keystore_audit.model.comparison.reach import PRESENTED
-from keystore_audit.model.comparison.sides import Pair, Sides, is_void
+from keystore_audit.model.comparison.sides import Sides, is_void
+from keystore_audit.model.comparison.trust import documents
 
 _TELLING: Final = frozenset(
     ("protection", "right", "grant-validity", LATER, "signature", "signer", "authority", DOCUMENT)
@@ -55,18 +56,13 @@ def signed_again(sides: Sides, found: Iterable[Draft], carrying: Set[str]) -> It
 
 def _rewritten(sides: Sides, path: str, same_grants: SameGrants) -> Iterator[tuple[bool, Location, Location]]:
     """The enclave's documents that have other bytes, and whether they say the same."""
-    old, new = (by_path[path] for by_path in sides.enclaves)
-    kinds: tuple[tuple[str, Callable[[Pair, str], bool]], ...] = (
-        ("governance", same_protection),
-        ("permissions", same_grants.of),
-    )
-    for kind, says_the_same in kinds:
-        one, other = getattr(old, kind), getattr(new, kind)
-        if one is None or other is None or one.signed.file.sha256 == other.signed.file.sha256:
+    for word, one, other, places in documents(*(by_path[path] for by_path in sides.enclaves)):
+        if one.signed.file.sha256 == other.signed.file.sha256:
             continue
+        says_the_same = same_protection if word == "governance" else same_grants.of
         same = []
         for pair in sides.pairs:
             void = [is_void(document, pair.lead, sides.accesses) for document in (one, other)]
             if not all(void):  # else it says nothing there, before and after
                 same.append(not any(void) and says_the_same(pair, path))
-        yield bool(same) and all(same), Location(path=one.signed.file.place), Location(path=other.signed.file.place)
+        yield bool(same) and all(same), *places

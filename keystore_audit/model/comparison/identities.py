@@ -89,12 +89,6 @@ def _within(periods: Iterable[_Period], others: Sequence[_Period]) -> bool:
     return all(number and end <= others[number - 1][1] for end, number in found)
 
 
-def _in_both(sides: Sides) -> frozenset[str]:
-    """The enclaves that both keystores have: what others take is said with them."""
-    old, new = ({enclave.path for enclave in keystore.enclaves} for keystore in sides.keystores)
-    return frozenset(old & new)
-
-
 def identities_let_in(sides: Sides) -> Iterator[Draft]:
     """Identities of no enclave that peers let in and whose private keys are there (KA668), in one keystore alone.
 
@@ -149,7 +143,7 @@ def _at_large(
 
 def _let_in_otherwise(old: _Admitted, new: _Admitted, sides: Sides) -> Iterator[Draft]:
     """Identities that peers let in in both keystores, but other peers, or from or until another time."""
-    both = _in_both(sides)
+    both = frozenset(sides.common)  # what others take is said with them
     for identity, by_profile in new.items():
         found: dict[tuple[Direction, Aspect], list[str]] = {}
         before = old.get(identity, {})
@@ -217,7 +211,7 @@ def identities_certified_again(sides: Sides) -> Iterator[tuple[str, Placed]]:
     Or whose further certificates other peers take than before, or from or until another time.
     """
     old, new = ({enclave.path: others for enclave, others in certified_again(each)} for each in sides.keystores)
-    both = _in_both(sides)
+    both = frozenset(sides.common)  # what others take is said with them
     count = max(sum(map(len, each.values())) for each in (old, new))
     asked = [_Asked(keystore, sides, count) for keystore in sides.keystores]
     for path in sorted({*old, *new}):

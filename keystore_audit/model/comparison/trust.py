@@ -302,7 +302,7 @@ def _told(certificates: Iterable[Certificate]) -> str | None:
     return ", ".join(f"{c.subject} (key {c.key[:12]})" for c in certificates) or None
 
 
-def _documents(old: Enclave, new: Enclave) -> Iterator[tuple[str, Typed, Typed, tuple[Location, Location]]]:
+def documents(old: Enclave, new: Enclave) -> Iterator[tuple[str, Typed, Typed, tuple[Location, Location]]]:
     """Each document that both have, and where."""
     for word, one, other in (
         ("governance", old.governance, new.governance),
@@ -314,7 +314,7 @@ def _documents(old: Enclave, new: Enclave) -> Iterator[tuple[str, Typed, Typed, 
 
 def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[Placed]:
     """Who signed the documents, and whether the signatures hold. `moved`: the permissions CA is another."""
-    for word, one, other, places in _documents(old, new):
+    for word, one, other, places in documents(old, new):
         before, after = envelope(one.signed), envelope(other.signed)
         held, holds = (each.verdict is Verdict.ACCEPTED for each in (before, after))
         if held != holds:
@@ -333,7 +333,7 @@ def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[Placed]:
 
 def _forms(old: Enclave, new: Enclave) -> Iterator[Placed]:
     """Documents in another form, where that is not what makes their signatures hold or not."""
-    for word, one, other, places in _documents(old, new):
+    for word, one, other, places in documents(old, new):
         alike = envelope(one.signed).verdict is envelope(other.signed).verdict
         if alike and one.signed.file.sha256 != other.signed.file.sha256:
             for fact in document_form(word, one, other):
