@@ -62,7 +62,7 @@ class Access:
         self._channels = builder.channels
         self._local = LocalRights(self._accesses, builder.channels, at)
         self._effective = EffectiveRights(builder.systems())
-        self._usabilities: dict[int, Usabilities] = {}
+        self._usabilities = Usabilities(None, self._accesses)
 
     def enclave(self, path: str) -> Enclave:
         """The enclave of that path. Raises UsageError, with the nearest one, for an unknown path."""
@@ -79,7 +79,7 @@ class Access:
         """By profile. Raises UsageError for an unknown enclave."""
         enclave = self.enclave(question.enclave)
         channel = self._channels.of_point(question.domain, self._points[question.topic, question.partition])
-        usabilities = self._usabilities.setdefault(question.domain, Usabilities(question.domain, self._accesses))
+        usabilities = self._usabilities.in_domain(question.domain)
         by_kind: dict[object, Answer] = {}
         answers = {}
         for profile in self._profiles:

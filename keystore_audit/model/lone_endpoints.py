@@ -103,7 +103,7 @@ class LoneEndpoints:
         self._meetings = Meetings(meets)
         self._odd_names = bool(wildcard_names(channels))
         self._differing: dict[tuple[Access, bool], set[int]] = {}
-        self._usabilities: dict[int, Usabilities] = {}
+        self._usabilities = Usabilities(None, accesses)
         self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
         self._sets: dict[int, frozenset[int]] = {}
 
@@ -137,7 +137,8 @@ class LoneEndpoints:
             for domain in range(len(self._channels.domains)):
                 here = allowed & self._channels.bits_in(domain)
                 if here:
-                    usable = self._in(domain).of(enclave, at, profile).usable
+                    lowest = self._channels.domains[domain].intervals[0][0]
+                    usable = self._usabilities.in_domain(lowest).of(enclave, at, profile).usable
                     possible |= here if usable is not False else 0
                     certain |= here if usable else 0
         return self._set(possible), self._set(certain)
@@ -169,13 +170,6 @@ class LoneEndpoints:
             rules = self._accesses.deciding(governance, access)
             self._ruled[key] = frozenset[int]().union(*(self._channels.covered(rule.domains) for rule in rules))
         return self._ruled[key]
-
-    def _in(self, domain: int) -> Usabilities:
-        """Who starts in the domains of a class."""
-        if domain not in self._usabilities:
-            witness = self._channels.domains[domain].intervals[0][0]
-            self._usabilities[domain] = Usabilities(witness, self._accesses)
-        return self._usabilities[domain]
 
 
 class LoneRefusals:

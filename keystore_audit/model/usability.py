@@ -89,6 +89,7 @@ class Usabilities:
     def __init__(self, domain: int | None, accesses: AccessViews) -> None:
         self.domain = domain
         self._accesses = accesses
+        self._in_domain: dict[int, Usabilities] = {}
         self._governed: dict[tuple[str, object], Governed] = {}
         self._sights: dict[str, Sight] = {}
         self._own: dict[tuple[str, object, object], _Own] = {}
@@ -100,7 +101,9 @@ class Usabilities:
 
     def in_domain(self, domain: int) -> Usabilities:
         """The answers for the same enclaves in this domain."""
-        return Usabilities(domain, self._accesses)
+        if domain not in self._in_domain:
+            self._in_domain[domain] = Usabilities(domain, self._accesses)
+        return self._in_domain[domain]
 
     def kind(self, profile: Profile) -> object:
         """Equal for profiles whose answers are equal."""

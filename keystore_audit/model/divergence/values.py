@@ -69,7 +69,6 @@ class LocalValues:
         self._channels = channels
         self._at = at
         self._anywhere = Usabilities(domain, accesses)
-        self._in: dict[int, Usabilities] = {}
         self._members = [channels.bits_in(domain) for domain in range(len(channels.domains))]
         self._decided: dict[tuple[str, str, Operation], Value] = {}
         self.rights = LocalRights(accesses, channels, at)
@@ -101,8 +100,7 @@ class LocalValues:
         for number, members in enumerate(self._members):
             if members & wanted:
                 domain = self._channels.domains[number].intervals[0][0]
-                usabilities = self._in.setdefault(domain, Usabilities(domain, self._accesses))
-                if usabilities.of(enclave, self._at, profile).usable is not False:
+                if self._anywhere.in_domain(domain).of(enclave, self._at, profile).usable is not False:
                     found |= members
         return found
 

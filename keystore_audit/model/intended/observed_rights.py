@@ -70,17 +70,16 @@ class Deciders:
         self.accesses = accesses
         self.domain = domain
         self.profiles = profiles
-        kinds = grouped(profiles, Usabilities(None, accesses).kind)
+        self._usabilities = Usabilities(None, accesses)
+        kinds = grouped(profiles, self._usabilities.kind)
         self.kinds: tuple[tuple[Profile, tuple[str, ...]], ...] = tuple(
             (alike[0], tuple(profile.name for profile in alike)) for alike in kinds.values()
         )
         """One profile of each kind, and the names of all."""
-        self._usabilities: dict[int, Usabilities] = {}
 
     def usable(self, enclave: Enclave, domain: int, profile: Profile) -> bool | None:
         """Whether a participant of the enclave is created there, None where that cannot be told."""
-        usabilities = self._usabilities.setdefault(domain, Usabilities(domain, self.accesses))
-        return usabilities.of(enclave, self.at, profile).usable
+        return self._usabilities.in_domain(domain).of(enclave, self.at, profile).usable
 
 
 class PointRights:
