@@ -17,7 +17,10 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from keystore_audit.settings import read_settings
+from tests.cli.keystores import write_enclave
 from tests.keystore.builder import GOVERNANCE, PrivateKey, Signed, _write, authority, certificate, crl, signed_document
+from tests.model import comparing
+from tests.model.comparing import criterion
 
 AT = datetime(2026, 6, 1, 12, tzinfo=timezone.utc)
 LONG_AGO = AT - timedelta(days=900)
@@ -54,14 +57,10 @@ def grant(chance: random.Random, subject: str) -> str:
     """A grant of one topic or two, with random dates."""
     start, end = dates(chance)
     named = chance.choice((("rt/a",), ("rt/a", "rt/b"), ("rt/a", "rt/b"), ("rt/b",)))
-    topics = "".join(f"<topic>{each}</topic>" for each in named)
-    listed = f"<topics>{topics}</topics>"
     fraction = chance.choice(("", "", "", ".5"))
-    return (
-        f'<grant name="g"><subject_name>CN={subject}</subject_name><validity><not_before>{start:%Y-%m-%dT%H:%M:%S}'
-        f"</not_before><not_after>{end:%Y-%m-%dT%H:%M:%S}{fraction}</not_after></validity><allow_rule><domains><id>0</id>"
-        f"</domains><publish>{listed}</publish><subscribe>{listed}</subscribe></allow_rule><default>DENY</default></grant>"
-    )
+    both = comparing.rule(criterion("publish", *named), criterion("subscribe", *named))
+    first, last = f"{start:%Y-%m-%dT%H:%M:%S}", f"{end:%Y-%m-%dT%H:%M:%S}{fraction}"
+    return comparing.grant(subject, both, start=first, end=last)
 
 
 def dates(chance: random.Random) -> tuple[datetime, datetime]:
@@ -81,28 +80,19 @@ def keystore(chance: random.Random, root: Path) -> Path:
     identity = authority("identityCA", key=key(0), start=start, end=end)
     start, end = rarely(chance)
     permissions = authority("permissionsCA", key=key(1), start=start, end=end)
-    governance = signed_document(GOVERNANCE, permissions)
     for number, path in enumerate(("/e", "/f"), 2):
         directory = root / "enclaves" / path.strip("/")
         start, end = rarely(chance)
         own = certificate(path, identity, key=key(number), start=start, end=end)
         granted = "".join(grant(chance, path) for _ in range(chance.choice((1, 2))))
-        document = f"<dds><permissions>{granted}</permissions></dds>".encode()
-        for file, content in (
-            ("identity_ca.cert.pem", identity.pem),
-            ("cert.pem", own.pem),
-            ("key.pem", own.key_pem),
-            ("permissions_ca.cert.pem", permissions.pem),
-            ("governance.p7s", governance),
-            ("permissions.p7s", signed_document(document, permissions)),
-        ):
-            _write(directory / file, content)
+        document = comparing.permissions(granted).encode()
+        write_enclave(directory, own, document, identity, permissions, GOVERNANCE)
         os.chmod(directory / "key.pem", 0o600)
         if chance.random() < 0.1:
             _write(directory / "crl.pem", revocations(chance, identity))
     if chance.random() < 0.3:  # a document that any enclave may present
         granted = grant(chance, chance.choice(("/e", "/f")))
-        document = f"<dds><permissions>{granted}</permissions></dds>".encode()
+        document = comparing.permissions(granted).encode()
         _write(root / "enclaves/old.p7s", signed_document(document, permissions))
     return root
 

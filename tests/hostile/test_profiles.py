@@ -32,7 +32,8 @@ from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
-from tests.keystore.builder import Signed, authority, certificate, signed_document
+from tests.cli.keystores import write_enclave
+from tests.keystore.builder import Signed, authority, certificate
 from tests.oracles.vendors import recipe as r
 
 AT = datetime(2030, 6, 1, 12, tzinfo=timezone.utc)
@@ -172,16 +173,8 @@ def _identity(enclave: str) -> Signed:
 
 
 def _write(directory: Path, enclave: str, permissions_ca: Signed, governance: str, permissions: str) -> None:
-    directory.mkdir(parents=True)
-    for name, content in {
-        "identity_ca.cert.pem": _authority("identity CA").pem,
-        "permissions_ca.cert.pem": permissions_ca.pem,
-        "cert.pem": _identity(enclave).pem,
-        "key.pem": _identity(enclave).key_pem,
-        "governance.p7s": signed_document(governance.encode(), permissions_ca),
-        "permissions.p7s": signed_document(permissions.encode(), permissions_ca),
-    }.items():
-        (directory / name).write_bytes(content)
+    identity_ca, document = _authority("identity CA"), permissions.encode()
+    write_enclave(directory, _identity(enclave), document, identity_ca, permissions_ca, governance.encode())
 
 
 @contextmanager

@@ -34,7 +34,7 @@ from keystore_audit.model.question import Question
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
-from tests.cli.keystores import answer
+from tests.cli.keystores import answer, write_enclave
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, certificate, signed_document
 from tests.keystore.test_traces import loosened
 
@@ -51,28 +51,21 @@ class Fleet:
     def robot(self, root: Path, *enclaves: str, topics: tuple[str, ...] = ("rt/chatter",)) -> Path:
         """A keystore whose enclaves may publish these topics."""
         for path in enclaves or ("/talker", "/listener"):
-            folder = root / "enclaves" / path.strip("/")
-            folder.mkdir(parents=True)
-            own = certificate(path, self.identity)
-            for name, content in (
-                ("cert.pem", own.pem),
-                ("key.pem", own.key_pem),
-                ("identity_ca.cert.pem", self.identity.pem),
-                ("permissions_ca.cert.pem", self.permissions.pem),
-                ("permissions.p7s", self.document(path, *topics)),
-                ("governance.p7s", signed_document(GOVERNANCE, self.permissions)),
-            ):
-                (folder / name).write_bytes(content)
+            folder, own = root / "enclaves" / path.strip("/"), certificate(path, self.identity)
+            write_enclave(folder, own, _text(path, *topics), self.identity, self.permissions, GOVERNANCE)
             (folder / "key.pem").chmod(0o600)
         return root
 
     def document(self, path: str, *topics: str, signer: Signed | None = None, **replaced: str) -> bytes:
         """Signed permissions to publish these topics."""
-        listed = "</topic><topic>".join(topics)
-        text = PERMISSIONS.format(name=path).replace("rt/chatter", listed)
-        for old, new in replaced.items():
-            text = text.replace(*{"end": ("2034", new), "start": ("2024", new)}[old])
-        return signed_document(text.encode(), signer or self.permissions)
+        return signed_document(_text(path, *topics, **replaced), signer or self.permissions)
+
+
+def _text(path: str, *topics: str, **replaced: str) -> bytes:
+    text = PERMISSIONS.format(name=path).replace("rt/chatter", "</topic><topic>".join(topics))
+    for old, new in replaced.items():
+        text = text.replace(*{"end": ("2034", new), "start": ("2024", new)}[old])
+    return text.encode()
 
 
 @pytest.fixture(scope="module")
