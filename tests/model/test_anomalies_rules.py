@@ -118,6 +118,11 @@ class Brute:
     def decisions(self, kept: Sequence[int]) -> list[bool]:
         return [next((self.rules[n].allow for n in kept if p in self.sets[n]), self.default) for p in POINTS]
 
+    def joined(self, kept: Sequence[int]) -> set[int]:
+        """The domains that an allow rule lets its holder join."""
+        allowing = [self.rules[number] for number in kept if self.rules[number].allow]
+        return {d for rule in allowing for low, high in rule.domains for d in range(low, high + 1)}
+
     def opposed(self, points: frozenset[Point], allow: bool) -> bool:
         firsts = {self.first[p] for p in points & self.live}
         return any(n is not None and self.rules[n].allow is not allow for n in firsts)
@@ -139,7 +144,8 @@ class Brute:
         kept = [number for number in range(len(self.rules)) if self.fires[number]]
         for number in reversed(kept.copy()):
             without = [n for n in kept if n != number]
-            if self.decisions(without) == self.decisions(kept) and not self.heard_without(number):
+            joins = self.default or self.joined(without) == self.joined(kept)
+            if joins and self.decisions(without) == self.decisions(kept) and not self.heard_without(number):
                 kept = without
                 helped = any(self.fires[number] & self.sets[n] for n in kept if n > number)
                 found.add((AnomalyKind.REDUNDANT if helped else AnomalyKind.SAME_AS_DEFAULT, number))
@@ -223,3 +229,14 @@ def test_a_denial_changes_something_where_a_later_rule_allows_the_same(
         [(allow, ((0, 0),), [(("a" if not allow else topic,), None)], []) for allow in (False, True)], default=False
     )
     assert {(each.kind, each.rule) for each in found_in(rules, default=False)} == found
+
+
+@pytest.mark.parametrize(("domains", "redundant"), [(((0, 2),), True), (((0, 0),), False)])
+def test_a_rule_changes_something_where_no_other_lets_its_holder_join(
+    domains: tuple[tuple[int, int], ...], redundant: bool
+) -> None:
+    """What it allows in domains 1 and 2 is denied before; but by it alone they may be joined."""
+    only_a = [(("a",), None)]
+    drawn = [(False, ((1, 2),), only_a, []), (True, ((0, 2),), only_a, []), (True, domains, [(("a*",), None)], [])]
+    found = found_in(read(drawn, default=False), default=False)
+    assert ((AnomalyKind.REDUNDANT, 1) in {(each.kind, each.rule) for each in found}) is redundant

@@ -7,7 +7,7 @@ allowed anyway, by no rule and no default, do not count.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Final, NamedTuple
 
@@ -135,6 +135,11 @@ class _Cells:
         return tuple(members(union(self._partition_bits[text] for text in partitions)))
 
 
+def _alone(sets: Mapping[int, int], number: int) -> int:
+    """What is in this of the sets and in no other."""
+    return sets.get(number, 0) & ~union(each for other, each in sets.items() if other != number)
+
+
 def _texts(rules: Iterable[ReadRule]) -> tuple[str, ...]:
     """The distinct topic expressions of all rules."""
     return tuple(dict.fromkeys(text for rule in rules for text in rule.texts()))
@@ -232,9 +237,12 @@ class _Order:
         """Rules that fire, and nothing changes without them: taken out one by one, from the last on.
 
         Rules that fire nowhere count as gone before, but one that would fire without this one, and decide the opposite.
+        An allow rule also lets its holder join its domains.
         """
         later: list[_Fired] = []
         unheard = {True: 0, False: 0}
+        allowing = () if default_allow else (each for each in self._rules if each.rule.allow and each.fires)
+        joined = {each.number: domain_bits(each.rule.domains) for each in allowing}
         allowed, matched = (-1 if default_allow else 0), 0
         for each in reversed(self._rules):
             allow, fires = each.rule.allow, each.fires
@@ -246,7 +254,9 @@ class _Order:
                 unheard[allow] |= each.cells
                 continue
             completed = each.number in self._implied or each.number + 1 in self._implied
-            if not completed and not fires & ((~allowed if allow else allowed) | unheard[not allow]):
+            same = not fires & ((~allowed if allow else allowed) | unheard[not allow])
+            if not completed and same and not _alone(joined, each.number):
+                joined.pop(each.number, None)
                 kept = fires & matched
                 kind = AnomalyKind.REDUNDANT if kept else AnomalyKind.SAME_AS_DEFAULT
                 cell = self._cells.best(kept or fires)
