@@ -17,6 +17,7 @@ from keystore_audit.keystore.issuer import may_issue, names_itself
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.model.chain import chain_refusal
 from keystore_audit.model.doubt import file_doubts
 from keystore_audit.model.profiles import Trust
 from keystore_audit.model.revocation import lists_carried
@@ -134,6 +135,8 @@ def authority_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
             # fails is read, and seen of the same calls on OpenSSL 3.0, not measured on Fast DDS.
             yield f"it loads no CA signed with {file.first.signature_algorithm} ({file.file.place})"
         refusal = strict_refusal(file.first) if trust.strict_authorities else None
+        if refusal is None and trust.strict_authorities and not names_itself(file.first):
+            refusal = chain_refusal(file.first, file, trust)
         if refusal is not None:
             yield f"it does not load {file.file.place}: {refusal}"
     file = sight.permissions_ca

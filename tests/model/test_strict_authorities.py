@@ -78,3 +78,19 @@ def test_one_out_of_date_is_refused_where_it_comes_first(name: str, tmp_path: Pa
         for profile in ("fastdds-3.6", "fastdds-2.9", "spec"):
             strict = VARIANTS[profile].trust.strict_authorities
             assert usabilities.of(keystore.enclaves[0], NOW, VARIANTS[profile]).usable is not (strict and not number)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_an_intermediate_comes_first_where_its_root_is_there_too(whole: bool, tmp_path: Path) -> None:
+    below = certificate("below", ROOT, key=KEY, ca=None, extensions=(CRITICAL, SIGNS, OWN, ABOVE))
+    issuer = authority("new")
+    file = (below, issuer, ROOT) if whole else (below, issuer)
+    (tmp_path / "ca").write_bytes(b"".join(each.pem for each in file))
+    (tmp_path / "first").write_bytes(below.pem)
+    command = ["openssl", "verify", "-x509_strict", "-check_ss_sig", "-attime", AT, "-CAfile", "ca", "first"]
+    assert (subprocess.run(command, cwd=tmp_path, capture_output=True, check=False).returncode == 0) is whole
+    talker = Member(permissions=permissions(grant("/talker", rule(criterion("publish", "rt/chatter")))), issuer=issuer)
+    keystore = read_keystore(Store(members={"/talker": talker}, identity=file).write(tmp_path / "keystore"))
+    usabilities = Usabilities(None, AccessViews(documents_of(keystore), NOW, None))
+    for profile, loads in (("fastdds-3.6", whole), ("fastdds-2.9", True)):
+        assert usabilities.of(keystore.enclaves[0], NOW, VARIANTS[profile]).usable is loads
