@@ -15,7 +15,7 @@ from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.access_table import AccessTable, Group
 from keystore_audit.report.access_differences import differences, peers
 from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
-from keystore_audit.report.access_words import namespace, protection_words
+from keystore_audit.report.access_words import full_name, namespace, protection_words
 from keystore_audit.report.content import assumed_of
 from keystore_audit.report.paragraph import wrapped
 from keystore_audit.text import counted, instant, shorten
@@ -116,15 +116,19 @@ def _by_namespace(paths: Sequence[str], group: Group) -> Iterable[str]:
 def _rows(sheet: _Sheet, matrix: Matrix) -> None:
     """The rows under what protects them."""
     heading = None
-    for row in matrix.rows:
+    labels = [_fitted(shown_name(row), matrix.label_width) for row in matrix.rows]
+    times = Counter(labels)
+    for row, label in zip(matrix.rows, labels, strict=True):
         words = protection_words(row.safeguards)
         if words != heading:
             heading = words
             sheet.blank()
             sheet.put(words, hanging=2)
             sheet.lines.append((" " * (2 + matrix.label_width) + "".join(matrix.heads)).rstrip())
-        cells = "".join(matrix.cells(row))
-        sheet.lines.append(f"  {_fitted(shown_name(row), matrix.label_width)}{cells}".rstrip())
+        own = times[label] == 1
+        if not own:  # cut, they are the same
+            sheet.put(full_name(row), indent=2, hanging=4)
+        sheet.lines.append(f"  {label if own else ' ' * matrix.label_width}{''.join(matrix.cells(row))}".rstrip())
 
 
 def _fitted(name: str, width: int) -> str:

@@ -184,6 +184,17 @@ def test_partitions_are_told(tmp_path: Path) -> None:
     assert rows == {"/chatter in partition 'left'": ["pub"]}
 
 
+def test_names_that_are_the_same_when_cut_stand_in_full(tmp_path: Path) -> None:
+    long = [f"rt/robot/sensors/front/{side}/camera/image_raw/compressed" for side in ("left", "right", "upper")]
+    code, out = answer("access", keystore(tmp_path / "k", {"/eyes": (rule(tuple(long)),)}), "--at", AT)
+    lines = out.splitlines()
+    assert code == 0
+    for name in long:
+        assert lines[lines.index(f"  {name[2:]}") + 1].split() == ["pub"]
+    _code, out = answer("access", keystore(tmp_path / "one", {"/eyes": (rule(tuple(long[:1])),)}), "--at", AT)
+    assert "…" in out
+
+
 def test_enclaves_that_may_do_the_same_are_one_column(tmp_path: Path) -> None:
     robots = [f"/robot{number}/arm" for number in range(14)]
     store = keystore(tmp_path / "k", {path: (rule((f"rt{path}/state", "rt/rosout")),) for path in robots})
