@@ -191,6 +191,7 @@ def set_by_prefix(prefix: str) -> dict[str, str | Unknown]:
         return _unknown(may_change)
     if len(words) == 3 and words[0] in ("sh", "bash") and words[1] == "-c" and _LATER.fullmatch(words[2]):
         return {}
+    words = words[2:] if words[:2] == ["sudo", "-E"] else words  # which keeps the environment, or starts nothing
     found: dict[str, str | Unknown] = {}
     program = ""
     for before, word in zip(["", *words], words, strict=False):
