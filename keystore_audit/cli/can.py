@@ -155,10 +155,10 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
     """Answer each line of the file with one of JSON."""
     from keystore_audit.report import answer
 
-    lines = list(_lines(given["batch"]))
+    lines, reading = list(_lines(given["batch"])), opt.reading(given)
     parsed = [_parse(line, given["domain"] or 0, given["partition"]) for line in lines]
     try:
-        access = _access(keystore, [each for each in parsed if not isinstance(each, str)], opt.reading(given))
+        access = _access(keystore, [each for each in parsed if not isinstance(each, str)], reading)
     except BudgetExceeded as error:
         output.write_stdout("".join(answer.error(number, error.message) for number, _ in enumerate(parsed, 1)))
         return EXIT_INCOMPLETE
@@ -182,6 +182,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
             domain=each.domain,
             partition=each.partition,
             dds_names=((each.operation.value, each.topic),),
+            at=reading["at"],
         )
         written.append(answer.json(asked, answers))
         code = code or _exit_code(answers.values(), effective=given["effective"], expected=None) // 4 * 4

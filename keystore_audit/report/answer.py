@@ -19,8 +19,7 @@ from keystore_audit.text import instant, terminal
 class Asked:
     """The question in the user's words; `dds_names`: (operation, topic) of each DDS channel that it takes.
 
-    `governed`: the domains that the enclave's governance covers, where the user named none. `at`: when (aware UTC);
-    None for one of many questions, which all have the same.
+    `at`: when (aware UTC). `governed`: the domains that the enclave's governance covers, where the user named none.
     """
 
     enclave: str
@@ -29,13 +28,13 @@ class Asked:
     domain: int
     partition: str
     dds_names: tuple[tuple[str, str], ...]
+    at: datetime
     governed: tuple[Interval, ...] = ()
-    at: datetime | None = None
 
 
 def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
     """One line of ASCII."""
-    document: dict[str, object] = {
+    document = {
         "enclave": asked.enclave,
         "operation": asked.operation,
         "name": asked.name,
@@ -43,9 +42,9 @@ def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
         "domain": asked.domain,
         "partition": asked.partition,
         "decisions": {profile: _described(answer) for profile, answer in answers.items()},
+        "at": instant(asked.at),
+        "assumptions": list(_assumptions(answers)),
     }
-    if asked.at is not None:
-        document |= {"at": instant(asked.at), "assumptions": list(_assumptions(answers))}
     return encoded(document) + "\n"
 
 
@@ -83,7 +82,7 @@ def _described(answer: Answer) -> dict[str, object]:
 def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
     """For people: profiles that answer alike together, differences first."""
     where = f"domain {asked.domain}" + (f", partition {asked.partition!r}" if asked.partition else "")
-    where += f", at {instant(asked.at)}" if asked.at is not None else ""
+    where += f", at {instant(asked.at)}"
     lines = [terminal(f"May {asked.enclave} {asked.operation} {asked.name}? ({where})")]
     if [name for _operation, name in asked.dds_names] != [asked.name]:
         lines += [terminal(f"  in DDS: {operation} {name}") for operation, name in asked.dds_names]
