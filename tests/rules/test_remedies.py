@@ -403,3 +403,15 @@ def test_an_identity_in_der_is_the_enclave_s_own(stock: Path) -> None:
     own = stock / "enclaves/talker/cert.pem"
     own.write_bytes(ssl.PEM_cert_to_DER_cert(own.read_text()))
     assert codes(stock) & {"KA201", "KA668"} == {"KA201"}
+
+
+def test_a_password_is_taken_off_where_the_key_is(stock: Path) -> None:
+    folder = stock / "enclaves/talker"
+    before = codes(stock)
+    type_in(folder, "openssl pkey -aes256 -passout pass:x -in key.pem -out other.pem && mv other.pem key.pem")
+    assert "KA211" in codes(stock)
+    remedy = BY_CODE["KA211"].remedy
+    assert "in the enclave's folder" in remedy
+    for command in remedy.split("`")[1::2]:
+        type_in(folder, command.replace("openssl pkey", "openssl pkey -passin pass:x"))
+    assert codes(stock) == before
