@@ -66,7 +66,7 @@ def of_no_node(use: PermissionsUse) -> Iterator[Violation]:
         for criterion in criteria:
             uses = [(criterion.operation, text.text) for text in criterion.topics]
             listed = criterion.partitions or ()
-            if listed and not any(_matches(text.text, "") for text in listed):
+            if listed and all(text.text.strip("*") for text in listed):  # no name of no character matches
                 apart |= dict.fromkeys(uses, listed[0]) | apart
             else:
                 plain.update(uses)
