@@ -22,7 +22,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.crl import CrlFile, RevocationList
 from keystore_audit.keystore.files import File
-from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
+from keystore_audit.keystore.governance import DomainRule, GovernanceFile, Text, TopicRule
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile, Rule
 from keystore_audit.keystore.private_key import PrivateKey
@@ -42,14 +42,14 @@ _At = Callable[[int | None], str]
 """What stands at a line of a file."""
 
 
-def told(value: object) -> str:
+def told(value: Any) -> str:
     """What a typed document or a part of it says; two that say the same are told alike.
 
     The order of rules decides, that of what stands within one does not.
     """
     kind: Any = type(value)
-    if kind is str:  # nearly all
-        return repr(value)
+    if kind is Text:  # nearly all
+        return f"Text({value.text!r})"
     said_by = _said_by(kind)
     if said_by is not None:
         return f"{kind.__name__}({','.join(map(told, said_by(value)))})"

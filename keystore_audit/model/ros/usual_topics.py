@@ -196,7 +196,7 @@ def _may_begin_a_ros_name(pattern: str) -> bool:
 
 
 def _before_wildcards(pattern: str) -> str:
-    return "".join(takewhile(lambda character: character not in WILDCARDS, pattern))
+    return pattern if not has_wildcard(pattern) else "".join(takewhile(lambda each: each not in WILDCARDS, pattern))
 
 
 def _agree(head: str, start: str) -> bool:
