@@ -16,8 +16,10 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.model.named import Named
 from keystore_audit.model.names import (
+    ACTION_ROLES,
     AMBIENT_TOPICS,
     PARAMETER_SERVICES,
+    SERVICE_ROLES,
     RosKind,
     dds_channels,
     parse_dds_name,
@@ -39,7 +41,7 @@ class Sort(str, Enum):
     PARAMETERS = "parameter services"
 
 
-PARTS: Final = {Sort.SERVICE: ("request", "reply"), Sort.ACTION: ("call", "execute")}
+PARTS: Final = {Sort.SERVICE: SERVICE_ROLES, Sort.ACTION: ACTION_ROLES}
 """What can be done with them as a whole."""
 
 OWN_PARAMETERS: Final = "parameters of its own nodes"

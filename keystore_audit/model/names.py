@@ -52,6 +52,10 @@ ACTION_SERVICES: Final = ("cancel_goal", "get_result", "send_goal")
 ACTION_TOPICS: Final = ("feedback", "status")
 """The services and topics of an action, below its name and `_action/` (ROS 2 design, actions)."""
 
+SERVICE_ROLES: Final = ("request", "reply")
+ACTION_ROLES: Final = ("call", "execute")
+"""What can be done with a service, and with an action, as a whole."""
+
 TOPIC_PREFIX: Final = "rt"
 REQUEST_PREFIX: Final = "rq"
 REPLY_PREFIX: Final = "rr"
@@ -145,9 +149,9 @@ def dds_expressions(operation: str, name: str) -> tuple[Use, ...]:
     """
     if operation in {"publish", "subscribe", "relay"}:
         return ((Operation(operation), TOPIC_PREFIX + name),)
-    if operation in {"request", "reply"}:
+    if operation in SERVICE_ROLES:
         return _service(operation, name)
-    if operation in {"call", "execute"}:
+    if operation in ACTION_ROLES:
         action = name + ACTION_PART
         reads_topics = operation == "call"
         services = [

@@ -8,8 +8,8 @@ from typing import Final
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.names import ACTION_PART, ros_name
-from keystore_audit.model.ros.halves import ACTION_ROLES, SERVICE_ROLES, Half
+from keystore_audit.model.names import ACTION_PART, ACTION_ROLES, SERVICE_ROLES, ros_name
+from keystore_audit.model.ros.halves import Half
 from keystore_audit.model.ros.services import Reach, Rivals
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import WRITE_AGAIN

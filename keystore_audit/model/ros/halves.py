@@ -22,7 +22,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, Use, dds_expressions
+from keystore_audit.model.names import ACTION_PART, ACTION_ROLES, ACTION_SERVICES, SERVICE_ROLES, Use, dds_expressions
 from keystore_audit.model.permission import allowing, members, union
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.ros.channels import RosChannels, ros_channels
@@ -35,9 +35,6 @@ _PARTS_OF_ACTIONS: Final = tuple(f"rq?*{ACTION_PART}{service}Request" for servic
 
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
 Role = tuple[tuple[Operation, Affix], ...]
-
-SERVICE_ROLES: Final = ("request", "reply")
-ACTION_ROLES: Final = ("call", "execute")
 
 ROLES: Final[Mapping[str, Role]] = {
     role: tuple(
