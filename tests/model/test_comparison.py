@@ -18,6 +18,8 @@ from tests.model.comparing import (
     criterion,
     domain_rule,
     governance,
+    grant,
+    permissions,
     rule,
     topic_rule,
 )
@@ -165,6 +167,20 @@ def test_an_unread_document_that_its_own_enclave_refuses_is_unknown_where_peers_
     unread = BASE.members["/talker"].permissions.replace("<dds>", "<dds a='&#38;'>")
     found = compared(old, old.member("/talker", permissions=unread), tmp_path)
     assert {(each.side, each.enclave) for each in found.unknown} == ({("new", "/talker")} if taken else set())
+
+
+def test_endpoints_are_met_alike_on_both_sides(tmp_path: Path) -> None:
+    """A writer in the partition `*` is met in the default one, of which alone the deny rule of Cyclone DDS is."""
+    both = "<id>0</id><id>5</id>"
+    denied = rule(criterion("publish", "rt/chatter"), allow=False, domains=both)
+    old, new = (
+        replace(BASE, governance=governance(domain_rule(both))).member(
+            "/talker", permissions=permissions(grant("/talker", denied, *more, default="ALLOW"))
+        )
+        for more in ((), (rule(criterion("publish", "rt/chatter"), allow=False),))
+    )
+    changes = compared(old, new, tmp_path, ("cyclonedds-11",)).changes
+    assert [(change.kind, change.direction) for change in changes] == [("signed-again", Direction.INFO)]
 
 
 def test_a_domain_leaves_out_others(tmp_path: Path) -> None:

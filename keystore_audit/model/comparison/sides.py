@@ -65,10 +65,13 @@ class View(Peers):
         return self.permissions.chosen(self.enclave(path).identity, self.taken)
 
     def made(self, enclave: int, operation: Operation) -> int:
-        """The channels on which its own implementation makes a writer (PUBLISH) or a reader of the enclave."""
+        """The channels on which its own implementation makes a writer (PUBLISH) or a reader of the enclave, or in which
+        one that it makes is met.
+        """
         atom = self.system.enclaves[enclave]
         alone = atom.writes_alone if operation is Operation.PUBLISH else atom.reads_alone
-        return bits(alone) | union(each.abilities(enclave).by_right(operation) for each in self._own_rights)
+        conceded = union(each.abilities(enclave).by_right(operation) for each in self._own_rights)
+        return bits(alone) | self.decisions.met(conceded)
 
     @cached_property
     def _own_rights(self) -> list[OwnRights]:
