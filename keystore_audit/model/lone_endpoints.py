@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
+from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
@@ -62,6 +63,11 @@ class LocalMoments:
         grants = self.grants(enclave, profile.access)
         lists = ends_of_lists(enclave, profile.trust, self._at)
         ends = {grant.not_after for grant in grants if grant.not_after < END}.union(lists)
+        documents = (document for document in (enclave.governance, enclave.permissions) if document is not None)
+        choices = [enclave.trusts(Role.IDENTITY_CA), enclave.trusts(Role.PERMISSIONS_CA)]
+        choices += [document.signed.embedded for document in documents]
+        # Where one of several authorities ends, another of its name is tried (`trust.issuers_taken`).
+        ends.update(each.not_after for authorities in choices if len(authorities) > 1 for each in authorities)
         later = {end + datetime.resolution for end in ends}.union(lists, (grant.not_before for grant in grants))
         later.update(certificate.not_before for certificate in every_certificate((enclave,), (), ()))
         for at in (self._at, *sorted(moment for moment in later if moment > self._at)):

@@ -64,8 +64,15 @@ def identity_authorities(enclave: Enclave, trust: Trust) -> tuple[Certificate, .
 
 
 def list_dates(enclave: Enclave, trust: Trust, at: datetime) -> tuple[datetime, ...]:
-    """The instants from `at` on around which another one of several lists counts, or none of them."""
-    return ends_of_lists(enclave, trust, at) if len(lists_read(enclave, trust)) > 1 else ()
+    """The instants from `at` on around which another one of several lists counts, or none of them.
+
+    Dates of lists, and of several authorities: another one may be taken for a list's issuer then (`issuers_taken`).
+    """
+    if len(lists_read(enclave, trust)) < 2:
+        return ()
+    authorities = identity_authorities(enclave, trust)
+    dates = {date for each in authorities[1:] and authorities for date in (each.not_before, each.not_after)}
+    return tuple(sorted({*ends_of_lists(enclave, trust, at), *(date for date in dates if at <= date <= LAST)}))
 
 
 def ends_of_lists(enclave: Enclave, trust: Trust, at: datetime) -> tuple[datetime, ...]:

@@ -22,7 +22,7 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.usability import Usabilities
-from tests.keystore.builder import START, crl
+from tests.keystore.builder import START, Signed, certificate, crl
 from tests.model.comparing import Member, Store, criterion, governance, grant, permissions, rule
 from tests.oracles.vendors import random_keystores, recipe
 
@@ -98,6 +98,47 @@ def test_what_it_reads_once_its_revocation_list_is_in_force(
     accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
     [system] = SystemBuilder(keystore, (VARIANTS["fastdds-3.6"],), recipe.NOW, accesses).systems()
     assert bool(system.enclaves[0].reads_alone) is reads
+
+
+@pytest.mark.parametrize(("profile", "reads"), [("fastdds-2.9", True), ("cyclonedds-0.10", False)])
+def test_what_it_reads_once_the_older_authority_is_over(profile: str, reads: bool, tmp_path: Path) -> None:
+    """Until then Fast DDS takes the older one of the name for the issuer; Cyclone DDS knows no other than the first."""
+    store, new = rolled_over()
+    document = permissions(grant("/e", rule(criterion("subscribe", "rt/a"), domains="<id>9</id>")))
+    keystore = read_keystore(replace(store, members={"/e": Member(permissions=document, issuer=new)}).write(tmp_path))
+    accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
+    [enclave], usabilities = keystore.enclaves, Usabilities(None, accesses)
+    assert usabilities.of(enclave, recipe.NOW, VARIANTS[profile]).usable is False
+    assert usabilities.of(enclave, recipe.NOW + timedelta(days=31), VARIANTS[profile]).usable is reads
+    [system] = SystemBuilder(keystore, (VARIANTS[profile],), recipe.NOW, accesses).systems()
+    assert bool(system.enclaves[0].reads_alone) is reads
+
+
+@pytest.mark.parametrize("lists", [1, 2])
+def test_whom_the_list_of_an_authority_takes_back_until_that_is_over(lists: int, tmp_path: Path) -> None:
+    """Then the list of the next authority of the name counts; where there is none, nobody is let in."""
+    store, new = rolled_over()
+    document = permissions(grant("/e", rule(criterion("subscribe", "rt/a"))))
+    store = replace(store, members={"/e": Member(permissions=document, issuer=new, serial=100)})
+    old, next_ = (each.public_bytes(Encoding.PEM) for each in (crl(store.identity[0], [100]), crl(new, days=1)))
+    files = {"enclaves/e/identity_ca.cert.pem": b"".join(each.pem for each in store.identity) + old}
+    files |= {"enclaves/e/crl.pem": next_} if lists == 2 else {}
+    keystore = read_keystore(replace(store, files=files).write(tmp_path))
+    accesses, row = AccessViews(documents_of(keystore), recipe.NOW, None), VARIANTS["fastdds-2.9"]
+    [system] = SystemBuilder(keystore, (row,), recipe.NOW, accesses).systems()
+    [realm], [identity] = system.realms, {enclave.identity for enclave in system.enclaves}
+    assert realm.revoked == {identity}
+    after = recipe.NOW + timedelta(days=31)
+    assert Usabilities(None, accesses).of(keystore.enclaves[0], after, row).usable is (lists == 2)
+    by_moment = [each for moment, each in realm.revoked_later if system.instants[moment // 2] <= after]
+    assert by_moment[-1:] == ([frozenset()] if lists == 2 else [])
+
+
+def rolled_over() -> tuple[Store, Signed]:
+    """A keystore whose identity CA file holds one that has a month left, and behind it the next of its name."""
+    old = certificate("root", ca=True, serial=7, end=recipe.NOW + timedelta(days=30))
+    new = certificate("root", ca=True, serial=8)
+    return Store(members={}, identity=(old, new)), new
 
 
 def random_case(seed: int, root: Path) -> tuple[Enclave, AccessViews, Channels, dict[str, System]]:
