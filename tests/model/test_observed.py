@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -180,3 +181,9 @@ def test_grants_in_no_domain_of_the_governance_are_neither_missing_nor_used() ->
 def test_discovery_stays_out_of_what_is_in_excess() -> None:
     file = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/rosout"]), DISCOVERY))
     assert observed(keystore(enclave("/talker", permissions=file)), seen([])).excess == ()
+
+
+@pytest.mark.parametrize(("expression", "beyond"), [("rt/cloc[k]", None), ("rt/cloc[kl]", "rt/clocl")])
+def test_usual_names_are_told_apart_from_others_that_an_expression_allows(expression: str, beyond: str | None) -> None:
+    found = observed(store([allow([], [expression], domains=DOMAINS)]), seen([(Action.PUBLISH, "/a")])).excess
+    assert [each.wide.topic for each in found if each.wide] == ([beyond] if beyond else [])

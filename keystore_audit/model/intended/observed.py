@@ -195,7 +195,8 @@ class _Comparison:
         listed = [(name.topic, name.partition) for name in _listed(file, file.grants)] if file is not None else []
         needed = {channel for need in self._needs for channel in need.channels}
         possible = {channel for used in self._names for each in usages(used.name) for channel in each}
-        points = [(topic, "") for _operation, topic in (*sorted(needed), *sorted(possible))]
+        channels = (*sorted(needed), *sorted(possible), *usual_channels(self._nodes))
+        points = [(topic, "") for _operation, topic in channels]
         self._rights = PointRights(enclave, (*points, *listed), deciders)
         self._undecided: dict[str, list[str]] = {}
 
