@@ -9,27 +9,22 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
-from keystore_audit.model import attacker, protection
+from keystore_audit.model import attacker, permission, protection
 from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.permission import Decisions, Permissions
 
 MUTANTS: dict[str, tuple[Any, str, str, str]] = {
-    "every matching rule counts, not the first": (
-        Decisions,
-        "allowed",
-        "applies & ~decided if decided",
-        "applies if decided",
-    ),
+    "every matching rule counts, not the first": (permission, "allowing", "& ~decided if decided else channels", ""),
     "a deny rule decides nothing": (
-        Decisions,
-        "allowed",
-        "decided |= applies",
-        "decided |= applies if rule.allow else 0",
+        permission,
+        "allowing",
+        "decided |= channels",
+        "decided |= channels if allow else 0",
     ),
-    "a deny rule allows": (Decisions, "allowed", "if rule.allow:", "if True:"),
+    "a deny rule allows": (permission, "allowing", "if allow:", "if True:"),
     "the default is always to deny": (Decisions, "allowed", "self._system.grants[grant].default_allow", "False"),
     "the default is always to allow": (Decisions, "allowed", "self._system.grants[grant].default_allow", "True"),
-    "the default overrules rules": (Decisions, "allowed", "self.all_channels & ~decided", "self.all_channels"),
+    "the default overrules rules": (Decisions, "allowed", "append((", "insert(0, ("),
     "a rule counts in every domain": (Decisions, "_matches", "bits(named) & within", "bits(named)"),
     "subscribing needs the right to publish": (Decisions, "_matches", "rule.named(operation)", "rule.publish"),
     "a default does not let join": (Decisions, "joins", "self._system.grants[grant].default_allow", "False"),
