@@ -14,7 +14,7 @@ _SIGNED: Final = re.compile(r"enclaves/(?:(?:\w+/)*(governance)|((?:\w+/)+permis
 _NAME: Final = "'/CN=NAME'"
 _WHICH: Final = re.compile(r", (?:DOCUMENT|NAME) being [^,;.]+")
 _DEEPER: Final = ", with one ../ more for every further level of the enclave's path"
-_OF_ALL: Final = re.compile(r"\bevery (?:enclave|identity)\b")
+_OF_ALL: Final = re.compile(r"\bevery (?:enclave|identity|robot)\b")
 _BEGINS: Final = re.compile("^|(?<=[.:;] )|(?<=, )(?=correct )")
 """Where a part of a remedy may begin that another one ends with."""
 
@@ -22,8 +22,8 @@ _COMMAND: Final = re.compile("`[^`]+`")
 _LONG: Final = 100
 """Characters of what is not said twice."""
 
-_HEAD: Final = 56
-"""Characters by which it is found above."""
+_HEAD: Final = re.compile(r".{1,50}\S*", re.DOTALL)
+"""The words by which it is found above: of a command that signs, with the name of the document."""
 
 
 def exact(finding: Finding) -> str:
@@ -61,7 +61,7 @@ class Remedies:
     def __init__(self) -> None:
         """Nothing is given yet."""
         self._codes: dict[str, list[str]] = {}
-        self._parts: dict[str, str] = {}
+        self._parts: dict[str, Finding] = {}
 
     def told(self, finding: Finding) -> bool:
         """Whether the remedy was given above under the finding's own code."""
@@ -79,14 +79,15 @@ class Remedies:
             return f"as for {first} above{_for(finding)}"
         parts = {begin.start(): remedy[begin.start() :].rstrip(".") for begin in _BEGINS.finditer(remedy)}
         above = ((at, self._parts[part]) for at, part in parts.items() if len(part) >= _LONG and part in self._parts)
-        at, code = next(above, (len(remedy), ""))
-        for part in (*parts.values(), *_COMMAND.findall(remedy)):
-            self._parts.setdefault(part, finding.code)
-        if not code:
+        found = next(above, None)
+        if found is None:
+            for part in (*parts.values(), *_COMMAND.findall(remedy)):
+                self._parts.setdefault(part, finding)
             return exact(finding)
-        before, head = remedy[:at], _filled(remedy[at:], finding).lstrip("`")[:_HEAD].rpartition(" ")[0]
+        at, other = found
+        before, head = remedy[:at], _HEAD.findall(_filled(remedy[at:], other).lstrip("`"))[0]
         go_on = "Go on as" if before.endswith(". ") else "as"
-        return f'{_filled(before, finding)}{go_on} for {code} above ("{head} …"){_for(finding)}.'
+        return f'{_filled(before, finding)}{go_on} for {other.code} above ("{head} …"){_for(finding)}.'
 
 
 def _for(finding: Finding) -> str:

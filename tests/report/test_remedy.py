@@ -130,6 +130,28 @@ def test_a_command_of_a_longer_remedy_is_found_there() -> None:
     assert [Remedies().give(short), remedies.give(short)] == ["Run `chmod 600`."] * 2
 
 
+def test_the_words_that_it_begins_with_stand_above() -> None:
+    """With the other's names; and so many that one command is known from the next."""
+    remedies = Remedies()
+    above = remedies.give(about("KA508", "enclaves/talker/permissions.p7s", "/talker"))
+    signing = f"`{commands(BY_CODE['KA508'].remedy)[0]}`"
+    signed = replace(about("KA510", "enclaves/listener/permissions.p7s", "/listener"), remedy=f"Sign it: {signing}.")
+    said = remedies.give(signed)
+    assert said.endswith('("openssl smime -sign -text -in enclaves/talker/permissions.xml …"), for /listener.')
+    assert said.split('"')[1].removesuffix(" …") in above
+
+
+def test_one_place_is_led_to_and_not_another_that_leads_on() -> None:
+    remedies = Remedies()
+    given = [remedies.give(about(code, "enclaves/governance.p7s", None)) for code in ("KA222", "KA722", "KA723")]
+    assert [each.count("for KA222 above") for each in given] == [0, 1, 1]
+
+
+def test_what_robots_share_is_made_for_each_of_them() -> None:
+    shared = about("KA666", "enclaves/talker/cert.pem", "/talker")
+    assert exact(shared) == shared.remedy
+
+
 def test_markdown_gives_it_once_too(make_report: MakeReport) -> None:
     keys = tuple(about("KA209", f"enclaves{name}/key.pem", name) for name in ("/a", "/b"))
     text = markdown.render([replace(make_report(), findings=keys)], Severity.INFO)

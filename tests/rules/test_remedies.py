@@ -412,6 +412,12 @@ def test_a_password_is_taken_off_where_the_key_is(stock: Path) -> None:
     assert "KA211" in codes(stock)
     remedy = BY_CODE["KA211"].remedy
     assert "in the enclave's folder" in remedy
-    for command in remedy.split("`")[1::2]:
+    commands = remedy.split("`")[1::2]
+    key = (folder / "key.pem").read_bytes()
+    for command in commands:  # somebody mistypes it
+        wrong = command.replace("openssl pkey", "openssl pkey -passin pass:y")
+        subprocess.run(["sh", "-c", wrong], cwd=folder, capture_output=True, check=False, timeout=60)
+    assert (folder / "key.pem").read_bytes() == key
+    for command in commands:
         type_in(folder, command.replace("openssl pkey", "openssl pkey -passin pass:x"))
     assert codes(stock) == before
