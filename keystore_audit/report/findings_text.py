@@ -56,14 +56,14 @@ def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
             groups.setdefault(finding.enclave, []).append((rank, finding))
     ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
     enough: Counter[str] = Counter()
-    said: set[tuple[str, Severity, str, str]] = set()  # keys of one mode, copies of one document
+    said: set[tuple[str, Severity, tuple[str, ...], str, str]] = set()  # keys of one mode, copies of one document
     elsewhere: dict[tuple[str, str, Severity], list[str]] = {}
     remedies = Remedies()
     for enclave, ranked in ordered:
         findings = []
         for _, finding in sorted(ranked, key=lambda entry: entry[0]):  # stable: else the report's order
             minor = not (finding.fails(report.fail_on) or finding.severity.at_least(Severity.HIGH) or finding.undecided)
-            words = finding.code, finding.severity, _of_any(finding), finding.remedy
+            words = finding.code, finding.severity, finding.profiles, _of_any(finding), finding.remedy
             known = enough[finding.code] >= MAX_EXAMPLES or words in said
             if enclave and minor and known and not consequences.of(finding):
                 elsewhere.setdefault((finding.code, finding.name, finding.severity), []).append(enclave)

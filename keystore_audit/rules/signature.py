@@ -35,6 +35,10 @@ _EXCHANGE: Final = (
     "`mv public/permissions_ca.cert.pem public/identity_ca.cert.pem`, `mv public/new.cert.pem "
     "public/permissions_ca.cert.pem`; likewise the keys in private/ if they are exchanged too, and copies in enclaves."
 )
+_EXCHANGE_COPIES: Final = (
+    "Exchange identity_ca.cert.pem and permissions_ca.cert.pem in the folders of the enclaves, which have copies of "
+    "them; and in public/, and their keys in private/, only where these are exchanged too."
+)
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"
 _FORGED: Final = (
@@ -189,26 +193,28 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
             if signer is None
             else f"{quoted(signer.subject)}, serial number {signer.serial:x}"
         )
-        exchanged = signer is not None and _exchanged(use, signer)
-        why = " The files of the two authorities hold each other's certificate." if exchanged else ""
+        exchange = _exchange(use, signer) if signer is not None else None
+        why = " The files of the two authorities hold each other's certificate." if exchange else ""
         yield _violation(
             use,
             f"Signed by {got}; {_expected(use)}: {_consequence(use)}.{why}",
             signer,
             signer.key if signer is not None else f"{signature.serial:x}",
             explains=frozenset(_FORGED if _accepting(use) else (_SIGNED,)),
-            remedy=_EXCHANGE if exchanged else None,
+            remedy=exchange,
         )
 
 
-def _exchanged(use: SignedUse, signer: Certificate) -> bool:
-    """Whether the files of the two authorities hold each other's certificate, as far as these enclaves tell."""
-    return all(
+def _exchange(use: SignedUse, signer: Certificate) -> str | None:
+    """What to do where the files of the authorities hold each other's certificate, as far as these enclaves tell."""
+    exchanged = all(
         any(signer.sha256 == authority.sha256 for authority in enclave.trusts(Role.IDENTITY_CA))
         and enclave.identity is not None
         and any(vouches(authority, enclave.identity) for authority in file.certificates)
         for enclave, file in use.judging
     )
+    linked = any(each.path.startswith("public/") for _enclave, file in use.judging for each in file.certificates)
+    return (_EXCHANGE if linked else _EXCHANGE_COPIES) if exchanged else None
 
 
 @rule(

@@ -171,6 +171,8 @@ def test_lesser_findings_that_differ_by_the_enclave_alone_are_counted(make_repor
     assert "2 more of it, about /b, /c." in text
     apart = (keys[0], replace(keys[1], message="Something else about /b."), keys[2])
     assert "One more of it, about /c." in render(replace(report, findings=apart))
+    under = (keys[0], replace(keys[1], profiles=("fastdds-2.6",)), keys[2])
+    assert "One more of it, about /c." in render(replace(report, findings=under)), "it holds for others"
 
 
 @pytest.mark.parametrize("enclave", [None, "/", "/arm/driver", "/$(reboot)"])

@@ -399,6 +399,23 @@ def test_authorities_that_stand_for_each_other_are_exchanged_and_nothing_is_sign
     assert not any(said in each["message"] for each in found(root)), "one of them alone is another mistake"
 
 
+def test_copies_that_stand_for_each_other_are_exchanged_and_not_what_public_has(
+    repository: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "keystore"
+    copy_with_modes(repository / "sample_keystores/healthy/talker_listener", root, 0o600)
+    for folder in (root / "enclaves").glob("*/"):
+        for name, other in (("identity", "permissions"), ("permissions", "identity")):
+            (folder / f"{name}_ca.cert.pem").unlink()
+            shutil.copy(root / f"public/{other}_ca.cert.pem", folder / f"{name}_ca.cert.pem")
+    told = [each for each in found(root) if each["code"] == "KA301"]
+    assert len(told) == 3
+    for each in told:
+        assert "The files of the two authorities hold each other's certificate." in each["message"]
+        assert "in the folders of the enclaves" in each["remedy"]
+        assert "`" not in each["remedy"], "public/ is as it ought to be"
+
+
 def test_an_identity_in_der_is_the_enclave_s_own(stock: Path) -> None:
     own = stock / "enclaves/talker/cert.pem"
     own.write_bytes(ssl.PEM_cert_to_DER_cert(own.read_text()))
