@@ -58,7 +58,7 @@ def partition_evaded(use: PermissionsUse, _context: Context) -> Iterator[Violati
 def of_no_node(use: PermissionsUse) -> Iterator[Violation]:
     """Names of ROS 2 that a grant allows in partitions alone: no node is in one."""
     for grant in use.document.grants:
-        criteria = [criterion for each in grant.rules if each.allow for criterion in each.criteria]
+        criteria = list(grant.allowed)
         if grant.default_allow or not any(criterion.partitions for criterion in criteria):
             continue
         apart: dict[tuple[Operation, str], Text] = {}
