@@ -105,8 +105,7 @@ def set_by_command(command: str) -> dict[str, str | Unknown]:
     """The values that a command line itself gives to `NAMES`, in any of its words: `env NAME=VALUE`, or a shell's."""
     plain = re.sub(r"""["'\\]""", "", command)
     found: dict[str, str | Unknown] = dict.fromkeys(NAMES, "") if _CLEAN.search(plain) else {}
-    another = _AS_ANOTHER.search(plain)
-    if another and _NODE.search(plain, another.end()) and not _KEPT.search(plain, another.end()):
+    if _takes_back(plain):
         found |= _unknown(Unknown(reason=f"{shown(command)}, which starts it as somebody else"))
     for name in NAMES:
         values = set(re.findall(rf"(?<![A-Za-z0-9_]){name}=([^\s;&|]*)", plain))
@@ -119,6 +118,19 @@ def set_by_command(command: str) -> dict[str, str | Unknown]:
         elif re.search(rf"\b{name}\+=", plain) or _behind(_TOUCHED, rf"(?<![$A-Za-z0-9_{{]){name}\b", plain):
             found[name] = Unknown(reason=f"{shown(command)}, which names {name}")
     return found
+
+
+def _takes_back(command: str) -> bool:
+    """Whether sudo, or the like, keeps no variables, and a node is started by it or by something behind it."""
+    node, at = max((each.start() for each in _NODE.finditer(command)), default=-1), 0
+    for part in _END.split(command):
+        another = _AS_ANOTHER.search(part)
+        if another and at + another.end() <= node:
+            own = _NODE.search(part, another.end())
+            if not _KEPT.search(part, another.end(), own.start() if own else len(part)):
+                return True
+        at += len(part) + 1
+    return False
 
 
 def _behind(word: re.Pattern[str], name: str, command: str) -> bool:
