@@ -13,20 +13,26 @@ from typing import Final
 from keystore_audit.keystore.layout import LayoutKind
 
 _PLACE: Final = re.compile(r"`[^`]*\b(public|private|enclaves)/")
-_SHARED: Final = re.compile(r"-out (public/|enclaves/(governance|DOCUMENT)\.p7s)")
+_OF_ALL: Final = re.compile(r"-out (public/|enclaves/governance\.p7s)")
+_OF_ONE: Final = "-out enclaves/DOCUMENT.p7s"
 _COPY: Final = re.compile(r"enclaves/.+/(governance\.p7s|(identity|permissions)_ca\.cert\.pem)", re.DOTALL)
 COPIES: Final = "Enclaves with copies in place of links need the new files too."
 
 
-def for_layout(remedy: str, kind: LayoutKind, places: Iterable[str] = ()) -> str:
+def are_copied(places: Iterable[str]) -> bool:
+    """Whether a file of these is an enclave's own, where sros2 makes a link to that of all."""
+    return any(map(_COPY.fullmatch, places))
+
+
+def for_layout(remedy: str, kind: LayoutKind, places: Iterable[str] = (), *, copies: bool = False) -> str:
     """The remedy as it is to be read in a keystore of this layout: in an older one its commands find nothing, and where
-    enclaves have copies, as the places of the finding tell, what they write is not yet where it is read.
+    enclaves have `copies`, what they write is not yet where it is read; of a document, where that of the finding,
+    which is at `places`, is a copy.
     """
     if kind in (LayoutKind.FLAT, LayoutKind.ARDENT) and _PLACE.search(remedy) and MAKE_LAYOUT not in remedy:
         return f"The commands are for the layout since Foxy, which this keystore does not have (KA115). {remedy}"
-    if _SHARED.search(remedy) and COPIES not in remedy and any(map(_COPY.fullmatch, places)):
-        return f"{remedy} {COPIES}"
-    return remedy
+    elsewhere = (copies and _OF_ALL.search(remedy)) or (_OF_ONE in remedy and are_copied(places))
+    return f"{remedy} {COPIES}" if elsewhere and COPIES not in remedy else remedy
 
 
 def signing(document: str) -> str:

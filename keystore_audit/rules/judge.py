@@ -6,8 +6,8 @@ Messages hold untrusted text as it is, bounded but not escaped: whoever renders 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from functools import cache
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from functools import cache, partial
 from itertools import chain
 from typing import Any, Final
 
@@ -15,10 +15,9 @@ from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import MAX_PLACES, WHOLE, Finding, Outcomes, Result, Row, Severity, fingerprint
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.result import Place, PropertyResult
-from keystore_audit.rules.commands import for_layout
+from keystore_audit.rules.commands import are_copied, for_layout
 from keystore_audit.rules.contents import Contents
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation
@@ -104,6 +103,9 @@ def _half(about: Sequence[object]) -> int:
     """Where the first half ends of what there is much of."""
     return len(about) // 2 if len(about) >= FEW else len(about)
 
+
+_Remedy = Callable[..., str]
+"""`for_layout`, of this keystore."""
 
 _Put = tuple[list[Violation], list[tuple[Result, int]], list[Crash]]
 """What one rule said of subjects in turn: violations, outcomes with how many follow each other, crashes."""
@@ -211,8 +213,10 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     profiles = [profile.name for profile in context.profiles]
     marks = _Marks(Contents(context.keystore, context.at), frozenset(profiles), context.results)
     marked = marks.of(run.found)
-    layout = context.keystore.layout.kind
-    found = _made(marked, layout)
+    keystore = context.keystore
+    there = (file.resolved for enclave in keystore.enclaves for file in enclave.files.every if file.resolved)
+    told = partial(for_layout, kind=keystore.layout.kind, copies=are_copied(there))
+    found = _made(marked, told)
     if not context.acceptances:
         return found
     codes = {rule.code for rule in chosen}
@@ -220,7 +224,7 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     before = len(run.found)
     run.over(chosen, [(file.path, file) for file in files])
     run.over(chosen, run.crashes())
-    return accepted(_made([*marked, *marks.of(run.found[before:])], layout), files)
+    return accepted(_made([*marked, *marks.of(run.found[before:])], told), files)
 
 
 def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str]]:
@@ -302,11 +306,11 @@ class _Marks:
         return "\0\0".join(sorted(told))
 
 
-def _made(marked: Iterable[_Marked], layout: LayoutKind) -> tuple[Finding, ...]:
+def _made(marked: Iterable[_Marked], told: _Remedy) -> tuple[Finding, ...]:
     """The findings, the causes of violated properties named, worst first."""
     ordered = sorted(marked, key=lambda item: _order(item[0], item[1]))
     return tuple(
-        _finding(rule, violation, mark, _causes(rule, violation, ordered), layout) for rule, violation, mark in ordered
+        _finding(rule, violation, mark, _causes(rule, violation, ordered), told) for rule, violation, mark in ordered
     )
 
 
@@ -355,13 +359,15 @@ def _is_cause(other: Rule[Any], cause: Violation, rule: Rule[Any], violation: Vi
     )
 
 
-def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str, ...], layout: LayoutKind) -> Finding:
+def _finding(
+    rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str, ...], told: Callable[..., str]
+) -> Finding:
     return Finding(
         code=rule.code,
         name=rule.name,
         severity=violation.severity or rule.severity,
         message=shorten(violation.message, MAX_MESSAGE),
-        remedy=for_layout(violation.remedy or rule.remedy, layout, (place.path for place in violation.locations)),
+        remedy=told(violation.remedy or rule.remedy, places=(place.path for place in violation.locations)),
         clause=rule.clause,
         enclave=violation.enclave,
         locations=violation.locations[:MAX_PLACES],

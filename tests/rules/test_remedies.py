@@ -15,7 +15,7 @@ import pytest
 
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.rules import BY_CODE, RULES
-from keystore_audit.rules.commands import COPIES, for_layout
+from keystore_audit.rules.commands import COPIES, are_copied, for_layout
 from tests.cli.keystores import answer
 from tools.samples.store import copy_with_modes
 
@@ -374,7 +374,17 @@ def test_where_enclaves_have_copies_what_is_signed_again_has_to_get_there(stock:
         ("KA301", "enclaves/a/permissions.p7s", False),
     ):
         remedy = BY_CODE[code].remedy
-        assert for_layout(remedy, LayoutKind.SROS2, [path]) == (f"{remedy} {COPIES}" if told else remedy)
+        said = for_layout(remedy, LayoutKind.SROS2, [path], copies=are_copied([path]))
+        assert said == (f"{remedy} {COPIES}" if told else remedy)
+
+
+def test_a_copy_of_one_enclave_is_told_wherever_files_of_all_are_made(stock: Path) -> None:
+    """The finding may be told at what the others have."""
+    (stock / "enclaves/talker/permissions_ca.cert.pem").unlink()
+    assert not [each for each in found(stock) if COPIES in each["remedy"]], "there is nothing"
+    shutil.copy(stock / "public/permissions_ca.cert.pem", stock / "enclaves/talker")
+    told = {each["code"] for each in found(stock) if COPIES in each["remedy"]}
+    assert told == {"KA222", "KA408", "KA722", "KA723", "KA724"}
 
 
 def test_authorities_that_stand_for_each_other_are_exchanged_and_nothing_is_signed(
