@@ -13,8 +13,8 @@ from typing import Final
 from keystore_audit.keystore.layout import LayoutKind
 
 _PLACE: Final = re.compile(r"`[^`]*\b(public|private|enclaves)/")
-_OF_ALL: Final = re.compile(r"-out (public/|enclaves/governance\.p7s)")
-_OF_ONE: Final = "-out enclaves/DOCUMENT.p7s"
+_OF_ALL: Final = re.compile(r"-out public/|mv signed\.new enclaves/governance\.p7s")
+_OF_ONE: Final = "mv signed.new enclaves/DOCUMENT.p7s"
 _COPY: Final = re.compile(r"enclaves/.+/(governance\.p7s|(identity|permissions)_ca\.cert\.pem)", re.DOTALL)
 COPIES: Final = "Enclaves with copies in place of links need the new files too."
 
@@ -36,10 +36,13 @@ def for_layout(remedy: str, kind: LayoutKind, places: Iterable[str] = (), *, cop
 
 
 def signing(document: str) -> str:
-    """The command that signs a document, which is named without its ending."""
+    """The command that signs a document, which is named without its ending.
+
+    Where the key is missing, belongs to another certificate or has a password, openssl leaves an empty file.
+    """
     return (
-        f"`openssl smime -sign -text -in {document}.xml -out {document}.p7s -signer public/permissions_ca.cert.pem "
-        "-inkey private/permissions_ca.key.pem`"
+        f"`openssl smime -sign -text -in {document}.xml -out signed.new -signer public/permissions_ca.cert.pem "
+        f"-inkey private/permissions_ca.key.pem && mv signed.new {document}.p7s`"
     )
 
 
