@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
+from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import CrlFile
 from keystore_audit.keystore.governance import GovernanceFile
@@ -101,9 +102,7 @@ class Views:
         self._documents = documents
         self._certificates = certificates
         self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
-        self._with_key: dict[str, list[Certificate]] = {}
-        for certificate in certificates:
-            self._with_key.setdefault(certificate.key, []).append(certificate)
+        self._with_key = grouped(certificates, lambda certificate: certificate.key)
         self._realms = list({trust_files(enclave): enclave for enclave in (*keystore.enclaves, *hosts)}.values())
         self._permissions_cas = list(dict.fromkeys(enclave.permissions_ca for enclave in keystore.enclaves))
         self._told: dict[tuple[str, bool], int] = {}

@@ -184,9 +184,7 @@ def _is_of_ros(grant: Grant) -> bool:
     """
     return any(
         _may_begin_a_ros_name(text) if has_wildcard(text) else text != DISCOVERY_TOPIC and is_ros_dds_name(text)
-        for rule in grant.rules
-        if rule.allow
-        for criterion in rule.criteria
+        for criterion in grant.allowed
         for text in (each.text for each in criterion.topics)
     )
 
