@@ -101,6 +101,11 @@ def command_line(action: StartProcess, scope: Scope, source: Source) -> str:
     return "".join(each if isinstance(each, str) else "$" for each in known)
 
 
+def starts_node(command: str) -> bool:
+    """Whether what is run says that it is of ROS 2."""
+    return _NODE.search(command) is not None
+
+
 def set_by_command(command: str) -> dict[str, str | Unknown]:
     """The values that a command line itself gives to `NAMES`, in any of its words: `env NAME=VALUE`, or a shell's."""
     plain = re.sub(r"""["'\\]""", "", command)

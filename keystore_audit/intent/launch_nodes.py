@@ -21,7 +21,7 @@ from keystore_audit.intent.intent import (
     UsedName,
 )
 from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, StartProcess, Unknown
-from keystore_audit.intent.launch_environment import command_line, set_by_command, started_with
+from keystore_audit.intent.launch_environment import command_line, set_by_command, started_with, starts_node
 from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
@@ -138,14 +138,16 @@ class Nodes:
     def process(self, action: StartProcess, scope: Scope, source: Source) -> None:
         """A process that may be a node: of its variables those count that the file sets, or its command.
 
-        What a program before it makes of them, nobody knows: that counts for nodes alone.
+        What it does not have, and what a program before it makes of them, nobody knows: that counts for nodes alone.
         """
         location = source.location(action.line)
         self.unresolved(location, "A process is started here; whether it is a node, and which, is not known.")
         command = command_line(action, scope, source)
-        set_here = started_with(replace(action, prefix=()), scope, source)
-        certain = {n: v for n, v in started_with(action, scope, source).items() if isinstance(v, str)}
-        named = {name: value for name, value in {**set_here, **certain}.items() if value or not action.clean}
+        named = started_with(action, scope, source)
+        if not starts_node(command):
+            set_here = started_with(replace(action, prefix=()), scope, source)
+            certain = {n: v for n, v in named.items() if isinstance(v, str)}
+            named = {name: value for name, value in {**set_here, **certain}.items() if value or not action.clean}
         self._sets("", command, {**named, **set_by_command(command)}, location)
 
     def unread(self, line: int, reason: str, scope: Scope, source: Source) -> None:

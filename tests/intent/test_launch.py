@@ -245,6 +245,28 @@ def test_a_process_that_may_be_a_node_has_what_is_set_for_it(
     ]
 
 
+@pytest.mark.parametrize(
+    ("form", "text", "expected"),
+    [
+        ("py", "ExecuteProcess(cmd=['ros2', 'run', 'p', 'e'], env={'PATH': '/bin'})", ""),
+        ("py", "ExecuteProcess(cmd=['e', '--ros-args'], env={})", ""),
+        ("py", "ExecuteLocal(process_description=Executable(cmd=['ros2', 'run', 'p', 'e'], env={'PATH': '/bin'}))", ""),
+        ("py", "ExecuteProcess(cmd=['ros2', 'run', 'p', 'e'], prefix='sudo')", None),
+        ("xml", '<executable cmd="ros2 run p e" launch-prefix="sudo"/>', None),
+        ("xml", '<let name="launch-prefix" value="sudo"/><executable cmd="ros2 run p e"/>', None),
+        ("py", "ExecuteProcess(cmd=['ros2', 'run', 'p', 'e'], prefix='xterm -e')", "inherited"),
+        ("py", "ExecuteProcess(cmd=['ros2', 'run', 'p', 'e'], env={**os.environ, 'A': 'b'})", "inherited"),
+        ("xml", '<executable cmd="ros2 run p e" launch-prefix="sudo -E"/>', "inherited"),
+    ],
+)
+def test_a_process_that_is_a_node_lacks_what_it_is_not_given(
+    form: str, text: str, expected: str | None, tmp_path: Path
+) -> None:
+    """As nodes do: sudo takes all variables back, and `env` in Python replaces them."""
+    set_here = variables(launch(tmp_path, described(text) if form == "py" else text, form))
+    assert set_here.get("SECURITY_ENABLE", "inherited") == expected
+
+
 def test_what_is_not_read_may_set_what_is_named_in_it(tmp_path: Path) -> None:
     node = '<node pkg="p" exec="e" name="n"/>'
     for inside in (
