@@ -234,7 +234,8 @@ def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Viol
     """Nothing changes without the rule, since no other one is about what it decides, and the default decides the same.
 
     Denying what nothing allows is harmless, but on Cyclone DDS 0.10, where it may take the whole topic away: that is
-    deny-rule-blocks-topic, and only that. An allow rule beside <default>ALLOW is default-allow, a grant that
+    deny-rule-blocks-topic, and only that. On Fast DDS it may keep its holder from endpoints that a later rule allows in
+    another domain. An allow rule beside <default>ALLOW is default-allow, a grant that
     allows nothing grant-without-allow-rule; rules for domains that no governance covers are rule-in-no-governed-domain.
     """
     every = odd(use, context, AnomalyKind.SAME_AS_DEFAULT)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import AnomalyKind, Point, RuleAnomaly
 from keystore_audit.model.anomalies.classes import Effort
-from keystore_audit.model.anomalies.rules import rule_anomalies
+from keystore_audit.model.anomalies.rules import Own, rule_anomalies
 from keystore_audit.model.expression import Matcher
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import ReadRule, read_grant
@@ -198,7 +198,11 @@ def read(
 
 def found_in(rules: Sequence[ReadRule], *, default: bool) -> list[RuleAnomaly]:
     effort = Effort.of(1)
-    return list(rule_anomalies(rules, default_allow=default, matcher=Matcher.POSIX, effort=effort, implied=frozenset()))
+    return list(
+        rule_anomalies(
+            rules, default_allow=default, matcher=Matcher.POSIX, effort=effort, implied=frozenset(), own=Own()
+        )
+    )
 
 
 @settings(max_examples=120, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

@@ -178,6 +178,25 @@ def test_what_a_divergence_says_is_not_said_again() -> None:
     assert {"KA617", "KA622"}.isdisjoint(codes(store))
 
 
+@pytest.mark.parametrize(
+    ("profile", "domain", "partition", "told"),
+    [
+        ("fastdds-3.6", 5, None, False),
+        ("cyclonedds-11", 5, None, True),
+        ("cyclonedds-0.10", 5, None, True),
+        ("cyclonedds-0.10", 0, ("lab",), False),
+    ],
+)
+def test_a_denial_changes_something_that_keeps_its_holder_from_endpoints_of_its_own(
+    profile: str, domain: int, partition: tuple[str, ...] | None, told: bool
+) -> None:
+    """Fast DDS goes by it in another domain, Cyclone DDS 0.10 in another partition: without it they exist."""
+    own = ((("rt/cmd_vel",), None),)
+    later = ruled(domains=((domain, domain),), line=43, publish=((("rt/cmd_vel",), partition),))
+    store = alone(ruled(allows=False, publish=own), CHATTER, later)
+    assert ("KA622" in codes(store, profile)) is told
+
+
 def test_a_typing_error_in_a_deny_rule_is_high_where_it_opens_the_topic() -> None:
     (found, *_rest) = judged(alone(allow(["/secret"], allows=False), allow(["rt/*"])))
     assert (found.code, found.severity) == ("KA625", Severity.HIGH)

@@ -3,7 +3,7 @@
 Rules that never fire, that change nothing, or whose order decides (`anomalies.rules`); expressions that no name matches
 (`anomalies.expressions`); topics that nobody is at the other end of (`anomalies.counterparts`); rules of the governance
 that apply to nothing (`anomalies.governance`). Compared are the rules as peers take them, which is where rights come
-from: what else an implementation asks of its own endpoints is left aside.
+from; of what else an implementation asks of its own endpoints, whether a rule without effect on peers has one there.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from keystore_audit.model.anomalies.grants import (
     order_anomalies,
     ungoverned_rules,
 )
+from keystore_audit.model.anomalies.rules import Own
 from keystore_audit.model.domains import domain_bits
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.profiles import SPEC, Access, Profile
@@ -57,6 +58,7 @@ class _Anomalies:
     def __init__(self, keystore: Keystore, profiles: Sequence[Profile], accesses: AccessViews) -> None:
         self._accesses = accesses
         self._rows: dict[Access, tuple[str, ...]] = {}
+        self._profiles = profiles
         self._chosen = frozenset(profile.name for profile in profiles)
         # What the specification makes of a denial tells whether it was meant: it is looked at beside the others.
         for profile in profiles if SPEC in profiles else (SPEC, *profiles):
@@ -142,10 +144,15 @@ class _Anomalies:
         effort = self._effort
         for reading in readings:
             governed = self._governed[reading.access]
+            alike = [profile for profile in self._profiles if profile.name in reading.profiles]
+            own = Own(
+                everywhere=not all(profile.local.binds_domains for profile in alike),
+                any_operation=any(profile.access.first_rule_decides_topic for profile in alike),
+            )
             for grant in _counting(reading.document.grants or ()):
                 if not has_ordinary_rules(grant):
                     matcher = reading.access.matcher
-                    collected.add(reading.profiles, order_anomalies(grant, matcher, effort))
+                    collected.add(reading.profiles, order_anomalies(grant, matcher, effort, own))
                 if governed is not None:
                     collected.add(reading.profiles, ungoverned_rules(grant, governed))
         for grant in _counting(readings[0].document.grants or ()):

@@ -9,7 +9,7 @@ from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, RuleAnomaly
 from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.anomalies.expressions import are_ros_names, foreign, void
-from keystore_audit.model.anomalies.rules import rule_anomalies
+from keystore_audit.model.anomalies.rules import Own, rule_anomalies
 from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import describe, domain_bits
 from keystore_audit.model.expression import Matcher, parse
@@ -41,7 +41,7 @@ def is_discovery_rule(rule: ReadRule) -> bool:
     return bool(areas) and not rule.relay and all(area.topics == (DISCOVERY_TOPIC,) for area in areas)
 
 
-def order_anomalies(grant: ReadGrant, matcher: Matcher, effort: Effort) -> Iterator[Anomaly]:
+def order_anomalies(grant: ReadGrant, matcher: Matcher, effort: Effort, own: Own) -> Iterator[Anomaly]:
     """What is odd about the order of its rules. Raises errors.BudgetExceeded."""
     rules = [rule for rule in grant.rules if not rule.of_peers]
     typed = _aligned(grant.grant.rules, rules)
@@ -50,7 +50,7 @@ def order_anomalies(grant: ReadGrant, matcher: Matcher, effort: Effort) -> Itera
     implied = frozenset(number for number, at in enumerate(typed) if at is None)
     told = _Told(grant, rules, typed)
     for found in rule_anomalies(
-        rules, default_allow=grant.default_allow, matcher=matcher, effort=effort, implied=implied
+        rules, default_allow=grant.default_allow, matcher=matcher, effort=effort, implied=implied, own=own
     ):
         redundant = found.kind is AnomalyKind.REDUNDANT
         if not (redundant and is_discovery_rule(rules[found.rule])):

@@ -21,7 +21,7 @@ from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, domain_bits
 from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.names import AMBIENT_TOPICS
 from keystore_audit.model.permission import bits, members, union
-from keystore_audit.model.semantics import ReadRule
+from keystore_audit.model.semantics import DIRECTIONS, ReadRule
 
 _MAX_BITS: Final = 1 << 27
 """Cells times rules: 16 MB, and some 50 milliseconds."""
@@ -32,8 +32,23 @@ _MAX_WITNESSES: Final = 32
 _EVERY_DOMAIN: Final = (2 << HIGHEST_DOMAIN) - 1
 
 
+class Own(NamedTuple):
+    """Where the first rule that lists a topic decides about an implementation's own endpoints, whatever it says of
+    peers: `everywhere`: in other domains, too; `any_operation`: for whatever operation, in whatever partition.
+    """
+
+    everywhere: bool = False
+    any_operation: bool = False
+
+
 def rule_anomalies(
-    rules: Sequence[ReadRule], *, default_allow: bool, matcher: Matcher, effort: Effort, implied: frozenset[int]
+    rules: Sequence[ReadRule],
+    *,
+    default_allow: bool,
+    matcher: Matcher,
+    effort: Effort,
+    implied: frozenset[int],
+    own: Own,
 ) -> Iterator[RuleAnomaly]:
     """The anomalies of a grant's rules, of which the first that matches decides.
 
@@ -41,7 +56,7 @@ def rule_anomalies(
     them. Raises errors.BudgetExceeded.
     """
     cells = _Cells(rules, matcher, effort, default_allow=default_allow)
-    order = _Order(rules, cells, implied)
+    order = _Order(rules, cells, implied, own)
     yield from order.never_firing()
     yield from order.without_effect(default_allow=default_allow)
     if any(rule.allow for rule in rules) and not all(rule.allow for rule in rules):
@@ -80,6 +95,10 @@ class _Cells:
                 named = union(self._topic_bits[text] for text in area.topics)
                 found |= named * self._spread(rule.domains, area.partitions) << at * self._plane
         return found
+
+    def names(self, rule: ReadRule, *operations: Operation) -> int:
+        """The topics that a rule lists for these operations, or for all."""
+        return union(self._topic_bits[text] for text in rule.texts(*operations))
 
     def expressions(self, rule: ReadRule) -> Iterator[Expression]:
         """The expressions of a rule, as written."""
@@ -195,6 +214,10 @@ def _readable(point: Point) -> tuple[object, ...]:
     return point.partition != "", point.topic in AMBIENT_TOPICS, len(point.topic), point
 
 
+_Listed = dict[bool, dict[tuple[Operation, tuple[Interval, ...]], int]]
+"""By what rules decide, operation and domains, the topics that they list."""
+
+
 @dataclass(slots=True)
 class _Fired:
     """A rule with the cells that it is about and those that it decides."""
@@ -208,9 +231,10 @@ class _Fired:
 class _Order:
     """The rules in order, each with where it fires."""
 
-    def __init__(self, rules: Sequence[ReadRule], cells: _Cells, implied: frozenset[int]) -> None:
+    def __init__(self, rules: Sequence[ReadRule], cells: _Cells, implied: frozenset[int], own: Own) -> None:
         self._cells = cells
         self._implied = implied
+        self._own = own
         self._rules: list[_Fired] = []
         decided = 0
         for number, rule in enumerate(rules):
@@ -240,14 +264,18 @@ class _Order:
         An allow rule also lets its holder join its domains.
         """
         later: list[_Fired] = []
+        listed: _Listed = {True: {}, False: {}}
         unheard = {True: 0, False: 0}
         allowing = () if default_allow else (each for each in self._rules if each.rule.allow and each.fires)
         joined = {each.number: domain_bits(each.rule.domains) for each in allowing}
         allowed, matched = (-1 if default_allow else 0), 0
         for each in reversed(self._rules):
             allow, fires = each.rule.allow, each.fires
+            own = self._own != Own() and self._decides_own(each.rule, listed[not allow])
+            self._list(each.rule, listed[allow])
             if not each.cells:
-                if not allow and each.number not in self._implied and self._cells.says_something(each.rule):
+                said = each.number not in self._implied and self._cells.says_something(each.rule)
+                if not allow and said and not own:
                     yield RuleAnomaly(kind=AnomalyKind.SAME_AS_DEFAULT, rule=each.number)
                 continue
             if not fires:
@@ -255,7 +283,7 @@ class _Order:
                 continue
             completed = each.number in self._implied or each.number + 1 in self._implied
             same = not fires & ((~allowed if allow else allowed) | unheard[not allow])
-            if not completed and same and not _alone(joined, each.number):
+            if not completed and same and not own and not _alone(joined, each.number):
                 joined.pop(each.number, None)
                 kept = fires & matched
                 kind = AnomalyKind.REDUNDANT if kept else AnomalyKind.SAME_AS_DEFAULT
@@ -266,6 +294,22 @@ class _Order:
             later.append(each)
             matched |= each.cells
             allowed = allowed | each.cells if allow else allowed & ~each.cells
+
+    def _list(self, rule: ReadRule, listed: dict[tuple[Operation, tuple[Interval, ...]], int]) -> None:
+        """Note what a rule lists, where own endpoints are asked apart."""
+        for operation in DIRECTIONS if self._own != Own() else ():
+            key = operation, rule.domains
+            listed[key] = listed.get(key, 0) | self._cells.names(rule, operation)
+
+    def _decides_own(self, rule: ReadRule, later: Mapping[tuple[Operation, tuple[Interval, ...]], int]) -> bool:
+        """Whether own endpoints that the rule decides about may be what a later one decides about otherwise."""
+        covered = domain_bits(rule.domains)
+        for (operation, domains), names in later.items():
+            if self._own.everywhere and names & self._cells.names(rule, operation):
+                return True
+            if self._own.any_operation and names & self._cells.names(rule) and covered & domain_bits(domains):
+                return True
+        return False
 
     def expressions_never_firing(self) -> Iterator[RuleAnomaly]:
         """Expressions that earlier rules leave nothing to, and one of them decides the opposite."""
