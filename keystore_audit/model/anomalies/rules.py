@@ -271,11 +271,10 @@ class _Order:
         allowed, matched = (-1 if default_allow else 0), 0
         for each in reversed(self._rules):
             allow, fires = each.rule.allow, each.fires
-            own = self._own != Own() and self._decides_own(each.rule, listed[not allow])
             self._list(each.rule, listed[allow])
             if not each.cells:
                 said = each.number not in self._implied and self._cells.says_something(each.rule)
-                if not allow and said and not own:
+                if not allow and said and not self._decides_own(each.rule, listed[not allow]):
                     yield RuleAnomaly(kind=AnomalyKind.SAME_AS_DEFAULT, rule=each.number)
                 continue
             if not fires:
@@ -283,7 +282,8 @@ class _Order:
                 continue
             completed = each.number in self._implied or each.number + 1 in self._implied
             same = not fires & ((~allowed if allow else allowed) | unheard[not allow])
-            if not completed and same and not own and not _alone(joined, each.number):
+            same = same and not _alone(joined, each.number) and not completed
+            if same and not self._decides_own(each.rule, listed[not allow]):
                 joined.pop(each.number, None)
                 kept = fires & matched
                 kind = AnomalyKind.REDUNDANT if kept else AnomalyKind.SAME_AS_DEFAULT
@@ -303,13 +303,13 @@ class _Order:
 
     def _decides_own(self, rule: ReadRule, later: Mapping[tuple[Operation, tuple[Interval, ...]], int]) -> bool:
         """Whether own endpoints that the rule decides about may be what a later one decides about otherwise."""
-        covered = domain_bits(rule.domains)
-        for (operation, domains), names in later.items():
-            if self._own.everywhere and names & self._cells.names(rule, operation):
-                return True
-            if self._own.any_operation and names & self._cells.names(rule) and covered & domain_bits(domains):
-                return True
-        return False
+        covered, every = domain_bits(rule.domains), self._cells.names(rule)
+        named = {operation: self._cells.names(rule, operation) for operation in DIRECTIONS}
+        return any(
+            (self._own.everywhere and names & named[operation])
+            or (self._own.any_operation and names & every and covered & domain_bits(domains))
+            for (operation, domains), names in later.items()
+        )
 
     def expressions_never_firing(self) -> Iterator[RuleAnomaly]:
         """Expressions that earlier rules leave nothing to, and one of them decides the opposite."""
