@@ -90,6 +90,22 @@ class Fold(NamedTuple):
     old: Location | None
     new: Location | None
 
+    def draft(self, *, layer: Layer, kind: str, gained: bool, what: str, operation: str | None) -> Draft:
+        """The change that it is."""
+        return Draft(
+            layer=layer,
+            kind=kind,
+            direction=Direction.GAINED if gained else Direction.LOST,
+            what=what,
+            enclaves=tuple(self.whom),
+            profiles=self.profiles,
+            operation=operation,
+            channels=self.channels,
+            varies=self.varies,
+            old=self.old,
+            new=self.new,
+        )
+
 
 _Key = TypeVar("_Key")
 

@@ -66,18 +66,12 @@ def grant_changes(sides: Sides) -> list[Draft]:
             for right, channels, old, new in _differences(sides, pair, path):
                 folds.note(right, path, pair, channels, old, new)
     return [
-        Draft(
+        fold.draft(
             layer=Layer.GRANTS,
             kind="right",
-            direction=Direction.GAINED if right.gained else Direction.LOST,
+            gained=right.gained,
             what=f"may {'' if right.gained else 'no longer '}{WORDS[right.operation]}",
-            enclaves=tuple(fold.whom),
-            profiles=fold.profiles,
             operation=right.operation,
-            channels=fold.channels,
-            varies=fold.varies,
-            old=fold.old,
-            new=fold.new,
         )
         for right, fold in folds.folded(sides)
     ]

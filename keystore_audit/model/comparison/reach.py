@@ -271,19 +271,8 @@ def _granting(view: View, path: str, operation: str, channels: int, *, own: bool
 
 
 def _shown(key: _Key, fold: Fold) -> Draft:
-    return Draft(
-        layer=key.layer,
-        kind=_kind(key),
-        direction=Direction.GAINED if key.gained else Direction.LOST,
-        what=key.what,
-        enclaves=tuple(fold.whom),
-        profiles=fold.profiles,
-        operation=key.operation,
-        channels=fold.channels,
-        varies=fold.varies,
-        old=fold.old,
-        new=fold.new,
-    )
+    kind, gained = _kind(key), key.gained
+    return fold.draft(layer=key.layer, kind=kind, gained=gained, what=key.what, operation=key.operation)
 
 
 def _kind(key: _Key) -> str:
