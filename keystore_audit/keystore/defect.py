@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import Enum
 
 from keystore_audit.dataclass import dataclass
@@ -86,6 +87,11 @@ class Defect:
     path: str
     line: int | None
     detail: str
+
+
+def first_opaque(defects: Iterable[Defect]) -> Defect | None:
+    """The first for which some run time may accept what we refuse to interpret; None where there is none."""
+    return next((each for each in defects if each.kind.opaque), None)
 
 
 class Malformed(ValueError):

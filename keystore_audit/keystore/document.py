@@ -9,7 +9,7 @@ from typing import Any, Final, TypeVar
 
 from lxml import etree
 
-from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.defect import Defect, Kind, first_opaque
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml, source_line
 from keystore_audit.keystore.xsd import Grammar, validate
@@ -102,7 +102,7 @@ class Document:
     def meaning(self, read: Callable[[Document, etree._Element], T]) -> T | None:
         """What `read` makes of the root; None where the document has no meaning that we can tell."""
         found = None if self.root is None else read(self, self.root)
-        return None if any(defect.kind.opaque for defect in self._defects) else found
+        return None if first_opaque(self._defects) is not None else found
 
     def line(self, element: etree._Element) -> int | None:
         """The line of the file at which the element stands."""

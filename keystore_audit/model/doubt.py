@@ -10,7 +10,7 @@ from itertools import chain
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
-from keystore_audit.keystore.defect import Defect
+from keystore_audit.keystore.defect import Defect, first_opaque
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
@@ -109,7 +109,7 @@ def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses
 def document_doubt(enclave: str | None, file: Typed, read: ReadDocument) -> Doubt:
     """What keeps the document from having one meaning."""
     defects: tuple[Defect, ...] = file.signed.defects + file.defects
-    defect = next((defect for defect in defects if defect.kind.opaque), None)
+    defect = first_opaque(defects)
     if defect is None:
         reason, line = read.doubt or ("the document has no meaning that every parser agrees on", None)
         return Doubt(enclave=enclave, location=Location(path=file.signed.file.place, line=line), reason=reason)
@@ -206,7 +206,7 @@ def _key_doubt(enclave: Enclave) -> Doubt | None:
     if file.status.unknown:
         return _doubt(enclave, file.path, f"key could not be read: {file.detail}")
     defects = enclave.key.defects if enclave.key else ()
-    unreadable = next((defect for defect in defects if defect.kind.opaque), None)
+    unreadable = first_opaque(defects)
     return None if unreadable is None else _doubt(enclave, unreadable.path, unreadable.detail)
 
 
@@ -227,7 +227,7 @@ def _file_doubt(
         return _doubt(enclave, file.path, f"{role.value} could not be read: {file.detail}")
     if read is None or not read.defects:
         return None
-    unreadable = next((defect for defect in read.defects if defect.kind.opaque), None)
+    unreadable = first_opaque(read.defects)
     if unreadable is None or (only_without_certificate and read.certificates):
         return None
     location = Location(path=unreadable.path, line=unreadable.line)

@@ -10,6 +10,7 @@ from cryptography import x509
 
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.crl import RevocationList, crl_signed_by
+from keystore_audit.keystore.defect import first_opaque
 from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.issuer import key_identifier_fits
 from keystore_audit.keystore.keystore import Enclave
@@ -42,7 +43,8 @@ def list_unread(enclave: Enclave, trust: Trust) -> tuple[str, str] | None:
         return file.path, f"crl.pem could not be read: {file.detail}"
     if enclave.crl is None:  # nearly always
         return None
-    return next(((defect.path, defect.detail) for defect in enclave.crl.defects if defect.kind.opaque), None)
+    defect = first_opaque(enclave.crl.defects)
+    return None if defect is None else (defect.path, defect.detail)
 
 
 def lists_read(enclave: Enclave, trust: Trust) -> tuple[RevocationList, ...]:

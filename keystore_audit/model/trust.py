@@ -13,7 +13,7 @@ from typing import Final, Generic, TypeVar
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
-from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.defect import Kind, first_opaque
 from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.issuer import (
     Issue,
@@ -347,7 +347,7 @@ def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | 
     if all(may_sign(signer, signed, permissions_ca, trust) for signer in signers_taken(signed, trust)):
         return Verdict.ACCEPTED
     # What we do not read in the file, implementations may: OpenSSL's own form of certificates, for one.
-    return Verdict.UNKNOWN if any(defect.kind.opaque for defect in permissions_ca.defects) else Verdict.REFUSED
+    return Verdict.UNKNOWN if first_opaque(permissions_ca.defects) is not None else Verdict.REFUSED
 
 
 def is_authority(certificate: Certificate) -> bool:

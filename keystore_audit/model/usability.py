@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.defect import first_opaque
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
@@ -270,7 +271,7 @@ def refusals_of_peer(enclave: Enclave, certificate: Certificate, trust: Trust, a
 
 def _chain_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) -> tuple[str, ...]:
     file = enclave.identity_ca
-    if file is None or any(defect.kind.opaque for defect in file.defects):
+    if file is None or first_opaque(file.defects) is not None:
         return ()
     refusal = chain_refusal(certificate, file, trust)
     if refusal is not None:
@@ -283,7 +284,7 @@ def _chain_refusals(enclave: Enclave, certificate: Certificate, trust: Trust) ->
 def _chain_refusals_at(certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime) -> Iterator[str]:
     """Why no chain is found at an instant where one is at others: another authority of its name is in force then."""
     refusal = chain_refusal(certificate, file, trust, at)
-    known = not any(defect.kind.opaque for defect in file.defects)
+    known = first_opaque(file.defects) is None
     if known and refusal is not None and chain_refusal(certificate, file, trust) is None:
         yield f"{_NOT_ISSUED}: {refusal}"
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from keystore_audit.keystore.certificate import CertificateFile
+from keystore_audit.keystore.defect import first_opaque
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
@@ -35,7 +36,7 @@ def unread_authority(enclave: Enclave) -> bool:
     return (
         enclave.files.files[Role.PERMISSIONS_CA].status.unknown
         or Role.PERMISSIONS_CA in enclave.files.pkcs11
-        or (read is not None and any(defect.kind.opaque for defect in read.defects))
+        or (read is not None and first_opaque(read.defects) is not None)
     )
 
 

@@ -8,6 +8,7 @@ from typing import Final
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.defect import first_opaque
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
@@ -96,7 +97,7 @@ def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterato
         answers = {issue(authority, certificate): authority for authority in reversed(file.certificates)}
         if Issue.ISSUED in answers:
             continue
-        unread = any(defect.kind.opaque for defect in file.defects)
+        unread = first_opaque(file.defects) is not None
         if Issue.UNSUPPORTED in answers:
             said, authority = "cannot be verified here", answers[Issue.UNSUPPORTED]
             why = f"no support for {certificate.signature_algorithm} with a key {authority.key_kind}"
