@@ -19,7 +19,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.flow import FlowQuestion, questions
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.claims import with_claims
+from keystore_audit.model.claims.claims import with_claims
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.systems import SystemBuilder

@@ -17,17 +17,17 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point, governed_domains
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import Interval
-from keystore_audit.model.effective import EffectiveRights
+from keystore_audit.model.formal.effective import EffectiveRights
 from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.meaning import Usability
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Answer, Question, Ruling, joint
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.usability import Usabilities
 from keystore_audit.text import some
 
 if TYPE_CHECKING:
-    from keystore_audit.model.access_table import AccessTable
+    from keystore_audit.model.tables.access_table import AccessTable
 
 MAX_KNOWN: Final = 30
 """Enclaves named in a message about one that there is not; those of a fleet would hide the message."""
@@ -154,7 +154,7 @@ def read_access_table(
     `domain` None: the lowest that some governance covers. Raises errors.NothingToAudit, or errors.BudgetExceeded where
     there are too many classes of names.
     """
-    from keystore_audit.model.access_table import access_table  # single questions need none of it
+    from keystore_audit.model.tables.access_table import access_table  # single questions need none of it
 
     keystore = read_keystore(path)
     return access_table(keystore, profiles, at, AccessViews(system_documents(keystore), at, zone), domain)

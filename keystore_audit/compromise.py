@@ -14,11 +14,11 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
-from keystore_audit.model.doubt import keystore_doubts
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import system_documents
+from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
-from keystore_audit.model.system import System
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 
 MAX_KEYS: Final = 20

@@ -14,12 +14,12 @@ from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.intent.intent import Intent
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.claims.places import NamedPlace
 from keystore_audit.model.intended.wiring import wiring
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import system_documents
-from keystore_audit.model.places import NamedPlace
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Profile
-from keystore_audit.model.usability import Usabilities
 
 
 def export_model(

@@ -15,10 +15,10 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.claim import ATTACKERS, Attacker, ClaimKind
-from keystore_audit.model.claims import Claim, with_claims
-from keystore_audit.model.doubt import keystore_doubts
+from keystore_audit.model.claims.claims import Claim, with_claims
+from keystore_audit.model.formal.claim import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.inventory import system_documents
+from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.properties.property import Status

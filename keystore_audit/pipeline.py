@@ -27,8 +27,8 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import certificates_of, system_documents
 from keystore_audit.model.meaning import Meaning
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Profile, resolve
-from keystore_audit.model.usability import Usabilities
 from keystore_audit.options import Options, Progress
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AlloyResult, EngineStatus, PropertyResult
@@ -50,7 +50,7 @@ from keystore_audit.suppressions import accepted_by
 
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
-    from keystore_audit.model.claims import Claim
+    from keystore_audit.model.claims.claims import Claim
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
     from keystore_audit.model.intended.wiring import WiredNode
@@ -141,7 +141,7 @@ def _drawn(report: Report, context: Context, accesses: AccessViews, options: Opt
     ranked = blast_radius.ranked_enclaves(*about) if systems and (few or options.overview) else None
     seen = None
     if options.overview:
-        from keystore_audit.model import overview
+        from keystore_audit.model.tables import overview
 
         seen = overview.overview(*about, options.domain, systems)
     return replace(report, blast_radius=ranked, overview=seen)

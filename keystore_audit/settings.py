@@ -9,11 +9,11 @@ from typing import Any, Final
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import UsageError
 from keystore_audit.given import GivenFile
-from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.model.claims import Claim, Globs
-from keystore_audit.model.coverage import has_wildcard
-from keystore_audit.model.forwards import Declared, Determinism, Forward
-from keystore_audit.model.labels import Labelling
+from keystore_audit.model.claims.claims import Claim, Globs
+from keystore_audit.model.claims.forwards import Declared, Determinism, Forward
+from keystore_audit.model.claims.labels import Labelling
+from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.matching.coverage import has_wildcard
 from keystore_audit.properties import BY_ID
 from keystore_audit.settings_acceptances import read_accepted, read_suppressions
 from keystore_audit.settings_forwards import FORM, read_determinism, read_forwards

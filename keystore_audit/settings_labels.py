@@ -6,10 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.model.claims import Claim, Globs
-from keystore_audit.model.coverage import has_wildcard
-from keystore_audit.model.labels import (
+from keystore_audit.model.claims.claims import Claim, Globs
+from keystore_audit.model.claims.labels import (
     CyclicOrder,
     Declassifier,
     Labelled,
@@ -19,6 +17,8 @@ from keystore_audit.model.labels import (
     ordered,
     powerset,
 )
+from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.matching.coverage import has_wildcard
 from keystore_audit.settings_table import WORD, Table, dds_topic
 
 KEYS: Final = ("lattice", "label", "declassifier", "endorser", "single_writer")

@@ -15,8 +15,8 @@ from keystore_audit import toml
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.given import GivenFile, check_beside
-from keystore_audit.model.claim import Attacker
-from keystore_audit.model.claims import Globs
+from keystore_audit.model.claims.claims import Globs
+from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.settings_positions import Path as KeyPath
 from keystore_audit.settings_positions import Position, positions
 

@@ -14,7 +14,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import MAX_PLACES, Finding, Location, Severity, Suppression
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.text import counted
 
 MAX_DAYS: Final = 180

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from keystore_audit import toml
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
-from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.model.claims.claims import Claim, Globs
+from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.settings import read_settings
 from keystore_audit.settings_positions import Position, positions
 from tests.schemas import schema

@@ -11,7 +11,7 @@ from keystore_audit.cli import options as opt
 from keystore_audit.errors import EXIT_INCOMPLETE
 
 if TYPE_CHECKING:
-    from keystore_audit.model.access_table import AccessTable
+    from keystore_audit.model.tables.access_table import AccessTable
 
 FORMATS: Final = ("text", "json", "csv")
 MAX_WIDTH: Final = 200

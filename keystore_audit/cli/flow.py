@@ -75,7 +75,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     from keystore_audit.aside import processors
     from keystore_audit.engine.engines import Engines
     from keystore_audit.flow import FlowQuestion, find_flow
-    from keystore_audit.model.claim import Attacker
+    from keystore_audit.model.formal.claim import Attacker
 
     question = FlowQuestion(
         source=source,

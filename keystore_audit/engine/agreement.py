@@ -10,10 +10,10 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
 from keystore_audit.engine.shorter_subjects import shorter_subjects
-from keystore_audit.model.claim import ClaimKind
-from keystore_audit.model.claims import Claim
-from keystore_audit.model.forwards import Determinism
-from keystore_audit.model.system import Reading, System
+from keystore_audit.model.claims.claims import Claim
+from keystore_audit.model.claims.forwards import Determinism
+from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property

@@ -12,9 +12,9 @@ from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.native_claims import Claims, claims_at
-from keystore_audit.model.claim import ATTACKERS, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.permission import Decisions
-from keystore_audit.model.system import Reading, System
+from keystore_audit.model.formal.claim import ATTACKERS, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.permission import Decisions
+from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties.property import Role, Status, Witness
 from keystore_audit.properties.result import AssertedResult
 

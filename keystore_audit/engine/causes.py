@@ -9,7 +9,7 @@ from __future__ import annotations
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.system import (
+from keystore_audit.model.formal.system import (
     CertificateAtom,
     DocumentAtom,
     DomainRuleAtom,

@@ -13,9 +13,9 @@ from keystore_audit.engine.counterexample_case import Case
 from keystore_audit.engine.counterexample_rights import beyond_grants
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import realm_views
-from keystore_audit.model.flow import Flows
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.flow import Flows
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import stated
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Property, Role, Witness

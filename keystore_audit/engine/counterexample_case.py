@@ -6,10 +6,9 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.engine import causes
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.names import ros_name
-from keystore_audit.model.permission import Permissions
-from keystore_audit.model.system import (
+from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.permission import Permissions
+from keystore_audit.model.formal.system import (
     ChannelAtom,
     DocumentAtom,
     DomainRuleAtom,
@@ -17,6 +16,7 @@ from keystore_audit.model.system import (
     System,
     TopicRuleAtom,
 )
+from keystore_audit.model.names import ros_name
 from keystore_audit.properties.counterexample import Step
 from keystore_audit.properties.property import Role, Witness
 

@@ -11,15 +11,15 @@ from keystore_audit.engine.counterexample_case import Case, step_at
 from keystore_audit.engine.counterexample_rights import SELF_SIGNED, Way, as_anybody, way
 from keystore_audit.engine.native_claims import Claims, claims_at
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.at_large import MAX_SUBJECT
-from keystore_audit.model.attacker import realm_views
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
-from keystore_audit.model.claim import Place as ClaimPlace
-from keystore_audit.model.elsewhere import UNREAD, same_elsewhere
-from keystore_audit.model.flow import Flows
+from keystore_audit.model.claims.elsewhere import UNREAD, same_elsewhere
+from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.formal.claim import Place as ClaimPlace
+from keystore_audit.model.formal.flow import Flows
+from keystore_audit.model.formal.permission import Decisions, Permissions, bits, union
+from keystore_audit.model.formal.system import DocumentAtom, System
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.permission import Decisions, Permissions, bits, union
-from keystore_audit.model.system import DocumentAtom, System
+from keystore_audit.model.participants.at_large import MAX_SUBJECT
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Answer, Hop, Role
 from keystore_audit.properties.result import ANYBODY

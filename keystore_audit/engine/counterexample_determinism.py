@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 from keystore_audit.engine.counterexample_case import Case, step_at
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.behaviour import Behaviour, DeterminismAtom
+from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.system import System
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Acts, Answer, Role, Round
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from keystore_audit.engine import causes
 from keystore_audit.engine.counterexample_case import Case, step_at
-from keystore_audit.model.system import EnclaveAtom, System
+from keystore_audit.model.formal.system import EnclaveAtom, System
 from keystore_audit.properties import stated
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Role

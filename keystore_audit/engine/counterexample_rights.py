@@ -10,7 +10,7 @@ from keystore_audit.engine import counterexample_identities as identities
 from keystore_audit.engine.counterexample_case import Case
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.properties.counterexample import Step
 from keystore_audit.properties.property import Role
 

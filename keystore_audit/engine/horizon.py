@@ -9,12 +9,12 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.meaning import Usability
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import DateReading, Profile
-from keystore_audit.model.revocation import lists_carried
-from keystore_audit.model.system import System
-from keystore_audit.model.usability import Usabilities
+from keystore_audit.model.trust.revocation import lists_carried
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 from keystore_audit.properties import Answer, Status
 from keystore_audit.text import counted, some

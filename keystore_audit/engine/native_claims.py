@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from keystore_audit.dataclass import replace
-from keystore_audit.model.attacker import RealmView, realm_views
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.flow import Flows, Leg, search_of
-from keystore_audit.model.permission import Decisions, Permissions, bits, members, union
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.attacker import RealmView, realm_views
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.flow import Flows, Leg, search_of
+from keystore_audit.model.formal.permission import Decisions, Permissions, bits, members, union
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Answer, Hop, Role, Status, Witness
 
 Found = tuple[Witness, tuple[Leg, ...]]

@@ -13,7 +13,7 @@ from itertools import product
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.behaviour import Behaviour, DeterminismAtom, Scheduler
+from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom, Scheduler
 from keystore_audit.properties.property import Acts, Answer, Round, Status
 
 MAX_PAIRS = 100_000

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations
 
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Role, Witness
 
 

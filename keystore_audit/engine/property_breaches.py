@@ -15,7 +15,7 @@ from keystore_audit.engine.breaches import told
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role as FileRole
-from keystore_audit.model.system import Reading, System
+from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties.property import Answer, Role, Status, Witness
 from keystore_audit.properties.result import Breach, Place, PropertyResult
 

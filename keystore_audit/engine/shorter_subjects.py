@@ -12,13 +12,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import realm_views
-from keystore_audit.model.claim import ClaimAtom
-from keystore_audit.model.permission import Permissions, bits
+from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.claim import ClaimAtom
+from keystore_audit.model.formal.permission import Permissions, bits
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.profiles import VARIANTS, SubjectComparison
 from keystore_audit.model.subjects.comparison import CYCLONEDDS_MAX_ATTRIBUTES, TOKENWISE, matching
 from keystore_audit.model.subjects.told import ToldSubject, meaning, told
-from keystore_audit.model.system import System
 
 _BETWEEN_PARTS: Final = re.compile("[,/|]")
 

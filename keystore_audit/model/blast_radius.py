@@ -1,7 +1,8 @@
 """What somebody can do who holds the key of an enclave or of an authority: its blast radius (docs/model.md).
 
-Rights and keys come from `model.attacker`, hops and flows from `model.flow` and `model.influence`: nothing is decided
-here anew. Names are those that the documents tell apart, each with a channel of its own in every governed domain.
+Rights and keys come from `model.formal.attacker`, hops and flows from `model.formal.flow` and `model.formal.influence`:
+nothing is decided here anew. Names are those that the documents tell apart, each with a channel of its own in every
+governed domain.
 """
 
 from __future__ import annotations
@@ -16,18 +17,18 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import realm_views
 from keystore_audit.model.channels import ANY_TOPIC, MAX_CELLS, Channels
-from keystore_audit.model.claim import Attacker, Place
-from keystore_audit.model.flow import Flows, Lane, Search
-from keystore_audit.model.influence import Influence
+from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.claim import Attacker, Place
+from keystore_audit.model.formal.flow import Flows, Lane, Search
+from keystore_audit.model.formal.influence import Influence
+from keystore_audit.model.formal.permission import bits, members, union
+from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.inventory import documents_of, system_documents
-from keystore_audit.model.named import Named, names_of
 from keystore_audit.model.names import AMBIENT
-from keystore_audit.model.permission import bits, members, union
 from keystore_audit.model.profiles import Profile
-from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.tables.named import Named, names_of
 
 MAX_RANKED: Final = 2_000
 """Enclaves beyond which none is ranked: five seconds and more."""

@@ -14,16 +14,16 @@ from functools import cached_property, lru_cache
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
-from keystore_audit.model.atoms import TopicClass
 from keystore_audit.model.columns import Cell, Column, Columns, Shape, Table
 from keystore_audit.model.domains import Interval, contains, covered_classes, domain_bits, domain_classes, merged
-from keystore_audit.model.expression import Matcher
+from keystore_audit.model.formal.permission import union
+from keystore_audit.model.formal.system import ChannelAtom, DomainAtom
+from keystore_audit.model.matching.atoms import TopicClass
+from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.matching.patterns import MAX_KEPT, Patterns
 from keystore_audit.model.names import is_ros_dds_name
-from keystore_audit.model.permission import union
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Region
-from keystore_audit.model.system import ChannelAtom, DomainAtom
 
 ANY_TOPIC = "rt/chatter"
 """The name by which the channel of an ungoverned domain goes: every topic there is alike."""

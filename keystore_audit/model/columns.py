@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.model.atoms import TopicClass
+from keystore_audit.model.matching.atoms import TopicClass
 
 MAX_PAIRS: Final = 400_000
 """Pairs of a block of topics and one of partitions, those of the first partitions apart: half a second and 50 MB.

@@ -1,6 +1,7 @@
 """What an enclave's own implementation lets it do: topics and endpoints, with the line that decides.
 
-What its peers accept from it is another question (`model.effective`): a compromised enclave skips its own checks.
+What its peers accept from it is another question (`model.formal.effective`): a compromised enclave skips its
+own checks.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point
 from keystore_audit.model.domains import describe
-from keystore_audit.model.expression import any_matches, parse
-from keystore_audit.model.permission import allowing, bits
+from keystore_audit.model.formal.permission import allowing, bits
+from keystore_audit.model.matching.expression import any_matches, parse
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding, is_controlled
 
@@ -70,7 +71,7 @@ class _Asked(NamedTuple):
 class LocalRights:
     """The decisions of one keystore's implementations about channels, at `at` (aware UTC).
 
-    They are about participants that are created: whether one is, `model.usability` says.
+    They are about participants that are created: whether one is, `model.participants.usability` says.
     """
 
     def __init__(self, accesses: AccessViews, channels: Channels, at: datetime) -> None:

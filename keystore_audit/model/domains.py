@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 
 from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.keystore.governance import DomainRange
+from keystore_audit.model.formal.system import DomainAtom
 from keystore_audit.model.profiles.access import OpenRange
-from keystore_audit.model.system import DomainAtom
 
 HIGHEST_DOMAIN = MAX_DOMAIN
 

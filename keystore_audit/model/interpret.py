@@ -15,22 +15,22 @@ from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.anomalies.find import anomalies
-from keystore_audit.model.attacker import enclaves_views
 from keystore_audit.model.channels import ReadRegion
-from keystore_audit.model.claims import Claim, lasting, with_claims
+from keystore_audit.model.claims.claims import Claim, lasting, with_claims
+from keystore_audit.model.claims.forwards import Declared, with_determinism
+from keystore_audit.model.claims.places import NamedPlace, place_regions, with_places
 from keystore_audit.model.divergence.find import divergences
-from keystore_audit.model.doubt import keystore_doubts
-from keystore_audit.model.forwards import Declared, with_determinism
+from keystore_audit.model.formal.attacker import enclaves_views
+from keystore_audit.model.formal.permission import Permissions, members
+from keystore_audit.model.formal.protection import protection
+from keystore_audit.model.formal.system import ChannelAtom, Reading, System
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
 from keystore_audit.model.names import DISCOVERY_TOPIC
-from keystore_audit.model.permission import Permissions, members
-from keystore_audit.model.places import NamedPlace, place_regions, with_places
+from keystore_audit.model.participants.doubt import keystore_doubts
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import SPEC, Profile
-from keystore_audit.model.protection import protection
 from keystore_audit.model.ros.patterns import ros_patterns
-from keystore_audit.model.system import ChannelAtom, Reading, System
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.usability import Usabilities
 
 if TYPE_CHECKING:  # an audit without a property in Alloy needs none of it
     from keystore_audit.model.intended.wiring import WiredNode

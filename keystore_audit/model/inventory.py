@@ -19,7 +19,14 @@ from keystore_audit.keystore.stray import Stray
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.subjects.comparison import matching
-from keystore_audit.model.trust import Verdict, document_verdict, envelope, is_authority, may_have_issued, signers_taken
+from keystore_audit.model.trust.verdicts import (
+    Verdict,
+    document_verdict,
+    envelope,
+    is_authority,
+    may_have_issued,
+    signers_taken,
+)
 
 Typed = GovernanceFile | PermissionsFile
 """A signed document, by what it says."""

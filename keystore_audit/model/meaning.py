@@ -12,8 +12,8 @@ from keystore_audit.keystore.permissions import Operation
 if TYPE_CHECKING:  # `can` has no part in either
     from keystore_audit.model.anomalies.anomaly import Anomaly
     from keystore_audit.model.divergence.substitution import Cause
+    from keystore_audit.model.formal.system import System
     from keystore_audit.model.ros.patterns import RosPatterns
-    from keystore_audit.model.system import System
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,8 +14,8 @@ from keystore_audit.dataclass import replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Radii
+from keystore_audit.model.formal.system import CertificateAtom, EnclaveAtom, GrantAtom, System
 from keystore_audit.model.subjects.told import grants_naming
-from keystore_audit.model.system import CertificateAtom, EnclaveAtom, GrantAtom, System
 
 MAX_SUBJECTS: Final = 5_000
 """Identities that are made for the holder of an authority's key: half a minute."""

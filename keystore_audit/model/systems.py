@@ -17,11 +17,17 @@ from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.at_large import Candidate, admits, at_large_atoms, let_in, trusting_all, unread_atoms
 from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels
-from keystore_audit.model.claims import Claim, claim_regions
-from keystore_audit.model.doubt import identity_doubt, realm_doubt
-from keystore_audit.model.holders import Large, may_apply, own_endpoints
+from keystore_audit.model.claims.claims import Claim, claim_regions
+from keystore_audit.model.formal.system import (
+    CertificateAtom,
+    DocumentAtom,
+    EnclaveAtom,
+    LeftOut,
+    Reading,
+    RealmAtom,
+    System,
+)
 from keystore_audit.model.inventory import (
     Document,
     behind,
@@ -31,21 +37,28 @@ from keystore_audit.model.inventory import (
     system_documents,
     unread_places,
 )
-from keystore_audit.model.lone_endpoints import NO_ENDPOINTS, NOTHING, LocalMoments, LoneEndpoints, LoneRefusals
-from keystore_audit.model.profiles import Access, Profile
-from keystore_audit.model.revocation import list_unread
-from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
-from keystore_audit.model.system import (
-    CertificateAtom,
-    DocumentAtom,
-    EnclaveAtom,
-    LeftOut,
-    Reading,
-    RealmAtom,
-    System,
+from keystore_audit.model.participants.at_large import (
+    Candidate,
+    admits,
+    at_large_atoms,
+    let_in,
+    trusting_all,
+    unread_atoms,
 )
-from keystore_audit.model.trust import is_authority
-from keystore_audit.model.views import Kind, Realms, Views, trust_files
+from keystore_audit.model.participants.doubt import identity_doubt, realm_doubt
+from keystore_audit.model.participants.holders import Large, may_apply, own_endpoints
+from keystore_audit.model.participants.lone_endpoints import (
+    NO_ENDPOINTS,
+    NOTHING,
+    LocalMoments,
+    LoneEndpoints,
+    LoneRefusals,
+)
+from keystore_audit.model.participants.views import Kind, Realms, Views, trust_files
+from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
+from keystore_audit.model.trust.revocation import list_unread
+from keystore_audit.model.trust.verdicts import is_authority
 
 
 class SystemBuilder:

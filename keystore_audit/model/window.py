@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.safeguard import Safeguard, safeguards
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.safeguard import Safeguard, safeguards
+from keystore_audit.model.formal.system import System
 
 
 class Window:

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from io import StringIO
 from typing import Final
 
-from keystore_audit.model.access_rows import label
-from keystore_audit.model.access_table import AccessTable, Group
 from keystore_audit.model.question import Ruling
+from keystore_audit.model.tables.access_rows import label
+from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.text import csv_cell
 
 HEADER: Final = (

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.model.access_rows import (
+from keystore_audit.model.tables.access_rows import (
     Disagreement,
     Row,
     decision_rows,
@@ -17,7 +17,7 @@ from keystore_audit.model.access_rows import (
     taken_besides,
     taken_by_nobody,
 )
-from keystore_audit.model.access_table import AccessTable, EnclaveRights, Group
+from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.report.access_words import protection_words
 from keystore_audit.text import some
 

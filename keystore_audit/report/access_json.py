@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from keystore_audit import __version__
-from keystore_audit.model.access_table import AccessTable, EnclaveRights, Group
+from keystore_audit.model.formal.safeguard import Safeguard
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.question import Ruling
-from keystore_audit.model.safeguard import Safeguard
+from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.report.encoded import array, document, encoded, keys
 from keystore_audit.text import instant
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.access_rows import Row
-from keystore_audit.model.access_table import Group
+from keystore_audit.model.tables.access_rows import Row
+from keystore_audit.model.tables.access_table import Group
 from keystore_audit.report.access_words import SHORT, full_name, namespace, protection_words, rights, worth_showing
 from keystore_audit.text import terminal
 

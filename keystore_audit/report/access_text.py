@@ -11,8 +11,8 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.grouped import grouped
-from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
-from keystore_audit.model.access_table import AccessTable, Group
+from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
+from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.report.access_differences import differences, peers
 from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
 from keystore_audit.report.access_words import full_name, namespace, protection_words

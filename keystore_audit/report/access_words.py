@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.model.access_rows import Row
-from keystore_audit.model.safeguard import Safeguard
+from keystore_audit.model.formal.safeguard import Safeguard
+from keystore_audit.model.tables.access_rows import Row
 
 SHORT: Final = {
     "publish": "pub",

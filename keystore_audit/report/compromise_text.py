@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from keystore_audit.model.blast_radius import BlastRadius, Ground, Topic
-from keystore_audit.model.named import Named
 from keystore_audit.model.names import PARAMETER_SERVICES, RosKind, parse_dds_name, ros_name
+from keystore_audit.model.tables.named import Named
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.property import Status
 from keystore_audit.report.content import assumed_of

@@ -17,7 +17,7 @@ from keystore_audit.properties.result import EngineRun, PropertyResult
 
 if TYPE_CHECKING:  # most reports draw nothing
     from keystore_audit.model.blast_radius import Ranking
-    from keystore_audit.model.overview import Overview
+    from keystore_audit.model.tables.overview import Overview
 
 ASSUMPTIONS: Final = (
     (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
-from keystore_audit.model.claim import Attacker
+from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult
 from keystore_audit.report.content import assumed_of

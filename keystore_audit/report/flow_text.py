@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from keystore_audit.findings import Location
-from keystore_audit.model.claim import Attacker
+from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus

@@ -1,4 +1,4 @@
-"""Who takes a signed document, under every known implementation (`model.trust` per profile)."""
+"""Who takes a signed document, under every known implementation (`model.trust.verdicts` per profile)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.profiles import VARIANTS, Profile, Trust
-from keystore_audit.model.trust import Verdict, document_verdict, envelope
+from keystore_audit.model.trust.verdicts import Verdict, document_verdict, envelope
 
 ROWS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
 """The trust rows of all known variants, the specification's first."""

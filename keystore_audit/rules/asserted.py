@@ -7,7 +7,7 @@ from functools import partial
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties.result import AlloyResult, AssertedResult, LabelResult, UserResult
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.formal import steps, violated

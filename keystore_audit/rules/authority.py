@@ -9,7 +9,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.trust import is_authority
+from keystore_audit.model.trust.verdicts import is_authority
 from keystore_audit.rules.acceptance import PINNED, UNPINNED
 from keystore_audit.rules.certificate import RENEW_AUTHORITY, at, what
 from keystore_audit.rules.commands import MAKE_PERMISSIONS_CA, SIGN_GOVERNANCE, SIGN_PERMISSIONS, UNREVIEWED

@@ -7,7 +7,7 @@ from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.model.ability import sent
+from keystore_audit.model.claims.ability import sent
 from keystore_audit.rules.commands import SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import in_document

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.model.trust import Verdict
+from keystore_audit.model.trust.verdicts import Verdict
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.signature import SIGN_AGAIN

@@ -13,11 +13,11 @@ from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.stray_identity import StrayIdentity
-from keystore_audit.model.chain import chain_refusal
 from keystore_audit.model.inventory import certified_again, identities_at_large
+from keystore_audit.model.participants.stray_identity import admitted
 from keystore_audit.model.profiles import VARIANTS, Profile
-from keystore_audit.model.stray_identity import admitted
-from keystore_audit.model.trust import is_authority, issue, may_have_issued, vouches
+from keystore_audit.model.trust.chain import chain_refusal
+from keystore_audit.model.trust.verdicts import is_authority, issue, may_have_issued, vouches
 from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, has_usual_subject, usual_subject, what
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_PERMISSIONS

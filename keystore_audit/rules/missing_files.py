@@ -10,7 +10,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.sight import REQUIRED
+from keystore_audit.model.participants.sight import REQUIRED
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.commands import (
     CREATE_ENCLAVE,

@@ -10,10 +10,10 @@ from typing import Final, NamedTuple
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation
-from keystore_audit.model.coverage import has_wildcard
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.coverage import has_wildcard
+from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.partition_patterns import EVERY_PARTITION
 from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
-from keystore_audit.model.partition_patterns import EVERY_PARTITION
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.profiles.access import PartitionReading
 from keystore_audit.model.semantics import DEFAULT_PARTITION

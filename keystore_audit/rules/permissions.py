@@ -16,10 +16,10 @@ from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Grant, Operation
-from keystore_audit.model.permission import Permissions
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
 from keystore_audit.model.subjects.comparison import matching, same_meaning
-from keystore_audit.model.trust import Verdict
+from keystore_audit.model.trust.verdicts import Verdict
 from keystore_audit.rules.acceptance import ROWS, verdict
 from keystore_audit.rules.certificate import ISSUE_AGAIN, has_usual_subject, usual_subject
 from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_PERMISSIONS

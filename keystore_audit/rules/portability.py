@@ -9,7 +9,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.governance import Text
 from keystore_audit.model.divergence.substitution import Cause
-from keystore_audit.model.expression import parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.profiles import DateReading, Profile
 from keystore_audit.model.validity import read_date
 from keystore_audit.rules.context import Context

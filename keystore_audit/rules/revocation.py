@@ -12,9 +12,9 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.chain import chain_refusal
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.revocation import NO_IDENTITIES, list_missing, names_revoked
+from keystore_audit.model.trust.chain import chain_refusal
+from keystore_audit.model.trust.revocation import NO_IDENTITIES, list_missing, names_revoked
 from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.certificate import ISSUE_AGAIN
 from keystore_audit.rules.commands import REVOKE, SIGN_LIST, START_LIST

@@ -17,8 +17,8 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.profiles import VARIANTS, Profile
-from keystore_audit.model.signer_path import path_refusal, signer_refusal
-from keystore_audit.model.trust import Verdict, document_verdict, may_sign, vouches
+from keystore_audit.model.trust.signer_path import path_refusal, signer_refusal
+from keystore_audit.model.trust.verdicts import Verdict, document_verdict, may_sign, vouches
 from keystore_audit.rules.acceptance import SPEC, accepting
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_DOCUMENT
 from keystore_audit.rules.contents import signed_bytes

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.model.joining import UNGRANTED
+from keystore_audit.model.participants.joining import UNGRANTED
+from keystore_audit.model.participants.usability import UNGOVERNED
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.usability import UNGOVERNED
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import COVER_DOMAIN

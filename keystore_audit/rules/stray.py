@@ -12,6 +12,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.stray import Stray
+from keystore_audit.model.formal.surplus import StrayGrant, stray_grants
 from keystore_audit.model.inventory import (
     governance_apart,
     governance_at_large,
@@ -19,9 +20,8 @@ from keystore_audit.model.inventory import (
     permissions_at_large,
     permissions_cas,
 )
-from keystore_audit.model.stray_identity import Admitted, admitted
-from keystore_audit.model.surplus import StrayGrant, stray_grants
-from keystore_audit.model.trust import Verdict, envelope
+from keystore_audit.model.participants.stray_identity import Admitted, admitted
+from keystore_audit.model.trust.verdicts import Verdict, envelope
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.signature import SIGN_AGAIN

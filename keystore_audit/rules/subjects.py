@@ -18,7 +18,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.inventory import permissions_at_large
-from keystore_audit.model.trust import Envelope, envelope
+from keystore_audit.model.trust.verdicts import Envelope, envelope
 from keystore_audit.rules.acceptance import genuine_for, may_be_taken
 from keystore_audit.rules.context import Context
 

@@ -8,8 +8,8 @@ from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.model.participants.stray_identity import Takers
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.stray_identity import Takers
 
 MAX_PAIRS: Final = 100_000
 """Certificates and enclaves that may take them; beyond it nobody is asked: some seconds."""

@@ -91,7 +91,7 @@ def test_one_that_may_be_behind_a_link_leaves_it_open(tmp_path: Path) -> None:
 
 
 def test_too_many_pairs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("keystore_audit.model.ability.MAX_PAIRS", 3)
+    monkeypatch.setattr("keystore_audit.model.claims.ability.MAX_PAIRS", 3)
     settings = tmp_path / "keystore-audit.toml"
     settings.write_text('[[property]]\nname = "stop"\nable = { from = "/button/*", to = "/*" }\n', "utf-8")
     root = keystore(tmp_path / "keys", ENCLAVES)

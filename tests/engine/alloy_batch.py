@@ -25,7 +25,7 @@ from keystore_audit.engine.alloy.facts import CONSISTENCY, commands, facts
 from keystore_audit.engine.alloy.process import LATE_SECOND_COMPILER
 from keystore_audit.engine.alloy.relations import Relations
 from keystore_audit.errors import EngineMissing
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Status
 
 _NO_INTEGERS = {"util/integer.als": "module util/integer\n"}

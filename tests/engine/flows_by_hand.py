@@ -1,7 +1,7 @@
 """Flows and claims by enumeration, as docs/model.md words them: slow, and independent of both engines' ways.
 
-What an enclave may do in a realm comes from `model.attacker`, which the properties test; everything from there on
-is counted out here, participant by participant, with Python sets.
+What an enclave may do in a realm comes from `model.formal.attacker`, which the properties test; everything from there
+on is counted out here, participant by participant, with Python sets.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
-from keystore_audit.model.permission import Permissions, members
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.formal.permission import Permissions, members
+from keystore_audit.model.formal.system import System
 from tests.engine.strangers_by_hand import published_elsewhere, read_elsewhere
 
 OUTSIDER = -1

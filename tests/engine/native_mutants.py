@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
-from keystore_audit.model import attacker, permission, protection
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.permission import Decisions, Permissions
+from keystore_audit.model.formal import attacker, permission, protection
+from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.permission import Decisions, Permissions
 
 MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "every matching rule counts, not the first": (permission, "allowing", "& ~decided if decided else channels", ""),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.permission import Permissions, members, union
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.permission import Permissions, members, union
+from keystore_audit.model.formal.system import System
 
 
 def unread(s: System) -> bool:

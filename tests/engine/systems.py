@@ -15,8 +15,8 @@ from itertools import product
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.system import (
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.system import (
     CertificateAtom,
     ChannelAtom,
     DocumentAtom,

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.model.claim import ClaimKind
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from tests.engine.alloy.flow_builders import at, claim
 from tests.engine.alloy_batch import (

@@ -12,7 +12,7 @@ from keystore_audit.engine.alloy.atoms import GROUP
 from keystore_audit.engine.alloy.facts import fact_modules, facts
 from keystore_audit.engine.alloy.merging import merge
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.systems import IDENTITY_CA, Builder, healthy, healthy_builder, random_system

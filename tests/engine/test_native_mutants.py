@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.system import System
 from tests.engine.alloy_batch import decide_batch
 from tests.engine.native_mutants import MUTANTS, mistaken
 from tests.engine.test_agreement import SYSTEMS, holding, some_system

@@ -22,14 +22,14 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import contains
-from keystore_audit.model.effective import EffectiveRights
-from keystore_audit.model.expression import parse
+from keystore_audit.model.formal.effective import EffectiveRights
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.matching.expression import parse
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import VARIANTS, Access, Profile
 from keystore_audit.model.question import Question, Ruling
 from keystore_audit.model.semantics import read_grant
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.usability import Usabilities
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from tests.cli.keystores import write_enclave

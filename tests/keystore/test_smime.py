@@ -20,7 +20,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.mime import read_message
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
-from keystore_audit.model.trust import Verdict, document_verdict
+from keystore_audit.model.trust.verdicts import Verdict, document_verdict
 from tests.keystore import messages
 from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, evidence, present, read, signed_document
 from tests.keystore.messages import by_openssl, with_signature

@@ -14,15 +14,15 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model import lone_participants
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.model.claims.claims import Claim, Globs
+from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.lone_participants import _later
+from keystore_audit.model.participants import lone_participants
+from keystore_audit.model.participants.lone_participants import _later
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import resolve
-from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
 from tests.keystore.builder import START, Signed, certificate, crl, signed_document
 from tests.model.comparing import (

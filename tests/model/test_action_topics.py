@@ -7,8 +7,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.coverage import TOPICS, covers
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.coverage import TOPICS, covers
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.ros.action_topics import STATUS, action_patterns, taken_in
 from keystore_audit.model.ros.classes import Affix, classify_ros_names
 from tests.rules.evidence import allow, enclave, grant, permissions

@@ -20,8 +20,8 @@ from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
 from keystore_audit.model.anomalies.classes import Effort, name_classes
 from keystore_audit.model.anomalies.expressions import are_ros_names, foreign, void
 from keystore_audit.model.anomalies.find import anomalies
-from keystore_audit.model.atoms import classify
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.atoms import classify
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.names import is_ros_dds_name
 from tests.rules.divergent import chosen, views
 from tests.rules.evidence import (

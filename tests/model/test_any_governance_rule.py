@@ -9,14 +9,14 @@ import pytest
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.permission import Permissions, bits
+from keystore_audit.model.formal.protection import protection
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.permission import Permissions, bits
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.protection import protection
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.usability import Usabilities
 from tests.model.comparing import (
     AT,
     Member,

@@ -20,17 +20,17 @@ from keystore_audit.findings import Location
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore import stray_identity
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model import at_large
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import realm_views
-from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.model.claims import Claim, Globs
+from keystore_audit.model.claims.claims import Claim, Globs
+from keystore_audit.model.claims.places import NamedPlace
+from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.system import EnclaveAtom, Reading, System
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of, identities_at_large
-from keystore_audit.model.places import NamedPlace
+from keystore_audit.model.participants import at_large
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import resolve
-from keystore_audit.model.system import EnclaveAtom, Reading, System
-from keystore_audit.model.usability import Usabilities
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.compromise import find_blast_radius
-from keystore_audit.model.claim import Attacker
+from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.model.profiles import resolve
 from keystore_audit.properties import Status
 from tests.keystore.builder import certificate

@@ -13,13 +13,13 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model import holders
-from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.model.claims import Globs
+from keystore_audit.model.claims.claims import Globs
 from keystore_audit.model.comparison.compare import compare
-from keystore_audit.model.effective import EffectiveRights
-from keystore_audit.model.issuance import issuance
+from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.effective import EffectiveRights
+from keystore_audit.model.participants import holders
 from keystore_audit.model.profiles import resolve
+from keystore_audit.model.tables.issuance import issuance
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.properties import Status

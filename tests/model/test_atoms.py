@@ -15,8 +15,8 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.model.atoms import TopicClass, classify
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.atoms import TopicClass, classify
+from keystore_audit.model.matching.expression import Matcher, Pattern, parse
 
 Fnmatch = Callable[[str, str, Matcher], bool]
 
@@ -253,8 +253,8 @@ def test_result_depends_on_neither_order_nor_hash_seed() -> None:
         random_.shuffle(texts)
         assert classes_as_text(texts, classify(patterns_of(texts), prefer={"rt/odom", "z", "rt/scan", "y"})) == expected
     script = (
-        "import json, sys; from keystore_audit.model.atoms import classify;"
-        "from keystore_audit.model.expression import Matcher, parse; texts = json.loads(sys.argv[1]);"
+        "import json, sys; from keystore_audit.model.matching.atoms import classify;"
+        "from keystore_audit.model.matching.expression import Matcher, parse; texts = json.loads(sys.argv[1]);"
         "found = classify([parse(t, Matcher.POSIX) for t in texts], prefer={'rt/scan', 'rt/odom', 'y', 'z'});"
         "print(json.dumps([[sorted(texts[m] for m in c.members), c.witness, c.ros, c.infinite] for c in found]))"
     )

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from keystore_audit.model.atoms import classify
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.atoms import classify
+from keystore_audit.model.matching.expression import Matcher, Pattern, parse
 from keystore_audit.model.matching.tokens import SEARCH, STAR, CharSet, Token
 
 LETTERS = "ab/]"

@@ -16,12 +16,12 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model import blast_radius, stolen_key
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Ground, Radii, ground, ranked_enclaves, rankings
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.permission import members
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.permission import members
 from keystore_audit.model.profiles import resolve
 from keystore_audit.model.stolen_key import authorities, holding, holding_both, radius, radius_of_enclave
-from keystore_audit.model.system import System
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,

@@ -15,7 +15,7 @@ from keystore_audit.model import channels as made
 from keystore_audit.model import columns
 from keystore_audit.model.channels import ANY_TOPIC, build_channels
 from keystore_audit.model.domains import contains, covered, domain_classes
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.profiles import VARIANTS, Access
 from keystore_audit.model.semantics import Area, Region, read_grant
 

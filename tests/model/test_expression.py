@@ -11,7 +11,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.matching.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet
 
 Fnmatch = Callable[[str, str, Matcher], bool]

@@ -10,9 +10,8 @@ import pytest
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.claims import Claim, Globs
-from keystore_audit.model.labels import (
+from keystore_audit.model.claims.claims import Claim, Globs
+from keystore_audit.model.claims.labels import (
     CyclicOrder,
     Declassifier,
     Labelled,
@@ -22,7 +21,8 @@ from keystore_audit.model.labels import (
     ordered,
     powerset,
 )
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Status
 from tests.engine.systems import random_system
 from tests.engine.test_flows import OUTSIDER, Definitions

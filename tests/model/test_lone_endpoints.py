@@ -13,15 +13,15 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from keystore_audit.keystore.keystore import Enclave, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import RealmView
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.permission import Permissions, bits, members
+from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.permission import Permissions, bits, members
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.usability import Usabilities
 from tests.keystore.builder import START, Signed, certificate, crl
 from tests.model.comparing import Member, Store, criterion, governance, grant, permissions, rule
 from tests.oracles.vendors import random_keystores, recipe

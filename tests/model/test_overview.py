@@ -12,16 +12,16 @@ from keystore_audit.access import Access
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import realm_views
-from keystore_audit.model.claim import Attacker, Place
-from keystore_audit.model.flow import Flows, Search
+from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.claim import Attacker, Place
+from keystore_audit.model.formal.flow import Flows, Search
+from keystore_audit.model.formal.permission import members
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.overview import MAX_VIEWS, Overview, overview
-from keystore_audit.model.periods import Dated
-from keystore_audit.model.permission import members
 from keystore_audit.model.profiles import VARIANTS, resolve
 from keystore_audit.model.question import Question, Ruling
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.tables.overview import MAX_VIEWS, Overview, overview
+from keystore_audit.model.tables.periods import Dated
 from tests.cli.keystores import keystore, rule
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.matching.pattern_index import PatternIndex
 
 TEXTS = st.text("ab*?[]!\\", max_size=6)

@@ -14,8 +14,8 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.names import dds_channels, is_ros_dds_name
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.ros.halves import Half, halves

@@ -11,8 +11,8 @@ from cryptography import x509
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.signer_path import path_refusal
-from keystore_audit.model.trust import Verdict, document_verdict
+from keystore_audit.model.trust.signer_path import path_refusal
+from keystore_audit.model.trust.verdicts import Verdict, document_verdict
 from tests.keystore.builder import END, START, Signed, authority, certificate
 from tests.oracles.vendors.recipes_signers import PAST, _ca
 

@@ -15,9 +15,9 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.participants.sight import strict_refusal
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.sight import strict_refusal
-from keystore_audit.model.usability import Usabilities
 from tests.keystore.builder import Signed, certificate, evidence
 from tests.model.comparing import AT as NOW
 from tests.model.comparing import Member, Store, authority, criterion, grant, permissions, rule

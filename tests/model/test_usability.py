@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.keystore.keystore import Keystore, read_keystore
-from keystore_audit.model import chain, trust
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.usability import Usabilities
+from keystore_audit.model.trust import chain
+from keystore_audit.model.trust import verdicts as trust
 from tests.keystore import builder
 
 AT = datetime(2026, 6, 1, tzinfo=timezone.utc)

@@ -11,12 +11,12 @@ import pytest
 from keystore_audit import toml
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.formal.system import Reading
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.lone_endpoints import LocalMoments, LoneEndpoints, LoneRefusals
+from keystore_audit.model.participants.lone_endpoints import LocalMoments, LoneEndpoints, LoneRefusals
+from keystore_audit.model.participants.views import Kind
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.views import Kind
 from tests.keystore.builder import authority
 from tests.oracles.vendors.recipes_signers import _ca
 

@@ -14,11 +14,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keystore_audit.findings import Severity
-from keystore_audit.model.access_table import AccessTable, Group
-from keystore_audit.model.named import Named
-from keystore_audit.model.neighbours import Hop, Neighbourhood
-from keystore_audit.model.periods import Dated, Period
-from keystore_audit.model.safeguard import Safeguard
+from keystore_audit.model.formal.safeguard import Safeguard
+from keystore_audit.model.tables.access_table import AccessTable, Group
+from keystore_audit.model.tables.named import Named
+from keystore_audit.model.tables.neighbours import Hop, Neighbourhood
+from keystore_audit.model.tables.periods import Dated, Period
 from keystore_audit.report.content import Report
 from keystore_audit.report.html import flow_picture, matrix, timeline
 from keystore_audit.report.html.sheet import sheet

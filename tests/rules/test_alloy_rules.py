@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.model.system import NodeAtom
+from keystore_audit.model.formal.system import NodeAtom
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import AlloyResult, ProfileResult

@@ -15,10 +15,10 @@ from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.divergence.substitution import Cause
-from keystore_audit.model.effective import EffectiveRights
+from keystore_audit.model.formal.effective import EffectiveRights
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import DEFAULT, Profile
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.usability import Usabilities
 from tests.rules.divergent import Domains, Listed, chosen, compared, ruled, views
 from tests.rules.evidence import (
     AT,

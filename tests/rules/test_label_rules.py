@@ -7,9 +7,9 @@ from typing import Any
 
 from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.findings import Location, Severity
-from keystore_audit.model.claim import Attacker, ClaimKind
-from keystore_audit.model.claims import Claim, Globs, LabelPair
-from keystore_audit.model.labels import Labelled, Labelling, chain
+from keystore_audit.model.claims.claims import Claim, Globs, LabelPair
+from keystore_audit.model.claims.labels import Labelled, Labelling, chain
+from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import AssertedResult, LabelResult, ProfileResult

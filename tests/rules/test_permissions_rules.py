@@ -14,8 +14,8 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.model.coverage import EVERYTHING, MAX_CANDIDATES, covers
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.coverage import EVERYTHING, MAX_CANDIDATES, covers
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import VARIANTS
 from tests.rules.evidence import (

@@ -9,11 +9,11 @@ import pytest
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Rule
-from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.interpret import interpret
+from keystore_audit.model.matching.coverage import has_wildcard
 from keystore_audit.model.names import PARAMETER_SERVICES
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.ros import usual_topics
-from keystore_audit.model.usability import Usabilities
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import chosen, ruled, views
 from tests.rules.evidence import (

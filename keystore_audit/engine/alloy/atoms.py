@@ -14,7 +14,7 @@ from typing import Final
 
 from keystore_audit import text
 from keystore_audit.dataclass import dataclass, replace
-from keystore_audit.model.system import ChannelAtom, System
+from keystore_audit.model.formal.system import ChannelAtom, System
 from keystore_audit.properties.property import Role
 
 MAX_DECORATION: Final = 24

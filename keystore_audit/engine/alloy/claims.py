@@ -14,8 +14,8 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.relations import Relations, function
 from keystore_audit.engine.alloy.solution import Command
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Role, Status
 
 MODULES: Final = ("information_flow.als", "claims.als")

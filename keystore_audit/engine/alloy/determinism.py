@@ -20,8 +20,8 @@ from keystore_audit.engine.alloy.solution import Command, read_instances
 from keystore_audit.engine.alloy.wiring import CONFIRMED, wiring_job
 from keystore_audit.engine.native_determinism import explore
 from keystore_audit.errors import EngineFailed
-from keystore_audit.model.behaviour import Behaviour, DeterminismAtom, Scheduler
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom, Scheduler
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Acts, Answer, Round, Status
 
 MODULE: Final = "determinism.als"

@@ -11,8 +11,8 @@ from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.alloy import claims, moments
-from keystore_audit.model.claim import ClaimKind
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.system import System
 
 MODULE: Final = "expiry.als"
 """The hand-written module, which opens those of the claims."""

@@ -20,8 +20,8 @@ from keystore_audit.engine.alloy.readme import describe_folders, describe_system
 from keystore_audit.engine.alloy.relations import Relations, Row, function
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
 from keystore_audit.errors import UsageError
-from keystore_audit.model.claim import ClaimKind
-from keystore_audit.model.system import DomainRuleAtom, Reading, System, TopicRuleAtom
+from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.system import DomainRuleAtom, Reading, System, TopicRuleAtom
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Property
 

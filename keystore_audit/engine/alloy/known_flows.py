@@ -12,10 +12,10 @@ from collections.abc import Iterator, Sequence
 
 from keystore_audit.engine.alloy.atoms import Atoms, name_atoms
 from keystore_audit.engine.alloy.claims import Places, attackers, pair_places
-from keystore_audit.model.attacker import realm_views
-from keystore_audit.model.claim import ClaimAtom, ClaimKind
-from keystore_audit.model.flow import Flows, Leg, search_of
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.claim import ClaimAtom, ClaimKind
+from keystore_audit.model.formal.flow import Flows, Leg, search_of
+from keystore_audit.model.formal.system import System
 
 
 def known_flows(system: System, numbers: Sequence[int]) -> dict[int, str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterator, Mapping
 from typing import Final
 
-from keystore_audit.model.system import RuleAtom, System
+from keystore_audit.model.formal.system import RuleAtom, System
 
 MAX_MENTIONS: Final = 2_000_000
 """Pairs of a rule and a channel that are looked at: two seconds at worst."""

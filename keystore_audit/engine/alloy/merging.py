@@ -16,8 +16,8 @@ from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.engine.alloy.mentions import mentions, surroundings
 from keystore_audit.engine.alloy.moments import redated
 from keystore_audit.engine.alloy.twins import find_twins
-from keystore_audit.model.claim import ClaimAtom, Place
-from keystore_audit.model.system import GrantAtom, RealmAtom, RuleAtom, System, easiest
+from keystore_audit.model.formal.claim import ClaimAtom, Place
+from keystore_audit.model.formal.system import GrantAtom, RealmAtom, RuleAtom, System, easiest
 from keystore_audit.properties.property import Answer, Hop, Role, Witness
 
 KEPT: Final = 3

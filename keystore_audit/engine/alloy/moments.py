@@ -12,7 +12,7 @@ from datetime import timedelta
 from typing import Final, TypeVar
 
 from keystore_audit.dataclass import replace
-from keystore_audit.model.system import CertificateAtom, GrantAtom, System
+from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, System
 
 MAX_MOMENTS: Final = 16
 """Moments asked about for one system."""
@@ -27,7 +27,7 @@ def later(system: System, until: int) -> Iterator[int]:
     others are revoked or refused.
 
     A moment is twice the index of an instant, plus one for the time between it and the next (as in
-    `model.permission.Permissions`). Of several moments that are alike the first counts.
+    `model.formal.permission.Permissions`). Of several moments that are alike the first counts.
     """
     known = {_in_force(system, 2 * system.now)}
     for moment in range(2 * system.now + 1, 2 * until + 1):

@@ -15,8 +15,8 @@ from keystore_audit.engine.alloy.atoms import index_of
 from keystore_audit.engine.alloy.claims import Places, attackers, write_places
 from keystore_audit.engine.alloy.solution import Command, read_instances
 from keystore_audit.errors import EngineFailed
-from keystore_audit.model.claim import ClaimKind
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Answer, Hop, Role, Status, Witness
 
 MODULES: Final = ("propagation.als",)

@@ -21,8 +21,8 @@ from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.facts import CONSISTENCY, EXERCISED
 from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.errors import EngineFailed
-from keystore_audit.model.claim import ClaimKind
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Property, Role, Status
 
 AS_EXPECTED: Final = Command(kind="run", name="AsExpected")

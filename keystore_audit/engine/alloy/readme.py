@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit import text
 from keystore_audit.engine.alloy.application import node_sort
 from keystore_audit.engine.alloy.atoms import Atom, Sort, name_atoms
-from keystore_audit.model.system import Reading, System
+from keystore_audit.model.formal.system import Reading, System
 
 MAX_NAME: Final = 200
 """Characters of one cell of the table."""

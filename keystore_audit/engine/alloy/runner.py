@@ -24,7 +24,7 @@ from keystore_audit.engine.alloy.one_realm import with_one_realm
 from keystore_audit.engine.alloy.questions import Questions, Sheet
 from keystore_audit.engine.alloy.solution import witness, witnesses
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Answer, Property, Role, Status, Witness
 

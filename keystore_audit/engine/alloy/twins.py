@@ -15,7 +15,7 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.alloy.mentions import Order, Said, surroundings
-from keystore_audit.model.system import EnclaveAtom, System
+from keystore_audit.model.formal.system import EnclaveAtom, System
 
 MAX_SHARERS: Final = 4
 """Enclaves that may have rules about a channel that still counts as one's own: itself and a few hubs."""

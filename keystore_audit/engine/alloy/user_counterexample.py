@@ -10,8 +10,8 @@ from typing import Final
 from keystore_audit.engine.alloy.solution import read_instances
 from keystore_audit.errors import EngineFailed
 from keystore_audit.findings import Location
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.system import System
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.text import instant, shorten
 

@@ -22,9 +22,9 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.given import GivenFile, check_beside
 from keystore_audit.intent.source import Source, read_source
-from keystore_audit.model.claims import Claim, Globs
-from keystore_audit.model.forwards import Determinism
-from keystore_audit.model.places import NamedPlace
+from keystore_audit.model.claims.claims import Claim, Globs
+from keystore_audit.model.claims.forwards import Determinism
+from keystore_audit.model.claims.places import NamedPlace
 from keystore_audit.properties import BY_ID
 from keystore_audit.settings_table import dds_topic
 

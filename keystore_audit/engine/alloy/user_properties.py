@@ -25,7 +25,7 @@ from keystore_audit.engine.alloy.user_file import CONSISTENT, Asked, UserFile
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
 from keystore_audit.engine.engines import Engines
 from keystore_audit.errors import EngineError, EngineOutOfScale, UsageError
-from keystore_audit.model.system import Reading, System
+from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property, Status
 from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus, ProfileResult

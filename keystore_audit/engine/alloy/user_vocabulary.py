@@ -6,7 +6,7 @@ from typing import Final
 
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.relations import Relations
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.system import System
 
 VOCABULARY: Final = "keystore_audit"
 """The name of the module."""

@@ -13,8 +13,8 @@ from keystore_audit.engine.alloy.relations import Relations
 from keystore_audit.engine.alloy.runner import count_atoms, module_texts
 from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.errors import EngineOutOfScale
-from keystore_audit.model.behaviour import Meeting, Passage, Spread
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.behaviour import Meeting, Passage, Spread
+from keystore_audit.model.formal.system import System
 
 MODULE: Final = "forwarding.als"
 """The hand-written module."""

@@ -14,8 +14,8 @@ from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.model.atoms import classify
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.atoms import classify
+from keystore_audit.model.matching.expression import Matcher, Pattern, parse
 from keystore_audit.model.names import is_ros_dds_name
 
 _TIERS: Final = (64, 512, 2_048)

@@ -9,8 +9,8 @@ from typing import Final
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.anomalies.classes import Effort
-from keystore_audit.model.atoms import classify
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.atoms import classify
+from keystore_audit.model.matching.expression import Matcher, Pattern, parse
 from keystore_audit.model.names import DISCOVERY_TOPIC, REPLY_SUFFIX, REQUEST_SUFFIX, SUFFIX_OF, is_ros_dds_name
 
 _STATES: Final = 256

@@ -11,8 +11,8 @@ from keystore_audit.model.comparison.change import Aspect, Direction, Layer
 from keystore_audit.model.comparison.drafts import Draft, Folds
 from keystore_audit.model.comparison.facts import Dates, other_dates, spanned
 from keystore_audit.model.comparison.sides import Pair, Sides, View, is_void
-from keystore_audit.model.permission import members
-from keystore_audit.model.system import GrantAtom
+from keystore_audit.model.formal.permission import members
+from keystore_audit.model.formal.system import GrantAtom
 
 JOIN: Final = "join"
 WORDS: Final = {

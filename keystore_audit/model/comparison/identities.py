@@ -16,8 +16,8 @@ from keystore_audit.model.comparison.drafts import Draft, in_order
 from keystore_audit.model.comparison.facts import Fact, Placed, place_of, told
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import certified_again
+from keystore_audit.model.participants.stray_identity import Takers, admitted
 from keystore_audit.model.profiles import Profile
-from keystore_audit.model.stray_identity import Takers, admitted
 from keystore_audit.model.validity import SECOND
 from keystore_audit.text import some
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
-from keystore_audit.model.attacker import realm_views
-from keystore_audit.model.claim import Attacker, Place
 from keystore_audit.model.comparison.causes import Causes
 from keystore_audit.model.comparison.change import Direction, Hop, Influenced, Layer
 from keystore_audit.model.comparison.drafts import Draft, in_order, told_beside
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
-from keystore_audit.model.flow import Flows, Lane, Leg, Search
-from keystore_audit.model.influence import Influence
+from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.claim import Attacker, Place
+from keystore_audit.model.formal.flow import Flows, Lane, Leg, Search
+from keystore_audit.model.formal.influence import Influence
+from keystore_audit.model.formal.permission import bits, members, union
 from keystore_audit.model.names import AMBIENT
-from keystore_audit.model.permission import bits, members, union
 
 _WORDS: Final = {True: "data can now get", False: "data can no longer get"}
 

@@ -7,14 +7,14 @@ from collections.abc import Collection, Iterable, Mapping
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.claims import Globs
+from keystore_audit.model.claims.claims import Globs
+from keystore_audit.model.claims.globs import matching
+from keystore_audit.model.claims.labels import Labelling
 from keystore_audit.model.comparison.change import Influenced, Layer
 from keystore_audit.model.comparison.drafts import Draft
 from keystore_audit.model.comparison.sides import Sides
-from keystore_audit.model.globs import matching
-from keystore_audit.model.labels import Labelling
+from keystore_audit.model.formal.permission import union
 from keystore_audit.model.names import AMBIENT
-from keystore_audit.model.permission import union
 
 
 def label_globs(labelling: Labelling, labels: Iterable[str]) -> dict[str, Globs]:

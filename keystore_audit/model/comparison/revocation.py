@@ -13,7 +13,7 @@ from keystore_audit.model.comparison.change import Direction, direction_of
 from keystore_audit.model.comparison.facts import Fact, Placed, dated, listing
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.profiles import Trust
-from keystore_audit.model.revocation import (
+from keystore_audit.model.trust.revocation import (
     ends_of_lists,
     identity_authorities,
     list_in_force,

@@ -14,21 +14,21 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
-from keystore_audit.model.claims import named
+from keystore_audit.model.claims.claims import named
 from keystore_audit.model.comparison.change import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains, merged
-from keystore_audit.model.doubt import enclave_doubts, keystore_doubts
-from keystore_audit.model.effective import Peers
+from keystore_audit.model.formal.effective import Peers
+from keystore_audit.model.formal.own_rights import OwnRights
+from keystore_audit.model.formal.permission import Decisions, bits, members, union
+from keystore_audit.model.formal.system import Reading
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import Typed, documents_of, system_documents
 from keystore_audit.model.names import AMBIENT
-from keystore_audit.model.own_rights import OwnRights
-from keystore_audit.model.permission import Decisions, bits, members, union
+from keystore_audit.model.participants.doubt import enclave_doubts, keystore_doubts
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Profile
-from keystore_audit.model.system import Reading
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.trust import Verdict, envelope
-from keystore_audit.model.usability import Usabilities
+from keystore_audit.model.trust.verdicts import Verdict, envelope
 
 MAX_SHOWN = 3
 """Names that stand for a change; the rest are counted."""

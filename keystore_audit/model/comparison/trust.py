@@ -19,7 +19,7 @@ from keystore_audit.model.comparison.keys import foreign_keys
 from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import Typed, beside_enclaves, governance_apart, governance_at_large
-from keystore_audit.model.trust import Verdict, envelope, may_have_issued
+from keystore_audit.model.trust.verdicts import Verdict, envelope, may_have_issued
 from keystore_audit.text import some
 
 ADDED: Final = "enclave-added"

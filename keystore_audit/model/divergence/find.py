@@ -1,9 +1,9 @@
 """Where implementations decide differently about one keystore, and which line of which document is why.
 
 Compared are decisions (`model.decision`, with whether a participant starts there), what peers accept
-(`model.effective`) and whether an enclave starts at all, over every class of names, partitions and domains. Whom an
-implementation trusts is left aside (`divergence.substitution`): that has rules of its own. So is what is unknown to one
-of the two: it leaves the audit incomplete.
+(`model.formal.effective`) and whether an enclave starts at all, over every class of names, partitions and domains.
+Whom an implementation trusts is left aside (`divergence.substitution`): that has rules of its own. So is what is
+unknown to one of the two: it leaves the audit incomplete.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from keystore_audit.model.divergence.substitution import (
     odd_documents,
 )
 from keystore_audit.model.divergence.values import LocalValues, PeerValues, Value, attributed, differing
+from keystore_audit.model.formal.permission import bits, members
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import AMBIENT_TOPICS
-from keystore_audit.model.permission import bits, members
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
 

@@ -11,13 +11,13 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.doubt import enclave_doubts
-from keystore_audit.model.effective import EffectiveRights
+from keystore_audit.model.formal.effective import EffectiveRights
+from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.participants.doubt import enclave_doubts
+from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.participants.views import Kind
 from keystore_audit.model.profiles import Profile
-from keystore_audit.model.system import Reading, System
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.usability import Usabilities
-from keystore_audit.model.views import Kind
 
 
 @dataclass(frozen=True, slots=True)

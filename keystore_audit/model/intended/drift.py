@@ -21,11 +21,11 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.doubt import document_doubt, identity_doubt
 from keystore_audit.model.intended.drift_rights import Comparison, DriftedRights, Taken
 from keystore_audit.model.intended.policy_grant import PolicyGrant, policy_grant
 from keystore_audit.model.inventory import documents_of, may_be_taken, permissions_cas
 from keystore_audit.model.meaning import Doubt
+from keystore_audit.model.participants.doubt import document_doubt, identity_doubt
 from keystore_audit.model.profiles import Profile, SubjectComparison
 from keystore_audit.model.semantics import deciding
 from keystore_audit.model.subjects.comparison import matching

@@ -13,12 +13,12 @@ from keystore_audit.keystore.governance import GovernanceFile, Text
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, ReadRegion, build_channels
-from keystore_audit.model.coverage import has_wildcard
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, contains, domain_classes
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.formal.permission import allowing, bits, members, union
 from keystore_audit.model.intended.policy_grant import PolicyGrant
+from keystore_audit.model.matching.coverage import has_wildcard
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
-from keystore_audit.model.permission import allowing, bits, members, union
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import DEFAULT_PARTITION, DIRECTIONS, Area, ReadGrant, ReadRule, Region, read_grant
 from keystore_audit.model.validity import BEGINNING

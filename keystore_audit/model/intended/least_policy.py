@@ -14,8 +14,8 @@ from keystore_audit.intent.intent import Action, Intent, Origin, UsedName
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.decision import WILDCARDS
-from keystore_audit.model.expression import Matcher, parse
 from keystore_audit.model.intended.observed_needs import Usual, in_layout, missing_usual, usual_rights
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.names import Use, dds_expressions
 
 UNNAMED: Final = "/node"

@@ -18,15 +18,15 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels
-from keystore_audit.model.claims import named
+from keystore_audit.model.claims.claims import named
 from keystore_audit.model.decision import WILDCARDS, LocalRights
 from keystore_audit.model.domains import contains
+from keystore_audit.model.formal.permission import bits, members, union
 from keystore_audit.model.names import Use, dds_channels
-from keystore_audit.model.permission import bits, members, union
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.semantics import ReadGrant
-from keystore_audit.model.usability import Usabilities
 from keystore_audit.model.window import Window
 
 

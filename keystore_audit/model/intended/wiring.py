@@ -11,10 +11,10 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.channels import Channels, ReadRegion
-from keystore_audit.model.claims import named
+from keystore_audit.model.claims.claims import named
+from keystore_audit.model.formal.system import NodeAtom, System
 from keystore_audit.model.intended.observed_needs import DISCOVERY, Usual, in_layout, missing_usual
 from keystore_audit.model.names import Use, dds_channels, dds_expressions
-from keystore_audit.model.system import NodeAtom, System
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from keystore_audit.model.expression import Pattern
+from keystore_audit.model.matching.expression import Pattern
 
 _ANY_LENGTH: Final = -1
 """Stands for the length of the names that an expression with a star matches."""

@@ -6,10 +6,10 @@ from collections.abc import Collection, Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.model.atoms import TopicClass, classify
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.atoms import TopicClass, classify
+from keystore_audit.model.matching.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.partition_patterns import meetings
 from keystore_audit.model.matching.pattern_index import PatternIndex
-from keystore_audit.model.partition_patterns import meetings
 
 OTHER_PARTITION: Final = "other"
 """What a partition is called that no document names: `rt/a`, as a topic would be, reads as if it were one."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.expression import Matcher
+from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.validity import DateReading
 
 

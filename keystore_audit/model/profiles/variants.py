@@ -11,7 +11,7 @@ from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
-from keystore_audit.model.expression import Matcher
+from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.profiles.access import Access, JoinCheck, Local, OpenRange, PartitionReading, RelayReading
 from keystore_audit.model.profiles.profile import Evidence, Profile, RevocationLists, SubjectComparison, Trust
 from keystore_audit.model.validity import DateReading

@@ -15,9 +15,9 @@ from typing import Final, NamedTuple
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import AuditError
 from keystore_audit.intent.ros_names import is_ros_name
-from keystore_audit.model.expression import Pattern
 from keystore_audit.model.matching.alphabet import Alphabet, Budget
 from keystore_audit.model.matching.automaton import STATE_UNITS, Automaton
+from keystore_audit.model.matching.expression import Pattern
 from keystore_audit.model.matching.search import residual_names
 from keystore_audit.model.matching.tokens import Token
 from keystore_audit.model.matching.universe import DEAD, Universe, ros_alphabet

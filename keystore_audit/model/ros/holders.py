@@ -8,15 +8,15 @@ from typing import Final
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import RealmView, enclaves_views
-from keystore_audit.model.coverage import allows_everything, has_wildcard
 from keystore_audit.model.domains import Interval, contains
-from keystore_audit.model.expression import Matcher, any_matches
-from keystore_audit.model.permission import Permissions
+from keystore_audit.model.formal.attacker import RealmView, enclaves_views
+from keystore_audit.model.formal.permission import Permissions
+from keystore_audit.model.formal.system import EnclaveAtom, System
+from keystore_audit.model.matching.coverage import allows_everything, has_wildcard
+from keystore_audit.model.matching.expression import Matcher, any_matches
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.ros.texts import Lines
 from keystore_audit.model.semantics import Area, ReadGrant
-from keystore_audit.model.system import EnclaveAtom, System
 
 _PARTITIONS: Final = ("", "*")
 """Partitions in which an endpoint meets those of ROS 2: the default one, and the name that is a pattern for it."""

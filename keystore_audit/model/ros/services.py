@@ -21,8 +21,8 @@ from keystore_audit.grouped import gathered, grouped
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.domains import Interval, contains
-from keystore_audit.model.expression import Matcher, Pattern, parse
 from keystore_audit.model.matching.alphabet import Budget
+from keystore_audit.model.matching.expression import Matcher, Pattern, parse
 from keystore_audit.model.names import LIFECYCLE_SERVICES, PARAMETER_SERVICES, SETTING_SERVICES
 from keystore_audit.model.ros.classes import REPLY, REQUEST, Affix, classify_ros_names
 from keystore_audit.model.ros.holders import Holder, Placed, allows

@@ -9,7 +9,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.matching.pattern_index import PatternIndex
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
 

@@ -14,10 +14,10 @@ from typing import Final
 from cryptography import x509
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.subjects.attributes import OBJECT_IDENTIFIERS
 from keystore_audit.model.subjects.comparison import escaped, matching, split, unescaped
-from keystore_audit.model.system import System
 
 Meaning = object
 """A subject however it is written: equal where the attributes are, in whatever order."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from keystore_audit.model.issuance import Issuance, IssuedCertificate
+from keystore_audit.model.tables.issuance import Issuance, IssuedCertificate
 from keystore_audit.report.html.element import Html, element, folded, items, joined, lines, name, place
 from keystore_audit.report.html.sheet import FULL, Sheet
 from keystore_audit.text import counted, instant

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.access_rows import label
-from keystore_audit.model.access_table import AccessTable
-from keystore_audit.model.neighbours import Hop, Neighbourhood
-from keystore_audit.model.overview import Overview
-from keystore_audit.model.permission import members
+from keystore_audit.model.formal.permission import members
+from keystore_audit.model.tables.access_rows import label
+from keystore_audit.model.tables.access_table import AccessTable
+from keystore_audit.model.tables.neighbours import Hop, Neighbourhood
+from keystore_audit.model.tables.overview import Overview
 from keystore_audit.report.access_words import namespace
 from keystore_audit.report.html.element import Html, element, fitted, folded, joined, lines, name
 from keystore_audit.report.html.protection import protected

@@ -13,9 +13,9 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.access_rows import Row, decision_rows, folded_by_owner
-from keystore_audit.model.access_table import AccessTable, Group
-from keystore_audit.model.overview import Allowance, Overview
+from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
+from keystore_audit.model.tables.access_table import AccessTable, Group
+from keystore_audit.model.tables.overview import Allowance, Overview
 from keystore_audit.report.access_differences import peers
 from keystore_audit.report.access_words import SHORT, full_name, namespace, protection_words, rights, worth_showing
 from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name, some

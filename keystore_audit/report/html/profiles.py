@@ -7,8 +7,8 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Severity
-from keystore_audit.model.access_rows import decision_rows
-from keystore_audit.model.access_table import AccessTable
+from keystore_audit.model.tables.access_rows import decision_rows
+from keystore_audit.model.tables.access_table import AccessTable
 from keystore_audit.report.access_differences import differences
 from keystore_audit.report.html.element import Html, element, items, joined, lines, name
 from keystore_audit.report.html.sheet import FULL, Sheet, severity, status

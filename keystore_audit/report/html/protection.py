@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.safeguard import Safeguard
+from keystore_audit.model.formal.safeguard import Safeguard
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

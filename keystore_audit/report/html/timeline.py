@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.periods import Period
+from keystore_audit.model.tables.periods import Period
 from keystore_audit.report.html.element import Html, element, fitted, folded, items, joined, lines, some
 from keystore_audit.report.html.sheet import FULL, Sheet
 from keystore_audit.text import counted, instant

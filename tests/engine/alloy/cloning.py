@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from keystore_audit.model.claim import ClaimAtom, Place
-from keystore_audit.model.system import Reading, RealmAtom, RuleAtom, System
+from keystore_audit.model.formal.claim import ClaimAtom, Place
+from keystore_audit.model.formal.system import Reading, RealmAtom, RuleAtom, System
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from tests.engine.systems import (
     CHATTER,
     IDENTITY_CA,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.model.system import Reading, System
+from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES
 from tests.engine.systems import (
     CHATTER,

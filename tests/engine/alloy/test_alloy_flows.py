@@ -15,8 +15,8 @@ from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.runner import examine
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Answer, Status
 from keystore_audit.properties.property import Role
 from tests.engine.alloy.flow_builders import THIRD, at, chain, claim

@@ -31,13 +31,13 @@ from keystore_audit.intent.source import Source
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.formal.system import NodeAtom, System
 from keystore_audit.model.intended.observed import Observation, observe
 from keystore_audit.model.intended.wiring import wiring
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import resolve
-from keystore_audit.model.system import NodeAtom, System
-from keystore_audit.model.usability import Usabilities
 from tests.engine.alloy_batch import evaluate, outcomes, shipped
 from tests.engine.systems import CHATTER, LISTENER, TALKER, healthy, stock
 

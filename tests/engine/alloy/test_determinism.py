@@ -28,7 +28,7 @@ from keystore_audit.engine.alloy.jobs import Analyzer
 from keystore_audit.engine.native_determinism import answer, explore
 from keystore_audit.errors import EngineFailed, EngineTimeout
 from keystore_audit.findings import Location
-from keystore_audit.model.behaviour import Behaviour, DeterminismAtom, Differs, Scheduler
+from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom, Differs, Scheduler
 from keystore_audit.properties.property import Answer, Round, Status
 from tests.engine.alloy_batch import outcomes
 from tests.engine.behaviours import behaviour, deterministic, multiplexer, next_runs, random_behaviour
@@ -178,7 +178,7 @@ def test_two_values_are_enough() -> None:
 
 @pytest.mark.parametrize("differs", Differs)
 def test_more_inputs_of_a_kind_show_no_more(differs: Differs) -> None:
-    """The model has at most two that are alike (`model.forwarding`)."""
+    """The model has at most two that are alike (`model.claims.forwarding`)."""
     for scheduler, sources in product(Scheduler, [(0,), (0, 1)]):
         for rest in ([], [(1, SAME)], [(1, OTHER)]):
             few = 1 if differs is OTHER else 2

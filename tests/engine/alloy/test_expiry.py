@@ -12,10 +12,10 @@ import pytest
 from keystore_audit.engine.alloy import expiry
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts, write_model
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.attacker import RealmView
-from keystore_audit.model.claim import ClaimAtom, ClaimKind
-from keystore_audit.model.permission import Permissions
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.claim import ClaimAtom, ClaimKind
+from keystore_audit.model.formal.permission import Permissions
+from keystore_audit.model.formal.system import System
 from tests.engine.alloy_batch import outcomes, shipped
 from tests.engine.flows_by_hand import ByHand, violated
 from tests.engine.systems import (

@@ -18,7 +18,7 @@ from keystore_audit.engine.alloy.facts import MODULES, SCENARIOS, commands, fact
 from keystore_audit.engine.alloy.relations import union
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
-from keystore_audit.model.system import Reading, System
+from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Role
 from tests.engine.alloy_batch import outcomes, shipped

@@ -15,9 +15,9 @@ from keystore_audit.engine.alloy.claims import Places
 from keystore_audit.engine.alloy.facts import facts
 from keystore_audit.engine.alloy.known_flows import known_flows, shown
 from keystore_audit.engine.alloy.questions import Sheet
-from keystore_audit.model.claim import ClaimAtom
-from keystore_audit.model.flow import Leg
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.claim import ClaimAtom
+from keystore_audit.model.formal.flow import Leg
+from keystore_audit.model.formal.system import System
 from tests.engine.alloy_batch import outcomes, shipped
 from tests.engine.systems import lively, random_system, with_claims
 

@@ -17,8 +17,8 @@ from keystore_audit.engine.alloy.runner import examine
 from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineFailed
-from keystore_audit.model.claim import ClaimKind
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Status
 from tests.engine.alloy_batch import outcomes, shipped
 from tests.engine.systems import healthy, lively, random_system, stock, with_claims

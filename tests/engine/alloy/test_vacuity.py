@@ -12,8 +12,8 @@ from keystore_audit.engine.alloy.application import MAIN as APPLICATION
 from keystore_audit.engine.alloy.application import NODES, write_commands, write_nodes
 from keystore_audit.engine.alloy.claims import FLOW_EXERCISED, INHABITED
 from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, commands, facts
-from keystore_audit.model.claim import ClaimAtom, Place
-from keystore_audit.model.system import NodeAtom, System
+from keystore_audit.model.formal.claim import ClaimAtom, Place
+from keystore_audit.model.formal.system import NodeAtom, System
 from tests.engine.alloy.flow_builders import at, chain, claim
 from tests.engine.alloy_batch import outcomes, shipped
 from tests.engine.systems import CHATTER, LISTENER, TALKER, healthy, healthy_builder

@@ -18,12 +18,12 @@ from keystore_audit.engine.alloy.jobs import Analyzer
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.behaviour import DeterminismAtom, Meeting, Spread
+from keystore_audit.model.formal.behaviour import DeterminismAtom, Meeting, Spread
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import resolve
-from keystore_audit.model.system import System
-from keystore_audit.model.usability import Usabilities
 from keystore_audit.settings import read_settings
 from tests.engine.alloy_batch import outcomes, shipped
 

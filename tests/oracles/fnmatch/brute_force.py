@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from keystore_audit.model.atoms import classify
-from keystore_audit.model.expression import Pattern
+from keystore_audit.model.matching.atoms import classify
+from keystore_audit.model.matching.expression import Pattern
 from tests.oracles.fnmatch.corpus import NAMES
 from tests.oracles.fnmatch.libraries import Column
 

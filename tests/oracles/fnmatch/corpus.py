@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import random
 
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.expression import Matcher, Pattern, parse
 
 
 def short_names(letters: str, longest: int) -> list[str]:

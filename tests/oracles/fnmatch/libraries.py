@@ -7,7 +7,7 @@ import platform
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
-from keystore_audit.model.expression import Matcher, Pattern
+from keystore_audit.model.matching.expression import Matcher, Pattern
 from tests.conftest import lacking
 
 Column = Sequence[bool]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import random
 
-from keystore_audit.model.expression import Matcher
+from keystore_audit.model.matching.expression import Matcher
 from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
 from tests.oracles.fnmatch.corpus import pattern_set
 from tests.oracles.fnmatch.libraries import FLAGS, ask_all

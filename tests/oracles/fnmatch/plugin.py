@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.sax.saxutils import escape
 
-from keystore_audit.model.expression import Pattern
+from keystore_audit.model.matching.expression import Pattern
 from tests.keystore.documents import PERMISSIONS
 from tests.oracles.fnmatch.libraries import Column
 from tests.oracles.xml.ours import DocumentKind

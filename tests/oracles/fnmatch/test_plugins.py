@@ -8,7 +8,7 @@ from itertools import zip_longest
 
 import pytest
 
-from keystore_audit.model.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.expression import Matcher, Pattern, parse
 from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
 from tests.oracles.fnmatch.corpus import BRACKET_NAMES, meant, pattern_set, short_names
 from tests.oracles.fnmatch.libraries import Column, ask

@@ -10,13 +10,13 @@ from keystore_audit.findings import Result, Severity
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.attacker import RealmView
+from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.permission import Permissions
+from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.permission import Permissions
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.system import Reading, System
-from keystore_audit.model.usability import Usabilities
 from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import judge

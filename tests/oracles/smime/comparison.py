@@ -12,8 +12,8 @@ from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.signer_path import path_refusal
-from keystore_audit.model.trust import Verdict, document_verdict
+from keystore_audit.model.trust.signer_path import path_refusal
+from keystore_audit.model.trust.verdicts import Verdict, document_verdict
 from tests.keystore.builder import Signed, present, read
 from tests.oracles.smime.oracle import Answer, Oracle
 

@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.name import _ASN1Type
 from cryptography.x509.oid import NameOID
 
-from keystore_audit.model.trust import Verdict
+from keystore_audit.model.trust.verdicts import Verdict
 from tests.keystore.builder import END, Signed, authority, certificate
 from tests.keystore.messages import with_signature
 from tests.oracles.smime.comparison import compare

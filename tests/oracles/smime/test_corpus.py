@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from keystore_audit.model.trust import Verdict
+from keystore_audit.model.trust.verdicts import Verdict
 from tests.keystore.builder import read
 from tests.oracles.smime.comparison import Comparison, compare
 from tests.oracles.smime.corpus import TABLE, cases

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from keystore_audit.model.trust import Verdict
+from keystore_audit.model.trust.verdicts import Verdict
 from tests.keystore.messages import with_signature
 from tests.oracles.smime.comparison import compare
 from tests.oracles.smime.der import attribute, tlv

@@ -12,7 +12,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric import ec, ed448, ed25519, rsa
 
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.ability import sent, talks
+from keystore_audit.model.claims.ability import sent, talks
 from keystore_audit.model.profiles import VARIANTS
 from tests.keystore.builder import PrivateKey, certificate
 from tests.oracles.vendors.pairs import PATIENCE, Pairs, Side

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from keystore_audit.keystore.governance import DomainRange, Governance
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions
-from keystore_audit.model.expression import Matcher, parse
+from keystore_audit.model.matching.expression import Matcher, parse
 
 
 def holds(ranges: tuple[DomainRange, ...], domain: int) -> bool:

@@ -17,8 +17,8 @@ from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.usability import Usabilities
 from tests.oracles.xml.parsers import require_measured_versions
 from tests.oracles.xml.plugins import Plugin, both
 

@@ -1,0 +1,234 @@
+"""Where a claim of ability does not count on data: channels that no node of ROS 2 uses, or that cannot be had.
+
+What is left out makes such a claim harder to keep, never easier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from datetime import datetime, timedelta
+from typing import Final
+
+from keystore_audit.dataclass import replace
+from keystore_audit.errors import UsageError
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.model.channels import Channels
+from keystore_audit.model.claims.claims import IN_DEFAULT_PARTITION, Claim, Globs, named
+from keystore_audit.model.claims.globs import matching
+from keystore_audit.model.claims.named_enclaves import left_out
+from keystore_audit.model.decision import illegal_names
+from keystore_audit.model.domains import contains
+from keystore_audit.model.formal.claim import Place
+from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.meaning import Usability
+from keystore_audit.model.participants.usability import Usabilities, may_refuse_peers, refusals_of_peer
+from keystore_audit.model.profiles import VARIANTS, JoinCheck, Local, Profile, Trust
+from keystore_audit.model.trust.revocation import list_dates
+from keystore_audit.model.validity import LAST, SECOND
+
+MAX_PAIRS: Final = 10_000
+"""Pairs of places of one claim: some ten seconds."""
+
+_SILENT: Final = frozenset({"Ed25519", "Ed448"})
+"""Kinds of keys with which no implementation proves who it is: the handshake's algorithms are ECDSA and RSA-PSS."""
+
+
+def pairs(
+    claim: Claim, system: System, channels: Channels, known: Iterable[str], unusable: frozenset[int]
+) -> tuple[tuple[Place, Place], ...]:
+    """From which place data must get to which: from every enclave that globs name, and every topic or glob on topics,
+    to every other. `known`: the paths of all enclaves; those that the system lacks (MUST) are a place that is nowhere.
+
+    Raises errors.UsageError for more than MAX_PAIRS.
+    """
+    number = {enclave.label: index for index, enclave in enumerate(system.enclaves)}
+    paths = sorted(known)
+
+    def places(globs: Globs) -> list[Place]:
+        listed = [path for path in paths if any(matching(glob, (path,)) for glob in globs.enclaves)]
+        found = [Place(enclaves=frozenset({number[path]})) for path in listed if path in number]
+        if left_out(system, globs.enclaves, paths):
+            found.append(Place())
+        topics = (channels.regions[named((topic,))] for topic in globs.topics)
+        found += [Place(channels=each - unusable) for each in topics]
+        return [*found, Place(outsider=True)] if globs.outsider else found
+
+    sources, targets = places(claim.source), places(claim.target)
+    if len(sources) * len(targets) > MAX_PAIRS:
+        raise UsageError(
+            f"{claim.place}: {len(sources)} places from which data must get to {len(targets)} are too many pairs "
+            f"(limit {MAX_PAIRS})."
+        )
+    return tuple((one, other) for one in sources for other in targets if one != other or not one.enclaves)
+
+
+def unusable(system: System, channels: Channels, keystore: Keystore, usabilities: Usabilities | None) -> frozenset[int]:
+    """The channels of other domains than the one that the robots use, if it is said, and of other partitions than the
+    default one, those whose name some implementation of the system has for no topic, and those of domains in which an
+    enclave does not start although it does elsewhere.
+
+    `usabilities`: who starts, in that domain; None: everybody.
+    """
+    profiles = [VARIANTS[name] for name in system.profiles]
+    found = set(range(len(channels.channels))) - channels.regions[IN_DEFAULT_PARTITION]
+    domain = usabilities.domain if usabilities is not None else None
+    if domain is not None:
+        inside = {n for n, each in enumerate(channels.domains) if contains(each.intervals, domain)}
+        found.update(n for n, channel in enumerate(channels.channels) if channel.domain not in inside)
+    for legal in {profile.local.topic_names for profile in profiles} - {None}:
+        found.update(illegal_names(channels, legal or ""))
+    if usabilities is not None and domain is None:
+        at = system.instants[system.now]
+        closed = set(_closed(system, channels, keystore.enclaves, usabilities, profiles, at))
+        found.update(n for n, channel in enumerate(channels.channels) if closed and channel.domain in closed)
+    return frozenset(found)
+
+
+def stopped(system: System, keystore: Keystore, usability: Mapping[tuple[str, str], Usability]) -> frozenset[int]:
+    """Enclaves that do not start under some profile of the system, or (MUST) may not; and those that nobody talks to.
+
+    `usability`: by directory and profile, at the audit instant.
+    """
+    rows = [VARIANTS[name].local for name in system.profiles]
+    paths = {enclave.path for enclave in keystore.enclaves if not all(talks(enclave, row) for row in rows)}
+    for enclave in keystore.enclaves:
+        if not _starts(system, (usability[enclave.files.directory, profile] for profile in system.profiles)):
+            paths.add(enclave.path)
+    return _among(system, paths)
+
+
+def stopping(system: System, keystore: Keystore, usabilities: Usabilities | None, until: datetime) -> frozenset[int]:
+    """Enclaves that start no more, or not yet, at some instant until then: of certificates, lists and grants."""
+    before = system.instants[system.now]
+    if usabilities is None or until <= before:
+        return frozenset()
+    dates = {each + after for each in system.instants if before <= each < until for after in (timedelta(0), SECOND)}
+    profiles = [VARIANTS[name] for name in system.profiles]
+    paths = set()
+    for moment in sorted({*dates, until} - {before}):
+        touched = usabilities.touched(before, moment)
+        for enclave in keystore.enclaves:
+            starts = (usabilities.of(enclave, moment, profile) for profile in profiles)
+            if enclave.files.directory in touched and not _starts(system, starts):
+                paths.add(enclave.path)
+        before = moment
+    return _among(system, paths)
+
+
+def with_refusals(system: System, keystore: Keystore) -> System:
+    """With whom enclaves refuse under some profile, from the audit instant on.
+
+    Realms come apart by that: two may trust alike, and read the same authorities in another order.
+    """
+    number = {atom.label: n for n, atom in enumerate(system.enclaves)}
+    there = [(number[each.path], each) for each in keystore.enclaves if each.path in number]
+    identities = [(system.enclaves[n].identity, each.identity) for n, each in there]
+    known = {n: certificate for n, certificate in identities if n is not None and certificate is not None}
+    trusts = dict.fromkeys(VARIANTS[name].trust for name in system.profiles)
+    enclaves, realms = list(system.enclaves), {realm: n for n, realm in enumerate(system.realms)}
+    refused: dict[object, list[tuple[int, frozenset[int]]]] = {}
+    for n, enclave in there:
+        file, crl = enclave.identity_ca, enclave.files.files[Role.CRL]
+        files = file and file.file.sha256, crl.sha256, crl.status  # of copies one is asked
+        if files not in refused:
+            asked = [trust for trust in trusts if may_refuse_peers(enclave, trust)]
+            refused[files] = list(_refused(enclave, known, asked, _moments(system, enclave, asked)))
+        (_now, refuses), *later = refused[files]
+        realm = replace(system.realms[enclaves[n].realm], refuses=refuses, refuses_later=tuple(later))
+        enclaves[n] = replace(enclaves[n], realm=realms.setdefault(realm, len(realms)))
+    return replace(system, enclaves=tuple(enclaves), realms=tuple(realms))
+
+
+def _moments(system: System, enclave: Enclave, trusts: Iterable[Trust]) -> Iterator[tuple[int, datetime]]:
+    """From the audit's on: the moments (`permission.Permissions`) at which the enclave may come to refuse others."""
+    now = system.instants[system.now]
+    authorities = enclave.identity_ca.certificates if enclave.identity_ca is not None else ()
+    dates = {now, *(date for each in authorities for date in (each.not_before, each.not_after))}
+    dates.update(date for trust in trusts for date in list_dates(enclave, trust, now))
+    for number, instant in enumerate(system.instants):
+        if now <= instant <= LAST and instant in dates:
+            yield from ((2 * number + behind, instant + behind * SECOND) for behind in (0, 1))
+
+
+def _refused(
+    enclave: Enclave,
+    known: Mapping[int, Certificate],
+    trusts: Collection[Trust],
+    moments: Iterable[tuple[int, datetime]],
+) -> Iterator[tuple[int, frozenset[int]]]:
+    """Whom of those known the enclave refuses under some of the rows; and again at each moment that changes it."""
+    before: frozenset[int] | None = None
+    for moment, at in moments:
+        found = frozenset(
+            number
+            for number, certificate in (known.items() if trusts else ())
+            if any(any(refusals_of_peer(enclave, certificate, trust, at)) for trust in trusts)
+        )
+        if found != before:
+            yield moment, found
+        before = found
+
+
+def _starts(system: System, usable: Iterable[Usability]) -> bool:
+    may = system.reading is Reading.MAY
+    return all(may if each.usable is None else each.usable for each in usable)
+
+
+def _among(system: System, paths: Collection[str]) -> frozenset[int]:
+    return frozenset(number for number, enclave in enumerate(system.enclaves) if enclave.label in paths)
+
+
+def talks(enclave: Enclave, row: Local) -> bool:
+    """Whether it can prove who it is once it has started.
+
+    Cyclone DDS starts with a private key that is not the certificate's, Fast DDS with one of a kind that makes no
+    signature of a digest, and they complete no handshake (measured). Nor does whoever has more to send than fits.
+    """
+    first = enclave.identity
+    key = enclave.key.key if enclave.key is not None else None
+    if row.most_sent is not None and sent(enclave) > row.most_sent:
+        return False
+    return first is None or (first.key_kind not in _SILENT and (key is None or first.key == key))
+
+
+def sent(enclave: Enclave) -> int:
+    """Octets of what it shows its peers in the handshake: certificate and permissions."""
+    signed = enclave.permissions.signed if enclave.permissions is not None else None
+    return sum(len(each.file.content or b"") for each in (enclave.certificate, signed) if each is not None)
+
+
+def _closed(
+    system: System,
+    channels: Channels,
+    enclaves: Sequence[Enclave],
+    usabilities: Usabilities,
+    profiles: Iterable[Profile],
+    at: datetime,
+) -> Iterator[int]:
+    """Domain classes in which an enclave does not start whose governance covers them, although it does in others.
+
+    OpenDDS alone decides that by the domain's rules; with others, who has rights in a domain starts there.
+    """
+    for profile in profiles:
+        if profile.local.joins is not JoinCheck.OPENDDS:
+            continue
+        starting = [each for each in enclaves if usabilities.of(each, at, profile).usable is not False]
+        governed = _governed(system)
+        realms = {enclave.label: enclave.realm for enclave in system.enclaves}
+        for number, domain in enumerate(channels.domains):
+            there = usabilities.in_domain(domain.intervals[0][0])
+            for enclave in starting:
+                covered = number in governed[realms[enclave.path]] if enclave.path in realms else False
+                if covered and there.of(enclave, at, profile).usable is False:
+                    yield number
+                    break
+
+
+def _governed(system: System) -> list[set[int]]:
+    """By realm: the domain classes that its governance covers."""
+    by_document: dict[int | None, set[int]] = {}
+    for rule in system.domain_rules:
+        by_document.setdefault(rule.document, set()).update(rule.domains)
+    return [by_document.get(realm.governance, set()) for realm in system.realms]

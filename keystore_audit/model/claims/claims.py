@@ -1,0 +1,393 @@
+"""What users claim of a keystore, in their words, and what that means in one system (docs/model.md, Claims)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
+from functools import cached_property
+from hashlib import sha256
+from typing import TYPE_CHECKING, Final, Protocol
+
+from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.channels import Channels, ReadRegion
+from keystore_audit.model.claims.globs import all_matching, at, named_paths
+from keystore_audit.model.claims.named_enclaves import at_large, named_enclaves, with_all_certificates
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.system import Reading, System, apart, together
+from keystore_audit.model.matching.expression import Matcher
+from keystore_audit.model.meaning import Usability
+from keystore_audit.model.names import AMBIENT
+from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
+from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
+
+if TYPE_CHECKING:
+    from keystore_audit.model.claims.labels import Labelling
+    from keystore_audit.model.participants.usability import Usabilities
+
+RESTING_ON_STARTS: Final = frozenset({ClaimKind.ABLE, ClaimKind.SEPARATE_DOMAINS})
+"""Kinds of claims that ask which enclaves start."""
+
+RESTING_ON_SUBJECTS: Final = frozenset({ClaimKind.ONLY_PUBLISH, ClaimKind.ENCRYPTED})
+"""Kinds of claims that ask whom grants name that is no enclave here."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Globs:
+    """A place as a user names it: globs on enclave paths, or on DDS topic names, or the outsider.
+
+    Globs are POSIX expressions, as in permissions: `*` also matches `/`.
+    """
+
+    enclaves: tuple[str, ...] = ()
+    topics: tuple[str, ...] = ()
+    outsider: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelPair:
+    """Two labels between which nothing may flow. `id`: of all claims that say so; `labelling`: where they come from."""
+
+    id: str
+    source: str
+    target: str
+    labelling: Labelling
+
+
+Marks = tuple[tuple[str, str], ...]
+"""Globs on enclaves or DDS topics, each with the place where it stands: `FILE:LINE:COLUMN`."""
+
+
+class Marked(Protocol):
+    """What settings say of globs."""
+
+    @property
+    def place(self) -> str:
+        """Where it stands."""
+
+    @property
+    def marks(self) -> Marks:
+        """Where its globs stand."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Claim:
+    """A property that a user asserts, or a question about a flow.
+
+    `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
+    `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE:COLUMN`,
+    empty for a question of the command line; `marks`: where its globs stand, if known. `labels`: where labels make it.
+    `source` may be empty for ONLY_PUBLISH alone: one enclave may publish then, whichever it is.
+    """
+
+    id: str
+    statement: str
+    kind: ClaimKind
+    attacker: Attacker
+    source: Globs
+    target: Globs
+    severity: Severity = Severity.HIGH
+    through: tuple[str, ...] = ()
+    include_ambient: bool = False
+    until: datetime | None = None
+    location: Location
+    place: str
+    marks: Marks = ()
+    labels: LabelPair | None = None
+
+    @property
+    def meaning(self) -> str:
+        """What is claimed, apart from its name, its words, its severity and its end: equal for equal claims."""
+        places = (self.source, self.target, Globs(enclaves=self.through))
+        sides = [[sorted(place.enclaves), sorted(place.topics), place.outsider] for place in places]
+        return json.dumps([self.kind.value, self.attacker.value, sides, self.include_ambient])
+
+
+def lasting(
+    claims: Iterable[Claim], local: Iterable[datetime], excluded: Collection[datetime] = ()
+) -> tuple[Claim, ...]:
+    """The claims, each with an end after what may happen before its own, or at it.
+
+    `local`: dates that some implementation reads in a zone that we do not know, 14 hours earlier at most. `excluded`:
+    ends of grants that some implementation counts no more at the end itself.
+    """
+    ends = sorted(local)
+
+    def end(until: datetime) -> datetime:
+        over = until + SECOND if until in excluded and until <= LAST else until
+        return max([over, *(date + SECOND for date in ends if date - until <= ANY_ZONE and date <= LAST)])
+
+    return tuple(claim if claim.until is None else replace(claim, until=end(claim.until)) for claim in claims)
+
+
+def claim_regions(claims: Iterable[Claim]) -> tuple[ReadRegion, ...]:
+    """The sets of names that the claims speak of: they take part in the classes, so that claims are exact."""
+    regions: dict[ReadRegion, None] = {}
+    for claim in claims:
+        for globs in (claim.source, claim.target):
+            if globs.topics:
+                regions.update(dict.fromkeys(topic_regions(globs.topics)))
+        if not claim.include_ambient:
+            regions[named(AMBIENT)] = None
+        if claim.kind is ClaimKind.ABLE:
+            regions[IN_DEFAULT_PARTITION] = None
+    for labelling in _labellings(claims):
+        from keystore_audit.model.claims.labels import label_regions  # most settings have no labels
+
+        regions.update(dict.fromkeys(label_regions(labelling)))
+    return tuple(regions)
+
+
+def _labellings(claims: Iterable[Claim]) -> list[Labelling]:
+    """What the settings say of labels, once."""
+    return list({id(claim.labels.labelling): claim.labels.labelling for claim in claims if claim.labels}.values())
+
+
+def named(topics: tuple[str, ...]) -> ReadRegion:
+    """The region of globs on DDS topics, in every partition."""
+    return Matcher.POSIX, (Area(topics=topics, partitions=None),)
+
+
+def by_default(topic: str) -> ReadRegion:
+    """The topic in the default partition, where the nodes of ROS 2 are."""
+    return Matcher.POSIX, (Area(topics=(topic,), partitions=DEFAULT_PARTITION),)
+
+
+IN_DEFAULT_PARTITION: Final = by_default("*")
+"""Every topic there."""
+
+
+def topic_regions(topics: tuple[str, ...]) -> tuple[ReadRegion, ...]:
+    """The region of the globs, and those of each by itself, so that it is known which of them find nothing."""
+    return (named(topics), *(named((glob,)) for glob in topics))
+
+
+def check_granted(topic: str, channels: Channels, used: frozenset[int], place: str) -> None:
+    """Raises errors.UsageError for a glob that matches no channel `used`: misspelt, so that everything would hold."""
+    if not channels.regions[named((topic,))] & used:
+        raise UsageError(f"{at(place)}no permissions document grants anything on the DDS topic {topic!r}.")
+
+
+def with_claims(
+    systems: Sequence[System],
+    claims: Sequence[Claim],
+    channels: Channels,
+    keystore: Keystore,
+    usability: Mapping[tuple[str, str], Usability],
+    usabilities: Usabilities | None = None,
+) -> tuple[System, ...]:
+    """The systems with the claims as facts. `usability`: by directory and profile, as in `Meaning`, and `usabilities`
+    at later instants. For claims that rest on who starts.
+
+    Raises errors.UsageError for a claim of something that is not in the keystore: it would hold for want of it.
+    """
+    if not claims or not systems:
+        return tuple(systems)
+    _check(claims, systems, channels, keystore)
+
+    def resolved(system: System) -> System:
+        return _Resolution(system, channels, keystore, usability, usabilities).resolved(claims)
+
+    kinds = {claim.kind for claim in claims}
+    if kinds.isdisjoint(RESTING_ON_STARTS | RESTING_ON_SUBJECTS):
+        return tuple(map(resolved, systems))
+    systems = apart(systems)
+    if not kinds.isdisjoint(RESTING_ON_SUBJECTS):
+        from keystore_audit.model.claims.elsewhere import with_subjects_elsewhere  # most settings have none
+
+        systems = with_subjects_elsewhere(systems)
+    if kinds.isdisjoint(RESTING_ON_STARTS):
+        return together(map(resolved, systems))
+    return together(each for system in systems for each in _readings(resolved, system))
+
+
+def _readings(resolved: Callable[[System], System], system: System) -> Iterator[System]:
+    """The system with its claims, in two readings if it is read whole, and who starts is not known for all that."""
+    found = resolved(system)
+    yield found
+    if system.reading is Reading.MAY and not system.has_doubt:
+        certain = resolved(replace(system, reading=Reading.MUST))
+        if certain.claims != found.claims:
+            yield certain
+
+
+def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:
+    """Raises errors.UsageError for globs that find nothing, and for places that must differ and do not."""
+    paths = [enclave.path for enclave in keystore.enclaves]
+    used = granted_channels(systems)
+    for labelling in _labellings(claims):
+        from keystore_audit.model.claims.labels import check_labels
+
+        check_labels(labelling, paths, channels, used)
+    for claim in claims:
+        for glob in (*claim.source.enclaves, *claim.target.enclaves, *claim.through):
+            named_paths(glob, paths, marked(claim, glob))
+        for globs in (claim.source, claim.target):
+            for glob in globs.topics:
+                check_granted(glob, channels, used, marked(claim, glob))
+        if claim.kind is ClaimKind.SEPARATE_DOMAINS:
+            both = all_matching(claim.source.enclaves, paths) & all_matching(claim.target.enclaves, paths)
+            if both:
+                raise UsageError(f"{at(claim.place)}{min(both)!r} is on both sides.")
+        if claim.kind in (ClaimKind.NO_FLOW, ClaimKind.ABLE) and (one := _only_itself(claim, paths)):
+            raise UsageError(f"{at(claim.place)}{one} is on both sides, and nothing else.")
+        if claim.kind is ClaimKind.NO_FLOW and claim.source.outsider and claim.attacker is Attacker.HONEST:
+            raise UsageError(
+                f"{at(marked(claim, 'outsider'))}nothing can get from the outsider as long as nobody attacks "
+                "(attacker honest): without a key, to send is to attack. Expected attacker source or relays."
+            )
+
+
+def _only_itself(claim: Claim, paths: Sequence[str]) -> str:
+    """What both sides of a flow are, where it is one enclave, the outsider or the same topics; else nothing."""
+    if claim.labels is not None:
+        return ""
+    if claim.source.outsider and claim.target.outsider:
+        return "the outsider"
+    if claim.source.topics and set(claim.source.topics) == set(claim.target.topics):
+        return repr(claim.source.topics[0])
+    found = all_matching(claim.source.enclaves, paths)
+    same = len(found) == 1 and found == all_matching(claim.target.enclaves, paths)
+    return repr(min(found)) if same else ""
+
+
+def marked(what: Marked, glob: str) -> str:
+    """Where the glob stands, else where what it belongs to does."""
+    return dict(what.marks).get(glob, what.place)
+
+
+def granted_channels(systems: Sequence[System]) -> frozenset[int]:
+    """Channels that some document, as some implementation reads it, allows something on, or that may be one."""
+    everything = frozenset(range(len(systems[0].channels)))
+    granted: set[int] = set()
+    for system in systems:
+        if system.has_doubt or any(grant.default_allow for grant in system.grants):
+            return everything
+        for rule in system.rules:
+            if rule.allow:
+                granted |= rule.publish | rule.subscribe | rule.relay
+    return frozenset(granted)
+
+
+class _Resolution:
+    """Claims in the atoms of one system."""
+
+    def __init__(
+        self,
+        system: System,
+        channels: Channels,
+        keystore: Keystore,
+        usability: Mapping[tuple[str, str], Usability],
+        usabilities: Usabilities | None,
+    ) -> None:
+        self._system = system
+        self._usabilities = usabilities
+        self._channels = channels
+        self._known = {enclave.path for enclave in keystore.enclaves}
+        self._labels = [enclave.label for enclave in system.enclaves]
+        self._keystore = keystore
+        self._usability = usability
+        self._digests: dict[int, str] = {}
+
+    @cached_property
+    def _elsewhere(self) -> frozenset[int]:
+        """Channels on which no claim of ability counts."""
+        from keystore_audit.model.claims.ability import unusable  # most settings claim none
+
+        return unusable(self._system, self._channels, self._keystore, self._usabilities)
+
+    def _away(self, until: datetime | None) -> tuple[frozenset[int], frozenset[int]]:
+        """Enclaves that take no part in what a claim of ability asks for; and who else at some instant until then."""
+        from keystore_audit.model.claims.ability import stopped, stopping  # most settings claim none
+
+        now = stopped(self._system, self._keystore, self._usability) | at_large(self._system)
+        if until is None:
+            return now, frozenset()
+        return now, stopping(self._system, self._keystore, self._usabilities, until) - now
+
+    def resolved(self, claims: Sequence[Claim]) -> System:
+        """The system with the claims."""
+        if any(claim.kind is ClaimKind.ABLE for claim in claims):
+            from keystore_audit.model.claims.ability import with_refusals  # most settings claim none
+
+            self._system = with_refusals(self._system, self._keystore)
+        return replace(self._system, claims=tuple(self._named(self._atom(claim)) for claim in claims))
+
+    def _named(self, claim: ClaimAtom) -> ClaimAtom:
+        """With what its channels stand for, where that is more than one name."""
+        channels = claim.source.channels | claim.target.channels if claim.kind is not ClaimKind.ABLE else ()
+        return replace(claim, names=tuple((each, self._names(each)) for each in sorted(channels) if self._names(each)))
+
+    def _names(self, channel: int) -> str:
+        """Several names as a digest, since they may be many; nothing for one."""
+        if channel not in self._digests:
+            topics = sorted({f"{cell.topic} {cell.infinite}" for cell in self._channels.cells(channel)})
+            digest = sha256("\0".join(topics).encode("utf-8", "surrogatepass")).hexdigest()
+            self._digests[channel] = digest if len(topics) > 1 else ""
+        return self._digests[channel]
+
+    def _atom(self, claim: Claim) -> ClaimAtom:
+        able = claim.kind is ClaimKind.ABLE
+        now, later = self._away(claim.until) if able else (frozenset[int](), frozenset[int]())
+        away = now | later  # these are no places and no ways
+        left_out = frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)]
+        return ClaimAtom(
+            id=claim.id,
+            kind=claim.kind,
+            attacker=claim.attacker,
+            source=self._source(claim, away),
+            target=self._place(claim, claim.target, away),
+            through=self._enclaves(claim.through, unread=False) | away,
+            left_out=left_out | self._elsewhere if able else left_out,
+            until=None if claim.until is None else self._until(claim.until),
+            location=claim.location,
+            starts=self._starts(claim) if claim.kind is ClaimKind.SEPARATE_DOMAINS else frozenset(),
+            pairs=self._pairs(claim) if able else (),
+            stopping=later,
+        )
+
+    def _pairs(self, claim: Claim) -> tuple[tuple[Place, Place], ...]:
+        from keystore_audit.model.claims.ability import pairs  # most settings claim none
+
+        return pairs(claim, self._system, self._channels, self._known, self._elsewhere)
+
+    def _starts(self, claim: Claim) -> frozenset[tuple[int, int]]:
+        """Where enclaves of a claim of separate domains start although peers do not let them in."""
+        if self._usabilities is None:
+            return frozenset()
+        from keystore_audit.model.participants.lone_participants import starts_alone  # most settings claim none
+
+        named = self._enclaves((*claim.source.enclaves, *claim.target.enclaves), unread=False)
+        joining = sorted(with_all_certificates(self._system, named))
+        return starts_alone(self._system, self._keystore, self._channels, self._usabilities, joining, claim.until)
+
+    def _source(self, claim: Claim, away: frozenset[int]) -> Place:
+        """As the claim says; else the one enclave that may publish, if one may. That no other does, engines ask."""
+        if claim.kind is not ClaimKind.ONLY_PUBLISH:
+            return self._place(claim, claim.source, away)
+        from keystore_audit.model.claims.publishers import permitted  # most settings ask for none
+
+        asked = self._place(claim, claim.target, frozenset()).channels
+        return permitted(self._system, claim.source.enclaves, self._known, asked)
+
+    def _place(self, claim: Claim, globs: Globs, away: frozenset[int]) -> Place:
+        channels = self._channels.regions[named(globs.topics)] if globs.topics else frozenset()
+        enclaves = self._enclaves(globs.enclaves, unread=True) - away
+        if claim.kind is ClaimKind.SEPARATE_DOMAINS:  # who may be together somewhere, by whatever certificate
+            enclaves = with_all_certificates(self._system, enclaves)
+        return Place(
+            enclaves=enclaves,
+            channels=channels - self._elsewhere if claim.kind is ClaimKind.ABLE else channels,
+            outsider=globs.outsider,
+        )
+
+    def _enclaves(self, globs: tuple[str, ...], *, unread: bool) -> frozenset[int]:
+        return named_enclaves(self._system, globs, self._known, unread=unread)
+
+    def _until(self, until: datetime) -> int:
+        """The last instant at which the claim must hold; one that has passed is asked about now."""
+        index = sum(1 for instant in self._system.instants if instant <= until) - 1
+        return max(index, self._system.now)

@@ -1,0 +1,311 @@
+"""What comes to the topics that a claim of determinism is about, in one system, as long as nobody attacks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.channels import Channels
+from keystore_audit.model.claims.claims import by_default, named
+from keystore_audit.model.claims.forwards import Declared, Determinism, Forward
+from keystore_audit.model.claims.globs import matching
+from keystore_audit.model.claims.named_enclaves import means_everybody
+from keystore_audit.model.domains import contains
+from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.behaviour import (
+    Behaviour,
+    DeterminismAtom,
+    Differs,
+    ForwardAtom,
+    InputAtom,
+    Meeting,
+    Passage,
+    SlotAtom,
+    Spread,
+)
+from keystore_audit.model.formal.flow import Flows, Lane
+from keystore_audit.model.formal.own_rights import OwnRights
+from keystore_audit.model.formal.permission import Permissions, bits, members, union
+from keystore_audit.model.formal.system import System
+from keystore_audit.model.meaning import Usability
+from keystore_audit.model.names import AMBIENT
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Plan:
+    """What is asked about in one domain; `holders`: by slot, whose it is."""
+
+    domain: int
+    topics: tuple[str, ...]
+    slots: tuple[SlotAtom, ...]
+    holders: tuple[int, ...]
+
+
+class Forwarding:
+    """The declared forwards in the atoms of one system."""
+
+    def __init__(
+        self,
+        system: System,
+        declared: Declared,
+        channels: Channels,
+        keystore: Keystore,
+        usability: Mapping[tuple[str, str], Usability],
+        domain: int | None,
+    ) -> None:
+        self.system = system
+        self._declared = declared
+        self._usability = usability
+        self._directories = {enclave.path: enclave.files.directory for enclave in keystore.enclaves}
+        self._number = {enclave.label: number for number, enclave in enumerate(system.enclaves)}
+        self._doing = {forward.enclave for forward in declared.forwards}
+        permissions = Permissions(system)
+        self._within = permissions.channels_in
+        self._domains = [
+            number for number, each in enumerate(channels.domains) if domain is None or contains(each.intervals, domain)
+        ]
+        views = realm_views(system, permissions)
+        self._own = [OwnRights(system, view) for view in views]
+        self._lanes = Flows(system, views).by_right()
+        regions = channels.regions
+        topics = {t for f in declared.forwards for t in (*f.sources, *f.targets)}
+        topics |= {t for claim in declared.claims for t in (*claim.low, *claim.high.topics)}
+        self._anywhere = {topic: bits(regions[named((topic,))]) for topic in topics}
+        self._by_default = {topic: bits(regions[by_default(topic)]) for topic in topics}
+        self._ambient = bits(regions[named(AMBIENT)])
+
+    def atom(self, claim: Determinism) -> DeterminismAtom:
+        """The claim as facts."""
+        forwards = claim.forwards
+        undecided = next(filter(None, map(self._stopped, forwards)), "")
+        domains: list[int] = []
+        possible: dict[int, list[Forward]] = {}
+        if not undecided:
+            possible = {d: [f for f in forwards if self._lacking(f, d) is None] for d in self._domains}
+            if not any(len(there) == len(forwards) for there in possible.values()):
+                undecided = self._impossible(forwards)
+            domains = list(possible)
+        spread = self._spread(claim)
+        differs = self._differs(claim, spread.inside)
+        behaviours = (self._behaviour(claim, possible[domain], domain, differs) for domain in domains)
+        found = tuple(each for each in behaviours if each.writers)
+        if not undecided and not any(each.seen() for each in found):
+            undecided = f"nobody may publish {', '.join(claim.low)}"
+        return DeterminismAtom(
+            id=claim.id,
+            behaviours=() if undecided else tuple(each for each in found if each.seen()),
+            undecided=undecided,
+            location=claim.location,
+            meetings=()
+            if undecided
+            else tuple(m for each in domains for m in self._meetings(claim, possible[each], each)),
+            spread=None if undecided else spread,
+        )
+
+    def told(self, atom: DeterminismAtom) -> object:
+        """The atom with names for indices, which readings of one keystore have in common."""
+
+        def name(enclave: int | None) -> str | None:
+            return None if enclave is None else self.system.enclaves[enclave].label
+
+        inputs = [[(name(i.enclave), i.topic, i.differs, i.reaches) for i in b.inputs] for b in atom.behaviours]
+        forwards = [[(name(f.enclave), f.targets, f.reaches) for f in b.forwards] for b in atom.behaviours]
+        return (atom.undecided, inputs, forwards, [(b.domain, b.topics, b.slots) for b in atom.behaviours])
+
+    def _stopped(self, forward: Forward) -> str:
+        """Why the forward cannot be, whatever the domain; empty where it can."""
+        if forward.enclave not in self._number:
+            return f"{forward.enclave} could not be read"
+        starts = [self._usability[self._directories[forward.enclave], p].usable for p in self.system.profiles]
+        return "" if all(starts) else f"{forward.enclave}, whose forwards are declared, may not start"
+
+    def _lacking(self, forward: Forward, domain: int) -> str | None:
+        """A topic that the forward's enclave may not use in the domain by its own permissions; None where it may."""
+        number = self._number[forward.enclave]
+        able = self._own[self.system.enclaves[number].realm].abilities(number)
+        here = self._within[domain]
+        for topic in forward.sources:
+            if not able.may_read & self._by_default[topic] & here:
+                return f"subscribe to {topic}"
+        for topic in forward.targets:
+            if not able.may_write & self._by_default[topic] & here:
+                return f"publish {topic}"
+        return None
+
+    def _impossible(self, forwards: Sequence[Forward]) -> str:
+        for forward in forwards:
+            missing = [self._lacking(forward, domain) for domain in self._domains]
+            if missing and all(missing):
+                return f"what is declared cannot be: {forward.enclave} may not {missing[0]}"
+        return "the forwards that are declared are possible in no common domain"
+
+    def _behaviour(
+        self, claim: Determinism, forwards: Sequence[Forward], domain: int, differs: Sequence[Differs]
+    ) -> Behaviour:
+        """What comes to the low topics in one domain."""
+        topics = tuple(dict.fromkeys([*claim.low, *(t for f in forwards for t in f.sources)]))
+        slots = tuple(
+            SlotAtom(forward=place, topic=topics.index(topic))
+            for place, forward in enumerate(forwards)
+            for topic in forward.sources
+        )
+        holders = tuple(self._number[forwards[slot.forward].enclave] for slot in slots)
+        plan = _Plan(domain=domain, topics=topics, slots=slots, holders=holders)
+        return Behaviour(
+            domain=domain,
+            topics=topics,
+            forwards=tuple(self._forward(forward, plan) for forward in forwards),
+            slots=slots,
+            inputs=tuple(_few(self._inputs(claim, plan, differs))),
+            low=frozenset(topics.index(topic) for topic in claim.low),
+        )
+
+    def _forward(self, forward: Forward, plan: _Plan) -> ForwardAtom:
+        sender = self._number[forward.enclave]
+        targets = [topic for topic in forward.targets if topic in plan.topics]
+        reaches = [self._reached(sender, topic, self._by_default[topic], plan) for topic in targets]
+        return ForwardAtom(
+            enclave=sender,
+            scheduler=forward.scheduler,
+            targets=frozenset(map(plan.topics.index, targets)),
+            reaches=frozenset[int]().union(*reaches),
+        )
+
+    def _inputs(self, claim: Determinism, plan: _Plan, differs: Sequence[Differs]) -> Iterator[InputAtom]:
+        """What enclaves without declared forwards may publish on the topics, and anybody on those that are high."""
+        for place, topic in enumerate(plan.topics):
+            if topic in claim.high.topics:
+                everywhere = frozenset(n for n, slot in enumerate(plan.slots) if slot.topic == place)
+                yield InputAtom(enclave=None, topic=place, differs=Differs.ALWAYS, reaches=everywhere)
+                continue
+            for sender, enclave in enumerate(self.system.enclaves):
+                if enclave.label in self._doing:
+                    continue
+                reaches = self._reached(sender, topic, self._by_default[topic], plan)
+                if reaches or (topic in claim.low and self._puts(sender, topic, plan.domain)):
+                    yield InputAtom(enclave=sender, topic=place, differs=differs[sender], reaches=reaches)
+
+    def _reached(self, sender: int, topic: str, put: int, plan: _Plan) -> frozenset[int]:
+        """The slots that get what the enclave puts on these channels of the topic."""
+        got = self._by_default[topic]
+        return frozenset(
+            place
+            for place, (slot, holder) in enumerate(zip(plan.slots, plan.holders, strict=True))
+            if plan.topics[slot.topic] == topic and self._hops(sender, put, holder, got, plan.domain)
+        )
+
+    def _differs(self, claim: Determinism, inside: frozenset[int]) -> list[Differs]:
+        """By enclave, of what it publishes. `inside`: those that something high can come to."""
+        high = self._high(claim)
+        perhaps = [Differs.PERHAPS if n in inside else Differs.NEVER for n in range(len(self.system.enclaves))]
+        return [Differs.ALWAYS if n in high else each for n, each in enumerate(perhaps)]
+
+    def _hops(self, sender: int, put: int, receiver: int, got: int, domain: int) -> bool:
+        """Whether a sample of these channels goes over, in the domain."""
+        here = self._within[domain]
+        return any(lane.puts[sender] & put & here and lane.gets[receiver] & got & here for lane in self._lanes)
+
+    def _puts(self, sender: int, topic: str, domain: int) -> bool:
+        here = self._anywhere[topic] & self._within[domain]
+        return any(lane.puts[sender] & here for lane in self._lanes)
+
+    def _meetings(self, claim: Determinism, forwards: Sequence[Forward], domain: int) -> Iterator[Meeting]:
+        """Who hands samples to whom, of all that a behaviour in this domain rests on."""
+        here = self._within[domain]
+        others = frozenset(n for n, enclave in enumerate(self.system.enclaves) if enclave.label not in self._doing)
+
+        def meeting(candidates: frozenset[int], put: int, receiver: int, got: int) -> Meeting:
+            senders = frozenset(n for n in candidates if self._hops(n, put, receiver, got, domain))
+            return Meeting(
+                candidates=candidates,
+                put=frozenset(members(put & here)),
+                receiver=receiver,
+                got=frozenset(members(got & here)),
+                senders=senders,
+            )
+
+        for holder, topic in dict.fromkeys((self._number[f.enclave], topic) for f in forwards for topic in f.sources):
+            got = self._by_default[topic]
+            yield meeting(others, got, holder, got)
+            publishing = frozenset(self._number[f.enclave] for f in forwards if topic in f.targets)
+            yield meeting(publishing, self._by_default[topic], holder, got)
+        for topic in claim.low:
+            yield Meeting(
+                candidates=others,
+                put=frozenset(members(self._anywhere[topic] & here)),
+                receiver=None,
+                got=frozenset(),
+                senders=frozenset(n for n in others if self._puts(n, topic, domain)),
+            )
+
+    def _high(self, claim: Determinism) -> frozenset[int]:
+        return frozenset(
+            n
+            for n, enclave in enumerate(self.system.enclaves)
+            for glob in claim.high.enclaves
+            if (means_everybody(glob) if enclave.at_large else matching(glob, [enclave.label]))
+        )
+
+    def _spread(self, claim: Determinism) -> Spread:
+        """Where something high can come to, nodes without declared forwards passing on anything, in any domain."""
+        left_out = 0 if claim.include_ambient else self._ambient
+        inside, passing = self._reach(claim, left_out)
+        return Spread(
+            inside=inside,
+            declared=frozenset(self._number[label] for label in self._doing if label in self._number),
+            first=frozenset(members(union(self._anywhere[topic] for topic in claim.high.topics))),
+            left_out=frozenset(members(left_out)),
+            passages=tuple(
+                Passage(
+                    enclave=self._number[forward.enclave],
+                    sources=frozenset(members(union(self._by_default[topic] for topic in forward.sources))),
+                    targets=frozenset(members(union(self._by_default[topic] for topic in forward.targets))),
+                    reached=place in passing,
+                )
+                for place, forward in enumerate(self._declared.forwards)
+                if forward.enclave in self._number
+            ),
+        )
+
+    def _reach(self, claim: Determinism, left_out: int) -> tuple[frozenset[int], frozenset[int]]:
+        """The enclaves, and the forwards by their places, that something high is in or can come to."""
+        labels = [enclave.label for enclave in self.system.enclaves]
+        reached, passing = set(self._high(claim)), set[int]()
+        put = [union(self._anywhere[topic] for topic in claim.high.topics) for _lane in self._lanes]
+        while True:
+            for number, lane in enumerate(self._lanes):
+                put[number] |= union(lane.puts[enclave] for enclave in reached) & ~left_out
+                put[number] |= union(self._passed_on(lane, place) for place in passing)
+            arrived = {n for lane, sent in zip(self._lanes, put, strict=True) for n in lane.getting(sent)}
+            more = {n for n in arrived if n < len(labels) and labels[n] not in self._doing}
+            through = set(self._passing(put))
+            if more <= reached and through <= passing:
+                return frozenset(reached), frozenset(passing)
+            reached |= more
+            passing |= through
+
+    def _passed_on(self, lane: Lane, place: int) -> int:
+        """What the forward of this place puts into the lane."""
+        forward = self._declared.forwards[place]
+        return lane.puts[self._number[forward.enclave]] & union(self._by_default[t] for t in forward.targets)
+
+    def _passing(self, puts: Sequence[int]) -> Iterator[int]:
+        """The forwards that take what is put into the lanes."""
+        for place, forward in enumerate(self._declared.forwards):
+            number = self._number.get(forward.enclave)
+            asked = union(self._by_default[topic] for topic in forward.sources)
+            if number is not None and any(
+                lane.gets[number] & put & asked for lane, put in zip(self._lanes, puts, strict=True)
+            ):
+                yield place
+
+
+def _few(inputs: Iterable[InputAtom]) -> Iterator[InputAtom]:
+    """Of inputs that are alike, one where it may differ anyhow, else two, of which either may be the newest."""
+    seen: dict[InputAtom, int] = {}
+    for each in inputs:
+        kind = replace(each, enclave=None)
+        seen[kind] = seen.get(kind, 0) + 1
+        if seen[kind] <= (1 if each.differs is Differs.ALWAYS else 2):
+            yield each

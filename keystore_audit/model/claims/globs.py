@@ -1,0 +1,40 @@
+"""Globs on names, as settings and options have them: what they match, and what was perhaps meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from keystore_audit.errors import UsageError
+from keystore_audit.model.matching.expression import Matcher, parse
+
+
+def matching(glob: str, names: Iterable[str]) -> list[str]:
+    """The names that the glob matches."""
+    pattern = parse(glob, Matcher.POSIX)
+    return [name for name in names if pattern.matches(name)]
+
+
+def all_matching(globs: Iterable[str], names: Sequence[str]) -> set[str]:
+    """The names that some of the globs match."""
+    return {name for glob in globs for name in matching(glob, names)}
+
+
+def nearest(glob: str, paths: Sequence[str]) -> str:
+    """A hint for a glob that finds nothing, or nothing."""
+    from difflib import get_close_matches  # for mistakes alone
+
+    found = get_close_matches(glob, paths, n=1)
+    return f"; the nearest is {found[0]!r}" if found else ""
+
+
+def at(place: str) -> str:
+    """How a message begins about what stands at the place; nothing where that is not known."""
+    return f"{place}: " if place else ""
+
+
+def named_paths(glob: str, paths: Sequence[str], place: str) -> list[str]:
+    """The enclaves that the glob names, which stands at the place. Raises errors.UsageError where there are none."""
+    found = matching(glob, paths)
+    if not found:
+        raise UsageError(f"{at(place)}{glob!r} names no enclave of this keystore{nearest(glob, paths)}.")
+    return found

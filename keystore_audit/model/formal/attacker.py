@@ -1,0 +1,394 @@
+"""What peers accept from an enclave, and what its keys let it do beyond its rights (docs/model.md).
+
+Everything is asked of a realm: the verdict of a peer depends on nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from functools import cached_property
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal.permission import Permissions, bits, members, union
+from keystore_audit.model.formal.protection import Protection, open_protection, protection
+from keystore_audit.model.formal.system import System
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Abilities:
+    """What an enclave can do, as sets of governed channels of the domains that it can join.
+
+    `may_write`: peers take its samples as those of a permitted writer. `may_read`: peers give it their samples and
+    keys. `may_relay`: peers give it the keys of their submessages. `overhears`: it reads the payload with the keys of
+    any participant, or of a relay. `forges`: it holds every key that a writer's samples are authenticated with
+    (DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the origin is authenticated).
+    `writes_at_all`, `reads_at_all`: with those of its endpoints, if it is of the realm, that honest peers refuse: they
+    are there all the same.
+    """
+
+    may_write: int
+    may_read: int
+    may_relay: int
+    overhears: int
+    forges: int
+    writes_at_all: int
+    reads_at_all: int
+
+    def by_right(self, operation: Operation) -> int:
+        """Channels on which peers let it do this."""
+        if operation is Operation.PUBLISH:
+            return self.may_write
+        return self.may_read if operation is Operation.SUBSCRIBE else self.may_relay
+
+    @property
+    def knows(self) -> int:
+        """Channels whose samples it learns, as a reader or from packets."""
+        return self.may_read | self.overhears
+
+
+class RealmView:
+    """How the peers of one realm see every enclave. Sets of channels and domains are bit sets."""
+
+    def __init__(self, system: System, realm: int, permissions: Permissions) -> None:
+        self._system = system
+        self._number = realm
+        self._realm = system.realms[realm].at(permissions.moment)
+        self._permissions = permissions
+        self.refuses = self._realm.refuses
+        governance = self._realm.governance
+        self.open = governance is not None and system.documents[governance].opaque
+        self._any_opaque = any(document.opaque for document in system.documents)
+        self._rights: dict[tuple[int | None, Operation, bool], int] = {}
+        self._self_granting: dict[int, bool] = {}
+        self._abilities: dict[int, Abilities] = {}
+
+    def vouched(self, pool: frozenset[int], certificate: int, *, in_force: bool) -> bool:
+        """Whether an authority among `pool`, within its validity if `in_force`, issued the certificate,
+        within its own.
+        """
+        subject = self._system.certificates[certificate]
+        if in_force and not self._permissions.in_force(subject.not_before, subject.not_after):
+            return False
+        for number in subject.issuers & pool:
+            issuer = self._system.certificates[number]
+            if issuer.authority and (not in_force or self._permissions.in_force(issuer.not_before, issuer.not_after)):
+                return True
+        return False
+
+    def authenticated(self, enclave: int) -> bool:
+        """Whether peers take the enclave for one of theirs."""
+        return self.open or self._system.enclaves[enclave].opaque or self.introduced(enclave)
+
+    def introduced(self, enclave: int, *, in_force: bool = False) -> bool:
+        """Whether the identity CA vouches for the enclave's identity."""
+        identity = self._system.enclaves[enclave].identity
+        return identity is not None and self._known(identity, in_force=in_force)
+
+    def _known(self, certificate: int, *, in_force: bool = False) -> bool:
+        pool = self._realm.identity_ca
+        return certificate not in self._realm.revoked and self.vouched(pool, certificate, in_force=in_force)
+
+    @cached_property
+    def genuine(self) -> frozenset[int]:
+        """Documents that the permissions CA itself signed."""
+        return frozenset(
+            number
+            for number, document in enumerate(self._system.documents)
+            if document.intact
+            and not document.opaque
+            and document.signers
+            and document.signers <= self._realm.permissions_ca
+        )
+
+    @cached_property
+    def accepted(self) -> frozenset[int]:
+        """Documents that peers take, opaque ones among them."""
+        return frozenset(
+            number
+            for number, document in enumerate(self._system.documents)
+            if document.opaque
+            or (document.intact and document.signers and all(self._may_sign(s) for s in document.signers))
+        )
+
+    def _may_sign(self, certificate: int) -> bool:
+        if self._system.pins_signer:
+            return certificate in self._realm.permissions_ca
+        fit = self._system.certificates[certificate].fit_to_sign
+        return fit and (certificate in self._realm.permissions_ca or certificate in self._chained)
+
+    @cached_property
+    def _chained(self) -> frozenset[int]:
+        """Certificates below the permissions CAs, over authorities that any document may bring along."""
+        certificates = self._system.certificates
+        found: set[int] = set()
+        pending = set(self._realm.permissions_ca)
+        while pending:
+            trusted = {number for number in pending if certificates[number].authority}
+            issued = {number for number, c in enumerate(certificates) if c.issuers & trusted}
+            pending = issued - found
+            found |= pending
+        return frozenset(found)
+
+    def self_granting(self, enclave: int) -> bool:
+        """Whether the enclave can sign itself permissions that peers take: with the CA's key, or one it vouches for."""
+        known = self._self_granting.get(enclave)
+        if known is None:
+            known = self._self_granting[enclave] = self._signs_for_itself(enclave)
+        return known
+
+    def _signs_for_itself(self, enclave: int) -> bool:
+        atom, issuing = self._system.enclaves[enclave], self.issuing(enclave)
+        if not (issuing or self.authenticated(enclave)):
+            return False
+        if atom.opaque or any(self._system.certificates[number].opaque for number in self._realm.permissions_ca):
+            return True
+        if atom.identity is None:
+            return False
+        key = self._system.certificates[atom.identity].key
+        if key in self._authority_keys or atom.identity in self.signing_below:
+            return True
+        return issuing and any(self._system.certificates[number].key == key for number in self.signing_below)
+
+    @cached_property
+    def signing_below(self) -> frozenset[int]:
+        """Certificates below the permissions CAs whose keys sign what peers take, or certify one that does."""
+        if self._system.pins_signer:
+            return frozenset()
+        certificates = self._system.certificates
+        return frozenset(n for n in self._chained if certificates[n].fit_to_sign or certificates[n].authority)
+
+    def issuing(self, enclave: int) -> bool:
+        """Whether the enclave can issue itself any identity: its key is that of an identity CA."""
+        identity = self._system.enclaves[enclave].identity
+        return identity is not None and self._system.certificates[identity].key in self._issuing_keys
+
+    @cached_property
+    def _issuing_keys(self) -> frozenset[int]:
+        certificates = self._system.certificates
+        return frozenset(certificates[each].key for each in self._realm.identity_ca if certificates[each].authority)
+
+    @cached_property
+    def _authority_keys(self) -> frozenset[int]:
+        return frozenset(self._system.certificates[authority].key for authority in self._realm.permissions_ca)
+
+    @cached_property
+    def protection(self) -> Protection:
+        """What the realm's governance protects."""
+        if self.open:
+            return open_protection(self._permissions)
+        governance = self._realm.governance
+        applies = governance is not None and governance in self.accepted
+        return protection(self._system, governance if applies else None, self._permissions)
+
+    @cached_property
+    def unauthenticated(self) -> int:
+        """Governed channels of whose messages as a whole anybody can make some that are taken."""
+        p = self.protection
+        # Those of unauthenticated participants are in the clear, whatever protects those of the others.
+        return p.governed & (self._permissions.within(members(p.unauthenticated)) | ~p.rtps_authenticates)
+
+    @cached_property
+    def injectable(self) -> int:
+        """Channels on which readers take samples made without any key."""
+        p = self.protection
+        return self.unauthenticated & ~(p.metadata_authenticates | p.data_authenticates)
+
+    @cached_property
+    def readable(self) -> int:
+        """Channels whose payload is readable without any key."""
+        p = self.protection
+        return p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)
+
+    def granted(self, enclave: int, operation: Operation) -> int:
+        """Channels for which the permissions CA gave the enclave the right, or where it is met by one that it gave."""
+        return self._right(self._system.enclaves[enclave].identity, operation, genuine=True)
+
+    def may_be_granted(self, enclave: int, operation: Operation) -> int:
+        """Channels for which the permissions CA may have given the enclave the right.
+
+        An opaque document may say so, and any grant may name an opaque enclave.
+        """
+        if self._any_opaque or self._system.enclaves[enclave].opaque:
+            return self._permissions.all_channels
+        return self.granted(enclave, operation)
+
+    def presentable(self, enclave: int, operation: Operation) -> int:
+        """Channels for which the enclave can present a document that peers take."""
+        if self._unbounded(enclave):
+            return self._permissions.all_channels
+        rights = self._right(self._system.enclaves[enclave].identity, operation, genuine=False)
+        return rights | self._anybodys(operation) if self.issuing(enclave) else rights
+
+    def _anybodys(self, operation: Operation) -> int:
+        """Channels for which some document that peers take grants the right, to whomever."""
+        grants = self._permissions.granting(self.accepted)
+        return self._permissions.met(union(self._permissions.allowed(grant, operation) for grant in grants))
+
+    def _unbounded(self, enclave: int) -> bool:
+        """Whether it may have any right: by a document that it signs itself, or by one that we could not read."""
+        return self._any_opaque or self._system.enclaves[enclave].opaque or self.self_granting(enclave)
+
+    def _right(self, identity: int | None, operation: Operation, *, genuine: bool) -> int:
+        key = (identity, operation, genuine)
+        if key not in self._rights:
+            documents = self.genuine if genuine else self.accepted
+            grants = self._permissions.chosen(identity, documents)
+            allowed = union(self._permissions.allowed(grant, operation) for grant in grants)
+            self._rights[key] = self._permissions.met(allowed)
+        return self._rights[key]
+
+    def joined(self, enclave: int) -> int:
+        """Domains that the enclave can join."""
+        anything, issuing = self._unbounded(enclave), self.issuing(enclave)
+        return self._joined_with(enclave, self.accepted, anything=anything, issuing=issuing)
+
+    def _joined_with(self, enclave: int, documents: frozenset[int], *, anything: bool, issuing: bool) -> int:
+        """Domains that it can join with the grants of these documents alone, or with any (`anything`).
+
+        `issuing`: as whomever the grants name.
+        """
+        if self.open:
+            return self._permissions.all_domains
+        p = self.protection
+        if not (issuing or self.authenticated(enclave)):
+            return 0
+        if anything:
+            return p.ruled
+        if issuing:
+            return self._joined_by(self._permissions.granting(documents, admitting=True))
+        return self._joined_by(self._permissions.admitting(self._system.enclaves[enclave].identity, documents))
+
+    def _joined_by(self, grants: Collection[int]) -> int:
+        """Domains that somebody of a known identity joins with these grants."""
+        p = self.protection
+        joined = ~p.join_controlled if grants or not self._system.requires_grant else 0
+        return p.ruled & (joined | union(map(self._permissions.joins, grants)))
+
+    def abilities(self, enclave: int) -> Abilities:
+        """What the enclave can do to the realm's channels; worked out once."""
+        if enclave not in self._abilities:
+            rights = [self.presentable(enclave, operation) for operation in Operation]
+            atom = self._system.enclaves[enclave]
+            alone = (bits(atom.writes_alone), bits(atom.reads_alone)) if atom.realm == self._number else (0, 0)
+            self._abilities[enclave] = self._able(self.joined(enclave), rights, *alone)
+        return self._abilities[enclave]
+
+    @cached_property
+    def elsewhere(self) -> Mapping[int, Abilities]:
+        """By certificate that no enclave here has: what whoever has it can do with the grants that name it."""
+        here = {enclave.identity for enclave in self._system.enclaves}
+        found = {}
+        for number in range(len(self._system.certificates)):
+            if number in here or not (self.open or self._known(number)):
+                continue
+            if self._any_opaque:
+                found[number] = self._able(self.protection.ruled, [self._permissions.all_channels] * len(Operation))
+            elif admitting := self._permissions.admitting(number, self.accepted):
+                rights = [self._right(number, operation, genuine=False) for operation in Operation]
+                found[number] = self._able(self._joined_by(admitting), rights)
+        return found
+
+    @cached_property
+    def learnt_elsewhere(self) -> Mapping[int, int]:
+        """By certificate that no enclave here has: channels that whoever has it learns without a grant to read.
+
+        Whom a document lets in that could not be read may be granted to join, or to relay, and nothing to read.
+        """
+        if self._any_opaque:
+            free = ~self.protection.read_controlled
+            return {number: able.overhears | able.may_read & free for number, able in self.elsewhere.items()}
+        return {
+            number: able.knows & ~(able.may_read & self._right(number, Operation.SUBSCRIBE, genuine=True))
+            for number, able in self.elsewhere.items()
+        }
+
+    def entitled(self, enclave: int) -> int:
+        """Channels that the enclave reads by a grant of the permissions CA, as far as is known."""
+        return self.abilities(enclave).may_read & self.may_be_granted(enclave, Operation.SUBSCRIBE)
+
+    @cached_property
+    def joining_anybody(self) -> int:
+        """Channels on which readers take samples from participants without any identity, who join their domain."""
+        return self._permissions.within(members(self.protection.unauthenticated)) & self.injectable
+
+    @cached_property
+    def joining_known(self) -> int:
+        """Channels on which readers take samples from whoever has an identity of the CA, whatever grants it has."""
+        return self._open_to_known & ~self.protection.write_controlled | self.granted_by_known
+
+    @cached_property
+    def learnt_known(self) -> int:
+        """Channels that anybody learns, or whoever has an identity of the CA, with whatever grants."""
+        p = self.protection
+        unasked = self._open_to_known & ~(p.read_controlled & (p.data_encrypts | p.metadata_encrypts))
+        return unasked | self.readable | self.granted_by_known
+
+    @cached_property
+    def granted_by_known(self) -> int:
+        """Channels to which whoever has an identity of the CA signs itself any right: its CA is one for permissions."""
+        return self.protection.governed if self.issuing_signers else 0
+
+    @cached_property
+    def issuing_signers(self) -> frozenset[int]:
+        """Identity CAs that are permissions CAs too, or chain to one, where signers are not pinned."""
+        if self._system.pins_signer:
+            return frozenset()
+        shared = self._realm.identity_ca & (self._realm.permissions_ca | self._chained)
+        return frozenset(number for number in shared if self._system.certificates[number].authority)
+
+    @cached_property
+    def _open_to_known(self) -> int:
+        """Channels of domains that whoever has an identity of the CA joins: there are others than are here."""
+        p, certificates = self.protection, self._system.certificates
+        if not self.open and not any(certificates[number].authority for number in self._realm.identity_ca):
+            return 0
+        return self._reach(p.ruled & ~p.join_controlled)
+
+    def _able(self, joined: int, rights: Sequence[int], writes_alone: int = 0, reads_alone: int = 0) -> Abilities:
+        """What somebody can do in these domains with these rights, by operation, and what its implementation adds."""
+        published, subscribed, relayed = rights
+        p = self.protection
+        reach = self._reach(joined)
+        writes = reach & (~p.write_controlled | published)
+        reads = reach & (~p.read_controlled | subscribed)
+        relays = reach & relayed
+        origin = p.rtps_authenticates_origin | p.metadata_authenticates_origin
+        return Abilities(
+            may_write=writes,
+            may_read=reads,
+            may_relay=relays,
+            overhears=reach & ~p.data_encrypts & (~p.metadata_encrypts | relays),
+            forges=reach & ~origin & (~p.metadata_authenticates | reads | relays) & (~p.data_authenticates | reads),
+            writes_at_all=writes | writes_alone,
+            reads_at_all=reads | reads_alone,
+        )
+
+    def _reach(self, joined: int) -> int:
+        """The governed channels of these domains."""
+        return self._permissions.within(members(joined)) & self.protection.governed
+
+    def rights_with(self, enclave: int, documents: frozenset[int], *, anything: bool) -> tuple[int, int]:
+        """What the enclave may write and read with the grants of these documents alone, or with any (`anything`).
+
+        As itself: whoever issues itself the identity of another attacks.
+        """
+        p = self.protection
+        published, subscribed = (self._permissions.all_channels,) * 2 if anything else (0, 0)
+        for grant in self._permissions.chosen(self._system.enclaves[enclave].identity, documents):
+            published |= self._permissions.allowed(grant, Operation.PUBLISH)
+            subscribed |= self._permissions.allowed(grant, Operation.SUBSCRIBE)
+        reach = self._reach(self._joined_with(enclave, documents, anything=anything, issuing=False))
+        return reach & (~p.write_controlled | published), reach & (~p.read_controlled | subscribed)
+
+
+def realm_views(system: System, permissions: Permissions | None = None) -> list[RealmView]:
+    """How the peers of each realm see every enclave. `permissions`: those of another moment, None: of the audit's."""
+    permissions = permissions or Permissions(system)
+    return [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+
+
+def enclaves_views(system: System, permissions: Permissions | None = None) -> list[RealmView]:
+    """The same of the realms that enclaves are of alone: how the keystore is meant to be used."""
+    views = realm_views(system, permissions)
+    return [views[realm] for realm in system.realms_of_enclaves()]

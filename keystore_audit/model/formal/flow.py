@@ -1,0 +1,385 @@
+"""Information flow: whether, and how, what starts at one place may arrive at another (docs/model.md).
+
+Breadth-first search from participants over sets of channels and back, never over pairs of enclaves. A *lane* is one
+way in which hops are possible: participant e hands a sample of channel c to another, f, where c is in what e puts into
+the lane and in what f gets out of it. Sets of channels are bit sets; the outsider is the participant after the last
+enclave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.own_rights import OwnRights
+from keystore_audit.model.formal.permission import bits, members, union
+from keystore_audit.model.formal.system import System, easiest
+
+
+class Leg(NamedTuple):
+    """One hop of a flow. None: the outsider, or, at the ends, that the flow begins or ends at the channel itself."""
+
+    sender: int | None
+    channel: int
+    receiver: int | None
+
+
+class Lane:
+    """One way in which hops are possible: what each participant puts in and gets out. `puts` may name few of them."""
+
+    def __init__(self, puts: Sequence[int], gets: Sequence[int]) -> None:
+        self.puts = puts
+        self.gets = gets
+
+    @cached_property
+    def _levels(self) -> list[Sequence[int]]:
+        """The union of what participants get, of pairs of them, of fours …, so that few are looked at."""
+        levels = [self.gets]
+        while len(levels[-1]) > 1:
+            below = levels[-1]
+            above = [one | other for one, other in zip(below[::2], below[1::2], strict=False)]
+            levels.append(above if len(below) % 2 == 0 else [*above, below[-1]])
+        return levels
+
+    def getting(self, channels: int) -> list[int]:
+        """The participants that get one of the channels."""
+        if not channels:
+            return []
+        places = [0]
+        for level in range(len(self._levels) - 1, -1, -1):
+            sets = self._levels[level]
+            places = [place for place in places if place < len(sets) and sets[place] & channels]
+            if level:
+                places = [below for place in places for below in (2 * place, 2 * place + 1)]
+        return places
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Search:
+    """What a flow is asked for. `through`: enclaves that it may not pass. `left_out`: channels that no hop takes.
+
+    `own`: every enclave uses its own permissions document alone (attacker HONEST only).
+    """
+
+    attacker: Attacker
+    source: Place
+    target: Place
+    through: frozenset[int] = frozenset()
+    left_out: frozenset[int] = frozenset()
+    own: bool = False
+
+
+def search_of(claim: ClaimAtom) -> Search:
+    """The flow that a claim is about: one that must not be, or one that must be though nobody attacks."""
+    own = claim.kind is ClaimKind.ABLE
+    return Search(
+        attacker=Attacker.HONEST if own else claim.attacker,
+        source=claim.source,
+        target=claim.target,
+        through=claim.through,
+        left_out=claim.left_out,
+        own=own,
+    )
+
+
+class Flows:
+    """Flows of one system at one moment. `realms`: how the peers of each realm see every enclave, then."""
+
+    def __init__(self, system: System, realms: Sequence[RealmView]) -> None:
+        self._system = system
+        self._realms = realms
+        self._member = [enclave.realm for enclave in system.enclaves]
+        self.outsider = len(system.enclaves)
+        self._lanes: dict[tuple[Attacker, bool], list[Lane]] = {}
+
+    def shortest(self, search: Search) -> tuple[Leg, ...] | None:
+        """A shortest flow, None where there is none."""
+        return _Walk(self, self._system, search).shortest()
+
+    def reached(self, search: Search) -> frozenset[int]:
+        """The participants that data gets to from the source, its own enclaves among them, whatever the target is."""
+        return _Walk(self, self._system, replace(search, target=Place())).reached()
+
+    def lanes(self, search: Search) -> list[Lane]:
+        """The ways in which hops are possible under the attacker."""
+        key = (Attacker.HONEST if search.attacker is Attacker.SOURCE else search.attacker, search.own)
+        if key not in self._lanes:
+            relays = search.attacker is Attacker.RELAYS
+            self._lanes[key] = self._attacked() if relays else self.by_right(own=search.own)
+            if not relays and not search.own:
+                self._lanes[key].append(self._listened())
+        lanes = self._lanes[key]
+        return [*lanes, *self.of_sources(search.source)] if search.attacker is Attacker.SOURCE else lanes
+
+    def by_right(self, *, own: bool = False) -> list[Lane]:
+        """By realm of sender and receiver: what may be written and read by right, on both sides."""
+        rights: Sequence[RealmView | OwnRights] = self._own if own else self._realms
+        everybody = range(len(self._system.enclaves))
+        used = sorted(set(self._member))
+        lanes = []
+        for there in used:
+            written = [rights[there].abilities(enclave).may_write for enclave in everybody]
+            read = [rights[there].abilities(e).may_read if self._member[e] == there else 0 for e in everybody]
+            for here in used:
+                if own and not self._system.realms[here].talks_to(self._system.realms[there]):
+                    continue
+                sent, shared = written, read
+                if here != there:
+                    shared = [one and one & rights[here].abilities(e).may_read for e, one in enumerate(read)]
+                    if own:
+                        sent = [one and one & rights[here].abilities(e).may_write for e, one in enumerate(written)]
+                if len(used) > 1:
+                    sent = [one if self._member[e] == here else 0 for e, one in enumerate(sent)]
+                lanes.append(Lane([*sent, 0], [*shared, 0]))
+        return lanes
+
+    def _listened(self) -> Lane:
+        """Whoever is on the network listens, and honest enclaves do not hide what their governance leaves in clear."""
+        puts = [0] * (self.outsider + 1)
+        for realm, view in enumerate(self._realms):
+            if view.readable:
+                for enclave, shown in enumerate(self._shows(realm)):
+                    puts[enclave] |= shown & view.readable
+        return Lane(puts, [*([0] * self.outsider), self.readable])
+
+    def _attacked(self) -> list[Lane]:
+        """Everybody sends and takes as anybody whose key it has, with all that keys allow, and so does the outsider.
+
+        What is made so is on the network as well as what is written by right, for whoever listens.
+        """
+        everybody = range(self.outsider)
+        lanes = []
+        for realm, view in enumerate(self._realms):
+            made = self._joined(self.as_any([self._forged(view, enclave) for enclave in everybody]), view.injectable)
+            lanes.append(Lane(made, [*self.as_any(self._hears(realm)), 0]))
+            shown = [*self.as_any(self._shows(realm)), 0]
+            known = self.as_any([view.abilities(enclave).knows for enclave in everybody])
+            sent = [one | other for one, other in zip(made, shown, strict=True)]
+            lanes.append(Lane(sent, self._joined(known, view.readable)))
+        return lanes
+
+    def of_sources(self, source: Place) -> list[Lane]:
+        """The source attacks, honest enclaves take, and whoever is on the network listens."""
+        lanes = []
+        for realm, view in enumerate(self._realms):
+            shown = self._shows(realm)
+            made, sent = [0] * (self.outsider + 1), [0] * (self.outsider + 1)
+            for enclave in source.enclaves:
+                acting = self.acting(enclave)
+                made[enclave] = view.injectable | union(self._forged(view, each) for each in acting)
+                sent[enclave] = made[enclave] | union(shown[each] for each in acting)
+            if source.outsider:
+                made[self.outsider] = view.injectable
+            lanes.append(Lane(made, [*self._hears(realm), 0]))
+            lanes.append(Lane(sent, [*([0] * self.outsider), view.readable]))
+        return lanes
+
+    @staticmethod
+    def _joined(enclaves: Sequence[int], anybody: int) -> list[int]:
+        """By participant: what attacking enclaves can, and what anybody on the network can, whom a key only adds to."""
+        return [*(one | anybody for one in enclaves), anybody]
+
+    @cached_property
+    def readable(self) -> int:
+        """Channels that some realm leaves in clear."""
+        return union(view.readable for view in self._realms)
+
+    @cached_property
+    def injectable(self) -> int:
+        """Channels on which readers of some realm take samples from anybody."""
+        return union(view.injectable for view in self._realms)
+
+    def _hears(self, realm: int) -> list[int]:
+        """By enclave: the channels that it reads if whoever writes is ready to give its keys to anybody."""
+        view = self._realms[realm]
+        return [view.abilities(e).reads_at_all if m == realm else 0 for e, m in enumerate(self._member)]
+
+    def _shows(self, realm: int) -> list[int]:
+        """By enclave: the channels that it writes for the realm, by right, or for those who ask for none."""
+        return [self._realms[realm].abilities(enclave).writes_at_all for enclave in range(self.outsider)]
+
+    @cached_property
+    def _own(self) -> list[OwnRights]:
+        """By realm, what enclaves may do that use their own permissions documents alone."""
+        return [OwnRights(self._system, view, view.refuses) for view in self._realms]
+
+    @staticmethod
+    def _forged(view: RealmView, enclave: int) -> int:
+        """Channels of which members of the realm take its samples for those of some writer."""
+        able = view.abilities(enclave)
+        return able.may_write | able.forges if able.forges else able.may_write
+
+    @cached_property
+    def _opaque(self) -> list[int]:
+        return [number for number, enclave in enumerate(self._system.enclaves) if enclave.opaque]
+
+    @cached_property
+    def _holders(self) -> dict[int, list[int]]:
+        """By key: the enclaves that have it."""
+        return self._system.holders()
+
+    def acting(self, enclave: int) -> Iterable[int]:
+        """The enclaves whose key the enclave has, or may have."""
+        if self._system.enclaves[enclave].opaque:
+            return range(self.outsider)
+        key = self._system.key_of(enclave)
+        return [*([enclave] if key is None else self._holders[key]), *self._opaque]
+
+    def as_any(self, sets: Sequence[int]) -> list[int]:
+        """For each enclave, what those have together as which it acts."""
+        doubtful = union(sets[enclave] for enclave in self._opaque)
+        joint = [one | doubtful for one in sets] if doubtful else [*sets]
+        for group in self._holders.values():
+            if len(group) > 1:
+                together = doubtful | union(sets[enclave] for enclave in group)
+                for enclave in group:
+                    joint[enclave] = together
+        everything = union(sets) if self._opaque else 0
+        for enclave in self._opaque:
+            joint[enclave] = everything
+        return joint
+
+    def getters(self, search: Search) -> list[int]:
+        """By participant: the channels of which it gets samples."""
+        if search.own:
+            return [*(self._own[m].abilities(e).may_read for e, m in enumerate(self._member)), 0]
+        if search.attacker is not Attacker.RELAYS:
+            return [*(self._realms[m].abilities(e).may_read for e, m in enumerate(self._member)), self.readable]
+        taken = [0] * self.outsider
+        for view in self._realms:
+            able = map(view.abilities, range(self.outsider))
+            taken = [one | each.reads_at_all | each.knows for one, each in zip(taken, able, strict=True)]
+        return self._joined(self.as_any(taken), self.readable)
+
+    def putters(self, search: Search) -> list[int]:
+        """By participant: the channels on which it can put samples."""
+        if search.own:
+            return [*(self._own[m].abilities(e).may_write for e, m in enumerate(self._member)), 0]
+        put, forged = [0] * self.outsider, [0] * self.outsider
+        relays = search.attacker is Attacker.RELAYS  # who reads it attacks too then, and refuses nobody
+        for view in self._realms:
+            for enclave in range(self.outsider):
+                able = view.abilities(enclave)
+                put[enclave] |= able.writes_at_all if relays else able.may_write
+                forged[enclave] |= able.forges
+        attacked = self.as_any([one | other for one, other in zip(put, forged, strict=True)])
+        attacked = self._joined(attacked, self.injectable)
+        if relays:
+            return attacked
+        put.append(0)
+        if search.attacker is Attacker.SOURCE:
+            for node in (*search.source.enclaves, *([self.outsider] if search.source.outsider else [])):
+                put[node] = attacked[node]
+        return put
+
+
+class _Walk:
+    """One search, layer by layer: those that a sample reaches after so many hops."""
+
+    def __init__(self, flows: Flows, system: System, search: Search) -> None:
+        self._flows = flows
+        self._search = search
+        self._channels = system.channels
+        self._left_out = bits(search.left_out)
+        self._lanes = flows.lanes(search)
+        self._seen = [0] * len(self._lanes)
+        self._ends = {*search.target.enclaves, *([flows.outsider] if search.target.outsider else [])}
+        self._layers: list[list[int]] = []
+
+    def shortest(self) -> tuple[Leg, ...] | None:
+        """The flow."""
+        source = self._search.source
+        if source.channels:
+            return self._from_channels(bits(source.channels))
+        first = sorted({*source.enclaves, *([self._flows.outsider] if source.outsider else [])})
+        return self._spread(first, looping=self._ends.intersection(first))
+
+    def reached(self) -> frozenset[int]:
+        """All that are reached, where there is no target."""
+        self.shortest()
+        return frozenset(node for layer in self._layers for node in layer)
+
+    def _from_channels(self, channels: int) -> tuple[Leg, ...] | None:
+        """The flow from whoever gets a sample of one of them."""
+        got = self._flows.getters(self._search)
+        getting = [node for node, each in enumerate(got) if each & channels]
+        for node in getting:
+            if node in self._ends:
+                return (Leg(None, self._one(got[node] & channels), self._name(node)),)
+        first = [node for node in getting if node not in self._search.through]
+        found = self._spread(first, looping=set())
+        if found is None:
+            return None
+        begun = self._flows.outsider if found[0].sender is None else found[0].sender
+        return (Leg(None, self._one(got[begun] & channels), self._name(begun)), *found)
+
+    def _spread(self, first: list[int], looping: set[int]) -> tuple[Leg, ...] | None:
+        """Goes on from the participants `first`; `looping`: those among them that are ends, which others must reach."""
+        asked = bits(self._search.target.channels)
+        put = self._flows.putters(self._search) if asked else []
+        active = set(first)
+        layer = first
+        while layer:
+            self._layers.append(layer)
+            for node in layer if asked else ():
+                if put[node] & asked:
+                    return (*self._back(node), Leg(self._name(node), self._one(put[node] & asked), None))
+            arrived, looped = self._next(layer, looping)
+            ends = sorted((self._ends & arrived) - active) or sorted(looped)
+            if ends:
+                self._layers.append(ends)
+                return self._back(ends[0])
+            layer = sorted(arrived - active - self._search.through)
+            active.update(layer)
+        return None
+
+    def _next(self, layer: Sequence[int], looping: Collection[int]) -> tuple[set[int], set[int]]:
+        """Whom the layer reaches over channels that nobody used before, and which of `looping` it reaches at all."""
+        arrived: set[int] = set()
+        looped: set[int] = set()
+        within = set(layer)
+        for number, lane in enumerate(self._lanes):
+            once, twice = 0, 0
+            for node in layer:
+                sent = lane.puts[node]
+                if looping:
+                    twice |= once & sent
+                once |= sent
+            once &= ~self._left_out
+            for node in looping:
+                others = once & (twice | ~lane.puts[node]) if node in within else once
+                if others & lane.gets[node]:
+                    looped.add(node)
+            arrived.update(lane.getting(once & ~self._seen[number]))
+            self._seen[number] |= once
+        return arrived, looped
+
+    def _back(self, end: int) -> tuple[Leg, ...]:
+        """The hops to `end`, which stands in the last layer."""
+        legs: list[Leg] = []
+        node = end
+        for layer in reversed(self._layers[:-1]):
+            sender, channel = self._before(layer, node)
+            legs.append(Leg(self._name(sender), channel, self._name(node)))
+            node = sender
+        return tuple(reversed(legs))
+
+    def _before(self, layer: Sequence[int], node: int) -> tuple[int, int]:
+        """A participant of the layer that hands a sample to `node`, and on which channel."""
+        for sender in layer:
+            if sender != node:
+                for lane in self._lanes:
+                    common = lane.puts[sender] & lane.gets[node] & ~self._left_out
+                    if common:
+                        return sender, self._one(common)
+        raise AssertionError("a participant was reached from nowhere")
+
+    def _one(self, channels: int) -> int:
+        return easiest(self._channels, members(channels))
+
+    def _name(self, node: int) -> int | None:
+        return None if node == self._flows.outsider else node

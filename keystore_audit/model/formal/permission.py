@@ -1,0 +1,223 @@
+"""What signed permissions allow: grant choice, first match, default (DDS-Security 1.1, 9.4.1.3).
+
+Sets of channels and of domains are integers used as bit sets: channel n is bit n. The definitions are in
+docs/model.md.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from itertools import groupby
+from operator import attrgetter
+from typing import Final
+from weakref import WeakKeyDictionary
+
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal.system import RuleAtom, System
+
+_FEW: Final = 16
+"""Numbers that make a set one by one; the set of more is made in an array."""
+
+
+def allowing(rulings: Iterable[tuple[int, bool]]) -> int:
+    """The channels that the first ruling about them allows: channels, and whether they are allowed."""
+    allowed, decided = 0, 0
+    for channels, allow in rulings:
+        if channels:  # most rules of thousands are about another operation
+            if allow:
+                allowed |= channels & ~decided if decided else channels
+            decided |= channels
+    return allowed
+
+
+def bits(numbers: Iterable[int]) -> int:
+    """The set of these numbers."""
+    found = numbers if isinstance(numbers, frozenset) else frozenset(numbers)
+    if len(found) < _FEW:
+        value = 0
+        for number in found:
+            value |= 1 << number
+        return value
+    known = _BITS.get(found)
+    if known is None:
+        array = bytearray(max(found) // 8 + 1)  # a long integer is a new one after each bit
+        for number in found:
+            array[number >> 3] |= 1 << (number & 7)
+        known = _BITS[found] = int.from_bytes(array, "little")
+    return known
+
+
+_BITS: Final = WeakKeyDictionary[frozenset[int], int]()
+"""Thousands of rules, of several systems, may be about the same channels."""
+
+
+def members(value: int) -> Iterable[int]:
+    """The numbers in the set, ascending."""
+    if value.bit_length() > _MANY_BITS:
+        for found in _NOT_EMPTY.finditer(value.to_bytes(value.bit_length() // 8 + 1, "little")):
+            start = 8 * found.start()
+            yield from (start + low for low in members(int.from_bytes(found[0], "little")))
+        return
+    while value:
+        low = value & -value
+        yield low.bit_length() - 1
+        value ^= low
+
+
+def union(sets: Iterable[int]) -> int:
+    """The union of these sets."""
+    found = 0
+    for each in sets:
+        found |= each
+    return found
+
+
+_MANY_BITS: Final = 4_096
+"""From so many on a set is taken apart piece by piece: a long integer is a new one without each bit."""
+
+_NOT_EMPTY: Final = re.compile(rb"[^\0]{1,7}")
+
+
+class Meetings:
+    """Which channels are met in others, by `System.meets`."""
+
+    def __init__(self, meets: Sequence[frozenset[int]]) -> None:
+        self._meets = {number: bits(others) for number, others in enumerate(meets) if others}
+        self._meeting = bits(self._meets)
+
+    def met(self, channels: int) -> int:
+        """These channels, and those in which endpoints of theirs are met whose partitions are patterns."""
+        found = channels
+        for channel in members(channels & self._meeting):
+            found |= self._meets[channel]
+        return found
+
+
+class Decisions:
+    """What each grant of a system allows whenever it is in force: the same for all systems with the same grants."""
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._allowed: dict[tuple[int, Operation], int] = {}
+        self.met = Meetings(system.meets).met
+        self.all_channels = (1 << len(system.channels)) - 1
+        self.all_domains = (1 << len(system.domains)) - 1
+        self.channels_in = [0] * len(system.domains)
+        """By domain class: its channels, which mostly stand together."""
+        start = 0
+        for domain, together in groupby(map(attrgetter("domain"), system.channels)):
+            stop = start + len([*together])
+            self.channels_in[domain] |= (1 << stop) - (1 << start)
+            start = stop
+        self._within: dict[frozenset[int], int] = {}
+
+    @cached_property
+    def rules(self) -> list[list[RuleAtom]]:
+        """By grant: its rules in order."""
+        rules: list[list[RuleAtom]] = [[] for _ in self._system.grants]
+        for rule in self._system.rules:
+            rules[rule.grant].append(rule)
+        return rules
+
+    def allowed(self, grant: int, operation: Operation) -> int:
+        """Channels on which the first matching rule allows, or none matches and the default does."""
+        known = self._allowed.get((grant, operation))
+        if known is None:
+            rulings = [(self._matches(rule, operation), rule.allow) for rule in self.rules[grant]]
+            if self._system.grants[grant].default_allow:
+                rulings.append((self.all_channels, True))
+            known = self._allowed[grant, operation] = allowing(rulings)
+        return known
+
+    def _matches(self, rule: RuleAtom, operation: Operation) -> int:
+        """Channels whose domain, topic and partition the rule matches."""
+        named = rule.named(operation)
+        if not named:
+            return 0
+        within = self._within.get(rule.domains)
+        if within is None:
+            within = self._within[rule.domains] = self.within(rule.domains)
+        return bits(named) & within
+
+    def within(self, domains: Iterable[int]) -> int:
+        """The channels of these domain classes."""
+        return union(self.channels_in[domain] for domain in domains)
+
+    def joins(self, grant: int) -> int:
+        """Domains that the grant lets its holder join."""
+        if self._system.grants[grant].default_allow:
+            return self.all_domains
+        return union(bits(rule.domains) for rule in self.rules[grant] if rule.allow)
+
+
+class Permissions:
+    """The decisions of every grant of a system at one moment.
+
+    `moment` is twice the index of an instant, plus one for the time between it and the next; None: the audit
+    instant. `decisions`: those of the system, where they are known already.
+    """
+
+    def __init__(self, system: System, moment: int | None = None, decisions: Decisions | None = None) -> None:
+        self._system = system
+        self.moment = 2 * system.now if moment is None else moment
+        known = Decisions(system) if decisions is None else decisions
+        self.allowed, self.joins, self.met, self.within = known.allowed, known.joins, known.met, known.within
+        self.all_channels, self.all_domains, self.channels_in = known.all_channels, known.all_domains, known.channels_in
+
+    def in_force(self, not_before: int, not_after: int) -> bool:
+        """Whether the moment lies between these instants, both included."""
+        return 2 * not_before <= self.moment <= 2 * not_after
+
+    @cached_property
+    def _chosen(self) -> dict[int, list[tuple[int, int]]]:
+        """By certificate.
+
+        (document, grant) for each document whose first grant in force that names it is the grant; where grants out of
+        date are not skipped, whose first grant that names it is the grant and in force.
+        """
+        chosen: dict[int, list[tuple[int, int]]] = {}
+        seen: set[tuple[int, int]] = set()
+        for number, grant in enumerate(self._system.grants):
+            in_force = self.in_force(grant.not_before, grant.not_after)
+            if not in_force and self._system.skips_grants_out_of_date:
+                continue
+            for certificate in grant.names:
+                if (grant.document, certificate) not in seen:
+                    seen.add((grant.document, certificate))
+                    if in_force:
+                        chosen.setdefault(certificate, []).append((grant.document, number))
+        return chosen
+
+    @cached_property
+    def _named(self) -> dict[int, dict[int, int]]:
+        """By certificate and document: the first grant that names it."""
+        named: dict[int, dict[int, int]] = {}
+        for number, grant in enumerate(self._system.grants):
+            for certificate in grant.names:
+                named.setdefault(certificate, {}).setdefault(grant.document, number)
+        return named
+
+    def admitting(self, certificate: int | None, documents: frozenset[int]) -> list[int]:
+        """The grants of these documents by which the certificate joins: dates may bind endpoints alone."""
+        chosen = self.chosen(certificate, documents)
+        if certificate is None or not self._system.joins_out_of_date:
+            return chosen
+        first = self._named.get(certificate, {}).items()
+        return sorted({*chosen, *(grant for document, grant in first if document in documents)})
+
+    def chosen(self, certificate: int | None, documents: frozenset[int]) -> list[int]:
+        """The grants that these documents hold for the certificate, one a document."""
+        if certificate is None:
+            return []
+        return [grant for document, grant in self._chosen.get(certificate, ()) if document in documents]
+
+    def granting(self, documents: frozenset[int], *, admitting: bool = False) -> list[int]:
+        """The grants of these documents that count for whomever they name; or (`admitting`) by which one joins."""
+        undated = admitting and self._system.joins_out_of_date
+        return [
+            number
+            for number, grant in enumerate(self._system.grants)
+            if grant.document in documents and (undated or self.in_force(grant.not_before, grant.not_after))
+        ]

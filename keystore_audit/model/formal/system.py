@@ -1,0 +1,356 @@
+"""The normalised system that both engines are asked about.
+
+A `System` states facts, not answers: certificates with issuers, keys and dates, documents with signers,
+ordered rules with the domains and channels they name, governance rules with their flags. Who is authentic,
+which grant and which rule decides, who can read or forge, each engine works out on its own (docs/model.md).
+
+Everything is an atom with an index into its tuple; a reference to another atom is that index. The order of
+rules (grants, domain rules, topic rules) within their parent is the order of their indices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from enum import Enum
+from typing import NamedTuple
+
+from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered
+from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal.behaviour import DeterminismAtom
+from keystore_audit.model.formal.claim import ClaimAtom, PlaceAtom
+
+
+class Reading(str, Enum):
+    """How what could not be read counts (design section 3, may and must).
+
+    MAY: it may do, grant and open anything. MUST: it does, grants and opens nothing; it is left out.
+    """
+
+    MAY = "may"
+    MUST = "must"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CertificateAtom:
+    """A certificate. `issuers`: certificates whose subject it names and whose key verifies its signature.
+
+    `authority`: CA:TRUE and, where keyUsage is present, keyCertSign. `fit_to_sign`: fit for S/MIME signing.
+    `not_before`, `not_after`: instants. `key`: equal keys have equal numbers. `opaque`: (MAY only) it stands
+    for all that CA files that could not be read may hold. `elsewhere`: it is not here, and stands for whatever
+    certificate somebody has whose subject is `label` (`model.claims.elsewhere`).
+    """
+
+    label: str
+    location: Location
+    issuers: frozenset[int]
+    authority: bool
+    fit_to_sign: bool
+    key: int
+    not_before: int
+    not_after: int
+    opaque: bool = False
+    elsewhere: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DocumentAtom:
+    """A signed document.
+
+    `intact`: it is S/MIME as run times read it, every SignerInfo verifies under a known certificate that it
+    names; `signers` are those certificates. `opaque`: (MAY only) some run time may accept it, and we do not
+    know what it says.
+    """
+
+    label: str
+    location: Location
+    intact: bool
+    signers: frozenset[int]
+    opaque: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RealmAtom:
+    """Enclaves that trust alike: same identity CAs, permissions CAs, governance document and revocations.
+
+    A peer's verdict depends on its realm only. `identity_ca`, `permissions_ca`: the certificates of those
+    files; `governance`: the document, None where it is missing or (MUST) unreadable; `revoked`: certificates
+    on its CRL; `revoked_later`: the same from moments on (`permission.Permissions`) at which another one of several
+    lists counts, ascending; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be revoked.
+    `told`: what its members tell peers of their permissions CA, if they and their peers compare that: members of realms
+    that tell different things refuse each other, unless one of them tells what the other wants to hear. None: unknown.
+    `refuses`: certificates that members refuse although an identity CA vouches for them; for claims of ability alone.
+    `refuses_later`: from moments on at which these are others.
+    """
+
+    identity_ca: frozenset[int]
+    permissions_ca: frozenset[int]
+    governance: int | None
+    revoked: frozenset[int]
+    list_unread: bool = False
+    told: int | None = 0
+    refuses: frozenset[int] = frozenset()
+    revoked_later: tuple[tuple[int, frozenset[int]], ...] = ()
+    refuses_later: tuple[tuple[int, frozenset[int]], ...] = ()
+
+    def at(self, moment: int) -> RealmAtom:
+        """The same as it is then."""
+        if not (self.revoked_later or self.refuses_later):
+            return self
+        *_, revoked = self.revoked, *(each for begin, each in self.revoked_later if begin <= moment)
+        *_, refuses = self.refuses, *(each for begin, each in self.refuses_later if begin <= moment)
+        return replace(self, revoked=revoked, revoked_later=(), refuses=refuses, refuses_later=())
+
+    @property
+    def always_revoked(self) -> frozenset[int]:
+        """Certificates that are revoked at each moment."""
+        return self.revoked.intersection(*(each for _begin, each in self.revoked_later))
+
+    @property
+    def ever_revoked(self) -> frozenset[int]:
+        """Certificates that are revoked at some moment."""
+        return self.revoked.union(*(each for _begin, each in self.revoked_later))
+
+    def talks_to(self, other: RealmAtom) -> bool:
+        """Whether members of both may talk, as far as what they tell of their permissions CAs goes."""
+        return self.told == other.told or None in (self.told, other.told)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EnclaveAtom:
+    """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
+
+    `at_large`: no enclave of the keystore, but an identity beside those of its enclaves, in whoever's hands.
+    `possible`: (MAY only) whether anybody has its key is unknown.
+    `reads_alone`, `writes_alone`: channels that its own implementation lets it read, and write, where that may be more
+    than peers concede. `refused_writes`, `refused_reads`: those on which it refuses a writer, or a reader, that peers
+    would take.
+    """
+
+    label: str
+    location: Location
+    realm: int
+    identity: int | None
+    permissions: int | None
+    opaque: bool
+    at_large: bool = False
+    possible: bool = False
+    reads_alone: frozenset[int] = frozenset()
+    writes_alone: frozenset[int] = frozenset()
+    refused_writes: frozenset[int] = frozenset()
+    refused_reads: frozenset[int] = frozenset()
+
+    @property
+    def by_itself(self) -> tuple[frozenset[int], ...]:
+        """The channels about which its own implementation decides otherwise than peers, way by way."""
+        return self.reads_alone, self.writes_alone, self.refused_writes, self.refused_reads
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOut:
+    """(MUST only) An enclave that is not among the system's, since who it is or whom it trusts could not be read.
+
+    Or whatever enclaves are behind a place. `identity`: its certificate, None where that is unknown.
+    """
+
+    label: str
+    identity: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DomainAtom:
+    """Domain ids that no document tells apart: closed intervals within 0..232."""
+
+    label: str
+    intervals: tuple[tuple[int, int], ...]
+
+
+class ChannelAtom(NamedTuple):
+    """A domain class × topic class × partition class, merged where no rule of any document tells them apart.
+
+    `topic` and `partition` are witnesses. `ros`: a ROS 2 name lies in it; `infinite`: it holds infinitely
+    many names. A tuple, since there may be 300,000.
+    """
+
+    domain: int
+    topic: str
+    partition: str
+    ros: bool
+    infinite: bool
+
+
+def easiest(channels: Sequence[ChannelAtom], numbers: Iterable[int]) -> int:
+    """Of the channels of these numbers, the one that a person reads most easily."""
+    return min(numbers, key=lambda n: (not channels[n].ros, channels[n].infinite, n))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DomainRuleAtom:
+    """A `<domain_rule>` of the governance `document`; `domains` are the classes its ids cover."""
+
+    document: int
+    domains: frozenset[int]
+    allow_unauthenticated_participants: bool
+    enable_join_access_control: bool
+    discovery_protection_kind: ProtectionKind
+    liveliness_protection_kind: ProtectionKind
+    rtps_protection_kind: ProtectionKind
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicRuleAtom:
+    """A `<topic_rule>` of `domain_rule`; `channels` are those whose topic its expression matches.
+
+    Channels of every domain class that the domain rule covers are among them, whether or not an earlier rule
+    decides.
+    """
+
+    domain_rule: int
+    channels: frozenset[int]
+    enable_discovery_protection: bool
+    enable_liveliness_protection: bool
+    enable_read_access_control: bool
+    enable_write_access_control: bool
+    metadata_protection_kind: ProtectionKind
+    data_protection_kind: ProtectionKind
+    location: Location
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GrantAtom:
+    """A `<grant>` of the permissions `document`.
+
+    `names`: certificates whose subject its subject_name, `subject`, matches.
+    """
+
+    document: int
+    names: frozenset[int]
+    not_before: int
+    not_after: int
+    default_allow: bool
+    location: Location
+    subject: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RuleAtom:
+    """An `<allow_rule>` or `<deny_rule>` of `grant`.
+
+    `domains`: the classes its ids cover. `publish`, `subscribe`, `relay`: channels whose topic and partition
+    one of its criteria matches, in any domain class: a rule applies to a channel only where `domains` holds
+    the channel's domain as well.
+    """
+
+    grant: int
+    allow: bool
+    domains: frozenset[int]
+    publish: frozenset[int]
+    subscribe: frozenset[int]
+    relay: frozenset[int]
+    location: Location
+
+    def named(self, operation: Operation) -> frozenset[int]:
+        """The channels that its criteria match for the operation."""
+        if operation is Operation.PUBLISH:
+            return self.publish
+        return self.subscribe if operation is Operation.SUBSCRIBE else self.relay
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeAtom:
+    """A ROS 2 node that is to run in `enclave` (None: one that is not in the keystore, or (MUST) unreadable).
+
+    `publishes`, `subscribes`: the channels that it is there to use.
+    """
+
+    label: str
+    location: Location
+    enclave: int | None
+    publishes: frozenset[int]
+    subscribes: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class System:
+    """One keystore as one kind of implementation reads it, at one instant, in one reading.
+
+    `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a permissions
+    CA certificate itself; otherwise by any certificate that chains to one and is fit to sign (CVE-2023-24010).
+    `skips_grants_out_of_date`: of a document the first grant in force that names a certificate counts; otherwise the
+    first that names it, if it is in force. `requires_grant`: where join access control is off, peers let in whom some
+    document grants something, not everybody. `joins_out_of_date`: the first grant that names a certificate lets it join
+    whatever its dates. `instants`: sorted; `now`: index of the audit instant among them.
+    `meets`: by channel, the others in which an endpoint that is allowed in it is met too, because its partition may be
+    a pattern; empty where no channel meets another.
+    """
+
+    profiles: tuple[str, ...]
+    pins_signer: bool
+    skips_grants_out_of_date: bool
+    requires_grant: bool
+    joins_out_of_date: bool = False
+    reading: Reading
+    instants: tuple[datetime, ...]
+    now: int
+    certificates: tuple[CertificateAtom, ...]
+    documents: tuple[DocumentAtom, ...]
+    realms: tuple[RealmAtom, ...]
+    enclaves: tuple[EnclaveAtom, ...]
+    domains: tuple[DomainAtom, ...]
+    channels: tuple[ChannelAtom, ...]
+    domain_rules: tuple[DomainRuleAtom, ...]
+    topic_rules: tuple[TopicRuleAtom, ...]
+    grants: tuple[GrantAtom, ...]
+    rules: tuple[RuleAtom, ...]
+    claims: tuple[ClaimAtom, ...] = ()
+    determinism: tuple[DeterminismAtom, ...] = ()
+    places: tuple[PlaceAtom, ...] = ()
+    nodes: tuple[NodeAtom, ...] = ()
+    meets: tuple[frozenset[int], ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+
+    def key_of(self, enclave: int) -> int | None:
+        """The key of the enclave's identity, None where it has none that is known. Who has equal keys is one."""
+        identity = self.enclaves[enclave].identity
+        return None if identity is None else self.certificates[identity].key
+
+    def holders(self) -> dict[int, list[int]]:
+        """By key, who has it: enclaves and identities at large, those apart that could not be read."""
+        keys = ((self.key_of(n), n) for n, enclave in enumerate(self.enclaves) if not enclave.opaque)
+        return gathered((key, number) for key, number in keys if key is not None)
+
+    def realms_of_enclaves(self) -> list[int]:
+        """The realms that enclaves are of; in the others are identities at large alone, with files of their own."""
+        return sorted({enclave.realm for enclave in self.enclaves if not enclave.at_large})
+
+    @property
+    def has_doubt(self) -> bool:
+        """Whether anything in it is opaque or unread, so that the other reading may differ."""
+        opaque = any(d.opaque for d in self.documents) or any(e.opaque or e.possible for e in self.enclaves)
+        return opaque or any(realm.list_unread for realm in self.realms)
+
+
+def apart(systems: Iterable[System]) -> tuple[System, ...]:
+    """Each system as many times as it has profiles, for one of them each time.
+
+    Implementations that read a keystore alike may differ in what claims rest on: which enclaves start, what topics can
+    be called, whom a grant names that is not here. What is true of one of them must not be told of the others.
+    """
+    return tuple(replace(system, profiles=(name,)) for system in systems for name in system.profiles)
+
+
+def together(systems: Iterable[System]) -> tuple[System, ...]:
+    """One system for all profiles that are alike in all their readings."""
+    by_profile = gathered((name, replace(system, profiles=())) for system in systems for name in system.profiles)
+    kinds: list[tuple[list[str], list[System]]] = []
+    for name, readings in by_profile.items():
+        alike = next((names for names, known in kinds if known == readings), None)
+        if alike is None:
+            kinds.append(([name], readings))
+        else:
+            alike.append(name)
+    return tuple(replace(each, profiles=tuple(names)) for names, readings in kinds for each in readings)

@@ -1,0 +1,167 @@
+"""Topic classes: the coarsest partition of all names on which every expression is constant, with a witness of each.
+
+These are the atomic predicates of Yang and Lam (Real-time verification of network properties using atomic predicates,
+2013), over regular languages: any decision that depends on a name only through which expressions match it is constant
+on a class, so that one evaluation per class is exact for all names. Expressions without wildcards are a class each;
+those with wildcards run in one lazy automaton, searched breadth first for the shortest name of every set of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from keystore_audit.dataclass import dataclass
+from keystore_audit.errors import AuditError
+from keystore_audit.model.matching.alphabet import Budget
+from keystore_audit.model.matching.automaton import STATE_UNITS, Automaton, on_or_behind_cycle
+from keystore_audit.model.matching.expression import Pattern
+from keystore_audit.model.matching.pattern_index import PatternIndex
+from keystore_audit.model.matching.search import residual_names
+from keystore_audit.model.matching.tokens import Token
+from keystore_audit.model.matching.universe import dds_names, ros_alphabet, ros_names
+from keystore_audit.model.names import is_ros_dds_name
+from keystore_audit.text import shorten
+
+DEFAULT_BUDGET: Final = 40_000
+"""States of the automaton: about 90 MB and two seconds at most, so that a hostile document stays within 200 MB.
+
+Only texts between two stars multiply states. What `ros2 security` writes needs some hundreds, 10,000 namespaces with
+`rt/…/*` each 32,500. Beyond it the answer is "unknown", never a sample."""
+
+_MAX_QUOTED: Final = 60
+"""Characters of the expression that the message about the budget quotes."""
+
+_PIECES_PER_UNIT: Final = 8
+"""Pieces between stars that are looked for in the time of one unit of the budget."""
+
+_Set = frozenset[int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TopicClass:
+    """All names that exactly the expressions `members` match (indices into what was classified; may be empty).
+
+    `witness`: a short, readable name of the class; one that ROS 2 can produce if there is one. `ros`: whether there is
+    one; False is the mark `dds-only` of reports. `infinite`: whether the class has infinitely many names.
+    """
+
+    members: frozenset[int]
+    witness: str
+    ros: bool
+    infinite: bool
+
+
+def classify(
+    patterns: Sequence[Pattern], *, prefer: Iterable[str] = (), budget: int = DEFAULT_BUDGET, topics: bool = True
+) -> tuple[TopicClass, ...]:
+    """Return the classes of all non-empty names without NUL, in the order of their witnesses.
+
+    `prefer`: names known from elsewhere, taken as witnesses where they fit (a ROS 2 name rather than another, then the
+    shortest). `budget`: states of the automaton that may be built. `topics`: False for names of another sort, of which
+    ROS 2 prefers none. The patterns may be of different matchers. Equal arguments give equal results. Raises
+    BudgetExceeded where the classes are too many; there is no partial answer.
+    """
+    return _Classification(patterns, budget, topics=topics).classes(prefer)
+
+
+class _Classification:
+    """The classes in the making: patterns by meaning, their automaton, and the names found so far."""
+
+    def __init__(self, patterns: Sequence[Pattern], budget: int, *, topics: bool) -> None:
+        self._topics = topics
+        most = max(patterns, key=lambda pattern: len(pattern.pieces), default=None)
+        example = f", as {shorten(most.text, _MAX_QUOTED)!r} has" if most is not None else ""
+        self._budget = Budget(
+            STATE_UNITS * budget,
+            f"{len(patterns)} expressions need more than {budget} states to be told apart; most often too many of them "
+            f"have text between two *{example}",
+        )
+        self._literals: dict[str, list[int]] = {}
+        wildcards: dict[tuple[Token, ...], list[int]] = {}
+        for number, pattern in enumerate(patterns):
+            name = pattern.literal
+            if name is None:
+                wildcards.setdefault(pattern.tokens, []).append(number)
+            elif name:  # the empty one matches no name
+                self._literals.setdefault(name, []).append(number)
+        self._numbers = list(wildcards.values())
+        self._wildcards = [patterns[numbers[0]] for numbers in self._numbers]
+        tokens = list(wildcards)
+        self._alphabet = ros_alphabet(tokens, self._budget)
+        self._automaton = Automaton(tokens, self._alphabet, self._budget)
+        self._members: dict[_Set, _Set] = {}
+        self._verifier = _Verifier(self._wildcards, self._budget)
+
+    def classes(self, prefer: Iterable[str]) -> tuple[TopicClass, ...]:
+        """All classes."""
+        literal_sets = {name: self._accepted(name) for name in self._literals}
+        found = [self._literal_class(name, accepted) for name, accepted in literal_sets.items()]
+        ros, others = self._residual_witnesses(literal_sets)
+        infinite = self._infinite_sets()
+        preferred = self._preferred(prefer)
+        for accepted in ros.keys() | others.keys():
+            is_ros = accepted in ros
+            witness = ros[accepted] if is_ros else others[accepted]
+            better = preferred.get(accepted)
+            if better is not None and is_ros_dds_name(better) >= is_ros:
+                witness = better
+            self._verifier.verify(witness, accepted)
+            found.append(
+                TopicClass(
+                    members=self._members_of(accepted), witness=witness, ros=is_ros, infinite=accepted in infinite
+                )
+            )
+        return tuple(sorted(found, key=lambda topic_class: topic_class.witness))
+
+    def _accepted(self, name: str) -> _Set:
+        return self._automaton.accepts[self._automaton.walk(name)]
+
+    def _members_of(self, accepted: _Set) -> _Set:
+        """The patterns that the numbers of wildcard expressions stand for."""
+        members = self._members.get(accepted)
+        if members is None:
+            members = frozenset(number for wildcard in accepted for number in self._numbers[wildcard])
+            self._members[accepted] = members
+        return members
+
+    def _literal_class(self, name: str, accepted: _Set) -> TopicClass:
+        self._verifier.verify(name, accepted)
+        members = self._members_of(accepted).union(self._literals[name])
+        return TopicClass(members=members, witness=name, ros=self._topics and is_ros_dds_name(name), infinite=False)
+
+    def _residual_witnesses(self, literal_sets: Mapping[str, _Set]) -> tuple[dict[_Set, str], dict[_Set, str]]:
+        """The shortest names that are no literal: ROS 2's for every set that has one, others for the rest."""
+        automaton, budget = self._automaton, self._budget
+        ros = residual_names(automaton, ros_names(self._alphabet), budget, literal_sets) if self._topics else {}
+        return ros, residual_names(automaton, dds_names(self._alphabet), budget, literal_sets, ros)
+
+    def _infinite_sets(self) -> set[_Set]:
+        """The sets of wildcard expressions that infinitely many names match."""
+        return {self._automaton.accepts[state] for state in on_or_behind_cycle(self._automaton.successors())}
+
+    def _preferred(self, prefer: Iterable[str]) -> dict[_Set, str]:
+        """The best of the given names for every set, literals apart."""
+        names = {name for name in prefer if name and "\0" not in name and name not in self._literals}
+        best: dict[_Set, str] = {}
+        for name in sorted(names, key=lambda name: (not is_ros_dds_name(name), len(name), name)):
+            best.setdefault(self._accepted(name), name)
+        return best
+
+
+class _Verifier:
+    """Asks the patterns themselves, with their own matcher, about a name that the automaton found."""
+
+    def __init__(self, patterns: Sequence[Pattern], budget: Budget) -> None:
+        self._budget = budget
+        self._patterns = PatternIndex(enumerate(patterns))
+
+    def verify(self, name: str, expected: _Set) -> None:
+        """Raise AuditError unless exactly the patterns `expected` match `name`; only those that may are asked."""
+        asked = list(self._patterns.candidates(name))
+        self._budget.spend(sum(len(pattern.pieces) for _, pattern in asked) // _PIECES_PER_UNIT)
+        matching = {number for number, pattern in asked if pattern.matches(name)}
+        if matching != expected:
+            raise AuditError(
+                f"keystore-audit contradicts itself about which expressions match {name!r}; please report this"
+            )

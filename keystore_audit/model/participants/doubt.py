@@ -1,0 +1,245 @@
+"""What about an enclave could not be read, so that it counts as able to do anything (design section 3, may
+and must).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+from itertools import chain
+
+from keystore_audit.findings import Location
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.defect import Defect, first_opaque
+from keystore_audit.keystore.issuer import Issue
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.model.access_view import AccessViews, ReadDocument
+from keystore_audit.model.inventory import (
+    AtLarge,
+    Typed,
+    governance_at_large,
+    identities_at_large,
+    permissions_at_large,
+    permissions_cas,
+)
+from keystore_audit.model.meaning import Doubt
+from keystore_audit.model.profiles import Access, Profile, Trust
+from keystore_audit.model.subjects.comparison import is_printable
+from keystore_audit.model.trust.revocation import list_unread
+from keystore_audit.model.trust.verdicts import (
+    MAX_AUTHORITIES,
+    Verdict,
+    document_verdict,
+    envelope,
+    is_authority,
+    issue,
+)
+
+
+def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews) -> Iterator[Doubt]:
+    """Everything that could not be read, each place once."""
+    seen: set[tuple[str, int | None]] = set()
+    for file in (*keystore.layout.directory_links, *keystore.layout.unreadable_directories):
+        yield Doubt(enclave=None, location=Location(path=file.path), reason=file.detail)
+    for file in keystore.identities.unread:
+        reason = f"it may hold an identity that peers let in: it {file.detail}"
+        yield Doubt(enclave=None, location=Location(path=file.place), reason=reason)
+    row = accesses.row(profile.access)
+    by_enclave = (enclave_doubts(enclave, profile.trust, row, accesses) for enclave in keystore.enclaves)
+    others = _doubts_of_others(keystore, profile.trust, row, accesses)
+    at_large = filter(None, map(at_large_doubt, identities_at_large(keystore, accesses.at)))
+    for doubt in chain(chain.from_iterable(by_enclave), others, at_large, _possible(keystore, profile, accesses)):
+        place = (doubt.location.path, doubt.location.line)
+        if place not in seen:
+            seen.add(place)
+            yield doubt
+
+
+@lru_cache(maxsize=32_768)  # asked for usability and for the report, under each kind of implementation
+def enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: AccessViews) -> tuple[Doubt, ...]:
+    """Everything about the enclave that could not be read and that an implementation might act on."""
+    return tuple(_enclave_doubts(enclave, trust, access, accesses))
+
+
+def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
+    yield from file_doubts(enclave)
+    unread = list_unread(enclave, trust)
+    if unread is not None:
+        yield _doubt(enclave, *unread)
+    for document in (enclave.governance, enclave.permissions):
+        if document is None:
+            continue
+        read = accesses.read(document, access)
+        silent = not read.is_readable and read.refusal is None
+        if (silent or envelope(document.signed).verdict is Verdict.UNKNOWN) and (
+            document_verdict(document.signed, enclave.permissions_ca, trust) is not Verdict.REFUSED
+        ):
+            yield document_doubt(enclave.path, document, read)
+
+
+@lru_cache(maxsize=16_384)
+def file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
+    """What about its files is in doubt for every implementation alike."""
+    found = [identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave)]
+    file = enclave.files.files[Role.PERMISSIONS]
+    if file.status.unknown:
+        found.append(_doubt(enclave, file.path, f"permissions could not be read: {file.detail}"))
+    return tuple(doubt for doubt in found if doubt is not None)
+
+
+def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
+    """Everything that could not be read and that a peer may take for permissions, in enclaves or outside of them.
+
+    Its own enclave may refuse it. And governance that somebody may apply who has an identity at large.
+    """
+    files = permissions_cas(keystore)
+    outside = bool(identities_at_large(keystore, accesses.at))
+    documents: list[tuple[str | None, Typed | None]] = []
+    for enclave in keystore.enclaves:
+        documents += [(enclave.path, enclave.permissions), (enclave.path, enclave.governance if outside else None)]
+    for stray in (*permissions_at_large(keystore), *governance_at_large(keystore)):
+        if stray.document is None:
+            yield Doubt(enclave=None, location=Location(path=stray.place), reason=stray.file.detail)
+        documents.append((None, stray.document))
+    for path, document in documents:
+        if document is None:
+            continue
+        read = accesses.read(document, access)
+        silent = not read.is_readable and read.refusal is None
+        if (silent or envelope(document.signed).verdict is Verdict.UNKNOWN) and any(
+            document_verdict(document.signed, file, trust) is not Verdict.REFUSED for file in files
+        ):
+            yield document_doubt(path, document, read)
+
+
+def document_doubt(enclave: str | None, file: Typed, read: ReadDocument) -> Doubt:
+    """What keeps the document from having one meaning."""
+    defects: tuple[Defect, ...] = file.signed.defects + file.defects
+    defect = first_opaque(defects)
+    if defect is None:
+        reason, line = read.doubt or ("the document has no meaning that every parser agrees on", None)
+        return Doubt(enclave=enclave, location=Location(path=file.signed.file.place, line=line), reason=reason)
+    return Doubt(enclave=enclave, location=Location(path=defect.path, line=defect.line), reason=defect.detail)
+
+
+@lru_cache(maxsize=16_384)  # by the systems too
+def identity_doubt(enclave: Enclave) -> Doubt | None:
+    """Why the enclave's identity is unknown: it may then be anybody whom the identity CA vouches for."""
+    doubt = _file_doubt(enclave, Role.CERTIFICATE, enclave.certificate, only_without_certificate=True)
+    first = enclave.identity
+    if doubt is not None or first is None:
+        return doubt
+    return _doubt_of(enclave.path, first, enclave.identity_ca.certificates if enclave.identity_ca else ())
+
+
+def at_large_doubt(identity: AtLarge) -> Doubt | None:
+    """The same of an identity that is no enclave's own."""
+    return _doubt_of(None, identity.certificate, identity.authorities)
+
+
+def _possible(keystore: Keystore, profile: Profile, accesses: AccessViews) -> Iterator[Doubt]:
+    """Identities that peers let in and whose key may be in a file that could not be read."""
+    if not keystore.identities.possible:  # nearly always
+        return
+    from keystore_audit.model.participants.stray_identity import admitted  # it asks for views, which ask for doubts
+
+    for each in admitted(keystore, keystore.identities.possible, (profile,), accesses.at):
+        place = Location(path=each.certificate.path, line=each.certificate.line)
+        yield Doubt(
+            enclave=None, location=place, reason=f"its private key may be in {each.key}, which could not be read"
+        )
+
+
+def _doubt_of(enclave: str | None, certificate: Certificate, authorities: tuple[Certificate, ...]) -> Doubt | None:
+    """Why it is unknown who has the certificate, or whether these authorities vouch for it."""
+    place = Location(path=certificate.path, line=certificate.line)
+    if not is_printable(certificate):
+        reason = f"the subject {certificate.subject!r} has attributes that implementations print in ways of their own"
+        return Doubt(enclave=enclave, location=place, reason=reason)
+    constrained = _constrained(enclave, (certificate, *authorities))
+    if constrained is not None:
+        return constrained
+    issues = [issue(authority, certificate) for authority in authorities if is_authority(authority)]
+    if Issue.UNSUPPORTED not in issues or Issue.ISSUED in issues:
+        return None
+    reason = f"whether the identity CA issued the certificate cannot be told ({certificate.signature_algorithm})"
+    return Doubt(enclave=enclave, location=place, reason=reason)
+
+
+def _constrained(enclave: str | None, certificates: Iterable[Certificate]) -> Doubt | None:
+    for certificate in certificates:
+        if certificate.constraints:
+            reason = f"the certificate has extensions ({', '.join(certificate.constraints)}) that implementations weigh"
+            location = Location(path=certificate.path)
+            return Doubt(enclave=enclave, location=location, reason=f"{reason} and this audit does not")
+    return None
+
+
+@lru_cache(maxsize=16_384)
+def realm_doubt(enclave: Enclave) -> Doubt | None:
+    """Why it is unknown whom the enclave trusts: it may then accept everything.
+
+    A governance document that was read but has no single meaning is not among these: it is opaque as a
+    document.
+    """
+    for role, read in (
+        (Role.IDENTITY_CA, enclave.identity_ca),
+        (Role.PERMISSIONS_CA, enclave.permissions_ca),
+    ):
+        doubt = _file_doubt(enclave, role, read, only_without_certificate=False)
+        if doubt is not None:
+            return doubt
+        if read is not None and len(read.certificates) > MAX_AUTHORITIES:
+            reason = f"{len(read.certificates)} certificates are more than chains are looked for among"
+            return _doubt(enclave, read.file.place, f"{reason} (limit {MAX_AUTHORITIES})")
+    constrained = _constrained(enclave.path, enclave.permissions_ca.certificates if enclave.permissions_ca else ())
+    if constrained is not None:
+        return constrained
+    file = enclave.files.files[Role.GOVERNANCE]
+    if file.status.unknown:
+        return _doubt(enclave, file.path, f"governance could not be read: {file.detail}")
+    return None
+
+
+def _key_doubt(enclave: Enclave) -> Doubt | None:
+    """Why it is unknown whether the private key serves.
+
+    It bears on usability only: who holds it is not in the file.
+    """
+    file = enclave.files.files[Role.KEY]
+    if Role.KEY in enclave.files.pkcs11:
+        return _doubt(enclave, enclave.files.pkcs11[Role.KEY].path, _PKCS11)
+    if file.status.unknown:
+        return _doubt(enclave, file.path, f"key could not be read: {file.detail}")
+    defects = enclave.key.defects if enclave.key else ()
+    unreadable = first_opaque(defects)
+    return None if unreadable is None else _doubt(enclave, unreadable.path, unreadable.detail)
+
+
+_PKCS11 = "a PKCS#11 reference, which Fast DDS reads in place of the .pem file"
+
+
+def _file_doubt(
+    enclave: Enclave, role: Role, read: CertificateFile | None, *, only_without_certificate: bool
+) -> Doubt | None:
+    """Doubt about a certificate file.
+
+    Not read, not understood, or overridden by a PKCS#11 reference on Fast DDS.
+    """
+    file = enclave.files.files[role]
+    if role in enclave.files.pkcs11:
+        return _doubt(enclave, enclave.files.pkcs11[role].path, _PKCS11)
+    if file.status.unknown:
+        return _doubt(enclave, file.path, f"{role.value} could not be read: {file.detail}")
+    if read is None or not read.defects:
+        return None
+    unreadable = first_opaque(read.defects)
+    if unreadable is None or (only_without_certificate and read.certificates):
+        return None
+    location = Location(path=unreadable.path, line=unreadable.line)
+    return Doubt(enclave=enclave.path, location=location, reason=unreadable.detail)
+
+
+def _doubt(enclave: Enclave, path: str, reason: str) -> Doubt:
+    return Doubt(enclave=enclave.path, location=Location(path=path), reason=reason)

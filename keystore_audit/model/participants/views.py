@@ -1,0 +1,226 @@
+"""What of a keystore depends on the implementation: a view for each kind, by its trust row and its access row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
+from typing import NamedTuple
+
+from keystore_audit.grouped import grouped
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.crl import CrlFile
+from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.formal.system import RealmAtom
+from keystore_audit.model.inventory import Document
+from keystore_audit.model.participants.lone_endpoints import Alone, Endpoints, LoneEndpoints, LoneRefusals
+from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
+from keystore_audit.model.subjects.comparison import matching
+from keystore_audit.model.trust.revocation import list_dates, list_unread, revoked
+from keystore_audit.model.trust.verdicts import (
+    Verdict,
+    authorities_read,
+    document_verdict,
+    envelope,
+    is_first_embedded,
+    is_pinned,
+    signers_taken,
+    signing_authorities,
+    trusted_authorities,
+)
+from keystore_audit.model.validity import SECOND
+
+TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None, bool]
+
+
+class Kind(NamedTuple):
+    """Implementations that read a keystore alike, by the rows of one of them.
+
+    `alone`: by enclave, and then by holder of an identity at large, what they let it do by themselves; empty where that
+    is what peers concede it. `refusals`: by enclave, the endpoints that they refuse it and peers would take; empty
+    where there are none.
+    """
+
+    trust: Trust
+    access: Access
+    alone: tuple[Alone, ...] = ()
+    refusals: tuple[Endpoints, ...] = ()
+
+
+def trust_files(enclave: Enclave) -> TrustFiles:
+    """What the realm of an enclave is made of: files, each one object however many enclaves share it.
+
+    The last: whether there is a `crl.pem` that was not read.
+    """
+    unread = enclave.files.files[Role.CRL].status.unknown
+    return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl, unread
+
+
+class Realms:
+    """The realms of a system, numbered in the order in which they come.
+
+    `known`: by files those of which nothing is unknown.
+    """
+
+    def __init__(self) -> None:
+        self._numbers: dict[RealmAtom, int] = {}
+        self.known: dict[TrustFiles, int] = {}
+
+    def __contains__(self, realm: RealmAtom) -> bool:
+        return realm in self._numbers
+
+    def number(self, realm: RealmAtom) -> int:
+        """The number of one, a new one for a new one."""
+        return self._numbers.setdefault(realm, len(self._numbers))
+
+    @property
+    def atoms(self) -> tuple[RealmAtom, ...]:
+        """All so far."""
+        return tuple(self._numbers)
+
+
+class Views:
+    """The views of one keystore at an instant (aware UTC). A certificate is its index in `certificates`.
+
+    `hosts`: in whose place an identity at large may start.
+    """
+
+    def __init__(
+        self,
+        keystore: Keystore,
+        documents: Sequence[Document],
+        certificates: Sequence[Certificate],
+        accesses: AccessViews,
+        at: datetime,
+        hosts: Iterable[Enclave],
+    ) -> None:
+        self._accesses = accesses
+        self._at = at
+        self._documents = documents
+        self._certificates = certificates
+        self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
+        self._with_key = grouped(certificates, lambda certificate: certificate.key)
+        self._realms = list({trust_files(enclave): enclave for enclave in (*keystore.enclaves, *hosts)}.values())
+        self._permissions_cas = list(dict.fromkeys(enclave.permissions_ca for enclave in keystore.enclaves))
+        self._told: dict[tuple[str, bool], int] = {}
+        self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
+
+    def kinds(
+        self, profiles: Sequence[Profile], lone: LoneEndpoints, refusals: LoneRefusals
+    ) -> dict[Kind, tuple[str, ...]]:
+        """The names of the profiles that read this keystore alike, under the rows of one of them."""
+        found: dict[object, tuple[Kind, list[str]]] = {}
+        for profile in profiles:
+            access = self._accesses.row(profile.access)
+            kind = Kind(profile.trust, access, lone.of(profile), refusals.of(profile))
+            found.setdefault(self._reading(kind), (kind, []))[1].append(profile.name)
+        return {kind: tuple(names) for kind, names in found.values()}
+
+    def _reading(self, kind: Kind) -> object:
+        """Everything about this keystore that depends on the implementation: equal where it is read alike."""
+        trust = kind.trust
+        return (
+            kind.access,
+            kind.alone,
+            kind.refusals,
+            trust.pins_signer,
+            tuple(self.authorities(enclave, trust) for enclave in self._realms),
+            tuple(list_unread(enclave, trust) is not None for enclave in self._realms),
+            tuple(tuple(self._later(enclave, trust)) for enclave in self._realms),
+            tuple(self.told(enclave, trust) for enclave in self._realms),
+            tuple(self.names(trust).items()),
+            self.opaque(kind),
+            () if trust.pins_signer else tuple(self.signers(document, trust) for document in self._documents),
+        )
+
+    def authorities(self, enclave: Enclave, trust: Trust) -> tuple[frozenset[int], frozenset[int], frozenset[int]]:
+        """Identity CAs that vouch, whoever counts for a permissions CA, and what is revoked."""
+        vouching = trusted_authorities(enclave.identity_ca, trust) if enclave.identity_ca else ()
+        signing = signing_authorities(enclave.permissions_ca, trust) if enclave.permissions_ca else ()
+        if trust.pins_signer:
+            alike = [certificate for each in signing for certificate in self._with_key[each.key]]
+            signing = tuple(certificate for certificate in alike if is_pinned(certificate, signing))
+        return (
+            frozenset(self._number[certificate.sha256] for certificate in vouching),
+            frozenset(self._number[certificate.sha256] for certificate in signing),
+            self._revoked(enclave, trust, self._at),
+        )
+
+    def _revoked(self, enclave: Enclave, trust: Trust, at: datetime) -> frozenset[int]:
+        return frozenset(self._number[c.sha256] for c in revoked(enclave, self._certificates, trust, at))
+
+    def _later(self, enclave: Enclave, trust: Trust) -> Iterator[tuple[datetime, int, frozenset[int]]]:
+        """What is revoked at each instant around which another list counts (0), and behind it (1)."""
+        for date in list_dates(enclave, trust, self._at):
+            yield from ((date, behind, self._revoked(enclave, trust, date + behind * SECOND)) for behind in (0, 1))
+
+    def revoked_later(
+        self, enclave: Enclave, trust: Trust, instants: Sequence[datetime]
+    ) -> tuple[tuple[int, frozenset[int]], ...]:
+        """The same by moments, `instants` being those of the system."""
+        return tuple((2 * instants.index(date) + behind, each) for date, behind, each in self._later(enclave, trust))
+
+    def list_dates(self, profiles: Iterable[Profile]) -> set[datetime]:
+        """All these instants."""
+        trusts = dict.fromkeys(profile.trust for profile in profiles)
+        return {date for trust in trusts for each in self._realms for date in list_dates(each, trust, self._at)}
+
+    def told(self, enclave: Enclave, trust: Trust) -> int:
+        """What the enclave tells peers of its permissions CA: equal numbers, equal things."""
+        if not trust.compares_permissions_ca:
+            return 0
+        return self._told.setdefault(_introduction(enclave.permissions_ca, trust), len(self._told))
+
+    def names(self, trust: Trust) -> dict[str, frozenset[int]]:
+        """The certificates that each subject_name of a grant is taken to name."""
+        if trust.subjects not in self._named:
+            subjects = [
+                grant.subject_name.text
+                for document in self._documents
+                if isinstance(document.file, PermissionsFile)
+                for grant in document.file.grants
+            ]
+            self._named[trust.subjects] = matching(subjects, self._certificates, trust.subjects)
+        return self._named[trust.subjects]
+
+    def opaque(self, kind: Kind) -> frozenset[str]:
+        """The places of documents that some enclave may accept although we do not know what they say."""
+        return frozenset(document.place for document in self._documents if self.is_opaque(document, kind))
+
+    def is_opaque(self, document: Document, kind: Kind) -> bool:
+        """Whether this is one of them."""
+        if document.file is None:
+            return True
+        judged = envelope(document.file.signed)
+        if judged.verdict is Verdict.UNKNOWN:
+            return True
+        read = self._accesses.read(document.file, kind.access)
+        if judged.verdict is Verdict.REFUSED or read.is_readable or read.refusal is not None:
+            return False
+        signed = document.file.signed
+        return any(document_verdict(signed, file, kind.trust) is not Verdict.REFUSED for file in self._permissions_cas)
+
+    def signers(self, document: Document, trust: Trust) -> frozenset[int]:
+        """Who made the signatures, as the implementation finds them: in the message, where it does not pin."""
+        if document.file is None:
+            return frozenset()
+        signed = document.file.signed
+        judged = envelope(signed)
+        if judged.verdict is not Verdict.ACCEPTED:
+            return frozenset()
+        signers = signers_taken(signed, trust)
+        if not trust.pins_signer and not all(is_first_embedded(signer, signed) for signer in signers):
+            return frozenset()
+        return frozenset(self._number[signer.sha256] for signer in signers)
+
+
+def _introduction(file: CertificateFile | None, trust: Trust) -> tuple[str, bool]:
+    """What a participant with this permissions CA file tells its peers of it: the name of the first certificate, and
+    whether the first that counts is signed with RSA (Fast DDS tells no more; `ca_algorithms` are this and ECDSA).
+    """
+    if file is None or file.first is None:
+        return "", False
+    return file.first.subject, any("RSA" in read.signature_algorithm for read in authorities_read(file, trust)[:1])

@@ -1,0 +1,330 @@
+"""The access table as a user of ROS 2 thinks of it: topics, services and actions instead of DDS topics.
+
+A service or an action is one row where whoever may do anything there may do all of it: all DDS topics of sros2's table
+(`names.dds_channels`). What is left over is a row of its own, so that no right disappears.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container, Iterable, Mapping
+from enum import Enum
+from typing import Final, NamedTuple
+
+from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal.permission import bits, members, union
+from keystore_audit.model.formal.safeguard import Safeguard
+from keystore_audit.model.names import (
+    ACTION_ROLES,
+    AMBIENT_TOPICS,
+    PARAMETER_SERVICES,
+    SERVICE_ROLES,
+    RosKind,
+    dds_channels,
+    parse_dds_name,
+)
+from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
+from keystore_audit.model.tables.named import Named
+
+
+class Sort(str, Enum):
+    """What a row is about, in the order in which rows stand."""
+
+    TOPIC = "topic"
+    SERVICE = "service"
+    ACTION = "action"
+    PART = "part of a service or action"
+    PATTERN = "names by an expression"
+    REST = "whatever no document lists"
+    AMBIENT = "ambient topic"
+    PARAMETERS = "parameter services"
+
+
+PARTS: Final = {Sort.SERVICE: SERVICE_ROLES, Sort.ACTION: ACTION_ROLES}
+"""What can be done with them as a whole."""
+
+OWN_PARAMETERS: Final = "parameters of its own nodes"
+"""The row of services that one enclave answers and no other asks."""
+
+_MANGLED: Final = re.compile(r"^r[tqr](?=/)|(?:/_action/[a-z_]+)?(?:Request|Reply)?$")
+"""What makes the name of a service or an action one of its DDS topics."""
+
+_ORDER: Final = {sort: place for place, sort in enumerate(Sort)}
+
+Safeguards = tuple[Safeguard, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """`label`: in words, raw text. `cells`: by enclave path, what it may do: operations, or those of `PARTS`.
+
+    `safeguards`: what protects its topics. `dds_only`: ROS 2 has no such name. `several`: it is about all names of a
+    kind, save those that other rows are about; `excepted`: it is one of those. Only these may be without cells.
+    `names`: the places in the table that it is about, as a bit set.
+    """
+
+    sort: Sort
+    label: str
+    dds_only: bool
+    several: bool
+    excepted: bool
+    safeguards: frozenset[Safeguards]
+    cells: Mapping[str, tuple[str, ...]]
+    names: int
+
+
+def decision_rows(table: AccessTable, group: Group) -> tuple[Row, ...]:
+    """What the enclaves' own implementations allow."""
+    by_name: dict[int, dict[str, list[Operation]]] = {}
+    for path, enclave in group.enclaves.items():
+        for operation, right in enclave.rights.items():
+            for name in members(right.allowed):
+                by_name.setdefault(name, {}).setdefault(path, []).append(operation)
+    for name in _excepted(table, by_name):
+        by_name.setdefault(name, {})
+    whole: dict[_Subject, list[int]] = {}
+    rows: list[Row] = []
+    for name, cells in by_name.items():
+        subject = _subject(table.names[name])
+        if subject is None:
+            rows.append(_plain(table, group, name, cells))
+        else:
+            whole.setdefault(subject, []).append(name)
+    for subject, names in whole.items():
+        rows += _folded(table, group, subject, {name: by_name[name] for name in sorted(names)})
+    return tuple(sorted(_joined(rows), key=_place))
+
+
+def _place(row: Row) -> tuple[int, str]:
+    return _ORDER[row.sort], row.label
+
+
+def _excepted(table: AccessTable, by_name: Container[int]) -> Iterable[int]:
+    """Names on which nobody has a right though a row about all names of a kind seems to say so."""
+    everything = table.rest in by_name
+    return [number for number, named in enumerate(table.names) if everything or named.expressions]
+
+
+class _Subject(NamedTuple):
+    """A service or an action, or all whose names an expression matches, in a partition."""
+
+    sort: Sort
+    name: str
+    partition: str
+    several: bool
+
+
+def _subject(named: Named) -> _Subject | None:
+    """What service or action the names are of."""
+    parsed = parse_dds_name(named.topic) if named.ros else None
+    if parsed is None or parsed.kind not in (RosKind.SERVICE, RosKind.ACTION) or not parsed.part:
+        return None
+    name = parsed.name
+    if named.several:
+        meant = {_MANGLED.sub("", expression) for expression in named.expressions}
+        if not meant:
+            return None
+        name = " & ".join(sorted(meant))
+    return _Subject(Sort(parsed.kind.value), name, named.partition, named.several)
+
+
+def _plain(table: AccessTable, group: Group, name: int, cells: Mapping[str, list[Operation]]) -> Row:
+    named = table.names[name]
+    sort = Sort.REST if name == table.rest else Sort.PATTERN if named.several else Sort.TOPIC
+    if named.topic in AMBIENT_TOPICS and not named.several:
+        sort = Sort.AMBIENT
+    return Row(
+        sort=sort,
+        label=label(table, name),
+        dds_only=not named.ros,
+        several=named.several,
+        excepted=name != table.rest,
+        safeguards=frozenset({group.safeguards[name]}),
+        cells={path: tuple(operation.value for operation in operations) for path, operations in cells.items()},
+        names=1 << name,
+    )
+
+
+def label(table: AccessTable, name: int) -> str:
+    """What the names are called."""
+    named = table.names[name]
+    parsed = parse_dds_name(named.topic) if named.ros else None
+    short = (str(parsed) if parsed.part else parsed.name) if parsed is not None else f'"{named.topic}"'
+    if not named.several:
+        text = short
+    elif name == table.rest:
+        text = "any other name"
+    elif named.expressions:
+        text = f"{' & '.join(map(_expression, named.expressions))}, e.g. {short}"
+    else:
+        text = f"any other name like {short}"
+    return f"{text} in partition {named.partition!r}" if named.partition else text
+
+
+def _expression(text: str) -> str:
+    """An expression for topics as ROS 2 would write it."""
+    return text[2:] if text.startswith("rt/") else text
+
+
+def _folded(
+    table: AccessTable, group: Group, subject: _Subject, by_name: Mapping[int, Mapping[str, list[Operation]]]
+) -> Iterable[Row]:
+    """One row for the whole service or action, and one for each of its topics with rights that are no whole."""
+    parts = {name: _part(table.names[name].topic) for name in by_name}
+    if len(set(parts.values())) < len(parts):  # of several names, not all fare alike
+        yield from (replace(_plain(table, group, name, cells), sort=Sort.PART) for name, cells in by_name.items())
+        return
+    held: dict[str, set[tuple[Operation, str]]] = {}
+    for name, cells in by_name.items():
+        for path, operations in cells.items():
+            held.setdefault(path, set()).update((operation, parts[name]) for operation in operations)
+    needs = _NEEDS[subject.sort]
+    words = {path: tuple(word for word, need in needs.items() if need <= rights) for path, rights in held.items()}
+    spent = {path: {right for word in whole for right in needs[word]} for path, whole in words.items()}
+    if any(words.values()) or not held:
+        kind = f"any {subject.sort.value}" if subject.several else subject.sort.value
+        where = f" in partition {subject.partition!r}" if subject.partition else ""
+        yield Row(
+            sort=subject.sort,
+            label=f"{subject.name} ({kind}){where}",
+            dds_only=False,
+            several=subject.several,
+            excepted=True,
+            safeguards=frozenset(group.safeguards[name] for name in by_name),
+            cells={path: whole for path, whole in words.items() if whole},
+            names=bits(by_name),
+        )
+    for name, cells in by_name.items():
+        left = {
+            path: [operation for operation in operations if (operation, parts[name]) not in spent[path]]
+            for path, operations in cells.items()
+        }
+        left = {path: operations for path, operations in left.items() if operations}
+        if left:
+            yield replace(_plain(table, group, name, left), sort=Sort.PART)
+
+
+def _part(topic: str) -> str:
+    parsed = parse_dds_name(topic)
+    return "" if parsed is None else parsed.part
+
+
+_NEEDS: Final = {
+    sort: {
+        word: frozenset((operation, _part(topic)) for operation, topic in dds_channels(word, "/x")) for word in words
+    }
+    for sort, words in PARTS.items()
+}
+"""What each word of `PARTS` takes: operations on parts."""
+
+
+def _joined(rows: Iterable[Row]) -> Iterable[Row]:
+    """Rows that need not be told one by one, as one: parameter services of one node, ambient topics."""
+    bundles: dict[object, list[tuple[Row, str]]] = {}
+    for row in rows:
+        node, _slash, service = row.label.removesuffix(" (service)").rpartition("/")
+        if row.sort is Sort.SERVICE and service in PARAMETER_SERVICES:
+            key: object = (Sort.PARAMETERS, node, row.safeguards, tuple(row.cells.items()))
+            bundles.setdefault(key, []).append((row, node))
+        elif row.sort is Sort.AMBIENT:
+            bundles.setdefault((row.sort, row.safeguards, tuple(row.cells.items())), []).append((row, row.label))
+        else:
+            yield row
+    parameters = []
+    for bundle in bundles.values():
+        first = bundle[0][0]
+        if first.sort is Sort.AMBIENT:
+            together = ", ".join(sorted(text for _row, text in bundle))
+            yield replace(first, label=together, names=union(row.names for row, _text in bundle))
+        elif len(bundle) == len(PARAMETER_SERVICES):
+            node = f"{bundle[0][1]} (parameters)"
+            whole = union(row.names for row, _node in bundle)
+            parameters.append(replace(first, sort=Sort.PARAMETERS, label=node, names=whole))
+        else:
+            yield from (row for row, _node in bundle)
+    yield from _own_parameters(parameters)
+
+
+def _own_parameters(rows: Iterable[Row]) -> Iterable[Row]:
+    """Those that one enclave answers and no other asks, as one row for all enclaves."""
+    own: dict[frozenset[Safeguards], list[Row]] = {}
+    for row in rows:
+        if len(row.cells) == 1 and "reply" in next(iter(row.cells.values())):
+            own.setdefault(row.safeguards, []).append(row)
+        else:
+            yield row
+    for protected, each in own.items():
+        yield Row(
+            sort=Sort.PARAMETERS,
+            label=OWN_PARAMETERS,
+            dds_only=False,
+            several=False,
+            excepted=False,
+            safeguards=protected,
+            cells={path: words for row in each for path, words in row.cells.items()},
+            names=union(row.names for row in each),
+        )
+
+
+def folded_by_owner(rows: Iterable[Row]) -> tuple[Row, ...]:
+    """Names below an enclave's own, on which it alone has a right, as one row for all enclaves: `~/status`.
+
+    Of hundreds of robots alike, each with topics of its own, that leaves one. Nothing else is left out.
+    """
+    kept: list[Row] = []
+    private: dict[object, list[tuple[Row, str]]] = {}
+    for row in rows:
+        owner = next(iter(row.cells), "")
+        if len(row.cells) == 1 and owner != "/" and row.label.startswith(f"{owner}/") and not row.several:
+            own = "~" + row.label.removeprefix(owner)
+            private.setdefault((row.sort, own, row.safeguards), []).append((row, own))
+        else:
+            kept.append(row)
+    for bundle in private.values():
+        cells = {path: words for row, _own in bundle for path, words in row.cells.items()}
+        excepted = any(row.excepted for row, _own in bundle)
+        names = union(row.names for row, _own in bundle)
+        kept.append(replace(bundle[0][0], label=bundle[0][1], cells=cells, excepted=excepted, names=names))
+    return tuple(sorted(kept, key=_place))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disagreement:
+    """Where peers and the enclave's own implementation do not agree about an operation.
+
+    `names`: places in the table; none if `everything`: with what the implementation itself allows, these are all.
+    """
+
+    operation: Operation
+    everything: bool
+    names: tuple[int, ...]
+
+
+def taken_besides(enclave: EnclaveRights) -> tuple[Disagreement, ...]:
+    """What peers take from the enclave though its own implementation would not let it."""
+    return _disagreements(
+        (each, right.accepted & ~right.allowed, right.accepted == right.names) for each, right in enclave.rights.items()
+    )
+
+
+def left_open(enclave: EnclaveRights) -> tuple[Disagreement, ...]:
+    """Where it cannot be told whether peers take it."""
+    return _disagreements(
+        (each, right.disputed, right.accepted | right.disputed == right.names) for each, right in enclave.rights.items()
+    )
+
+
+def taken_by_nobody(enclave: EnclaveRights) -> tuple[Disagreement, ...]:
+    """What its own implementation lets it do and no peer takes from it."""
+    return _disagreements(
+        (each, right.allowed & ~(right.accepted | right.disputed), False) for each, right in enclave.rights.items()
+    )
+
+
+def _disagreements(found: Iterable[tuple[Operation, int, bool]]) -> tuple[Disagreement, ...]:
+    return tuple(
+        Disagreement(operation=operation, everything=everything, names=() if everything else tuple(members(names)))
+        for operation, names, everything in found
+        if names
+    )

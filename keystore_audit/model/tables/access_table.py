@@ -1,0 +1,219 @@
+"""Who may do what, for every enclave and every topic name, in one domain.
+
+Names are taken in classes, each by its witness, so that the table is exact for all of them. Profiles whose tables are
+equal are one group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from datetime import datetime
+
+from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.grouped import grouped
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.channels import governed_domains
+from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.formal.effective import EffectiveRights
+from keystore_audit.model.formal.permission import bits, members, union
+from keystore_audit.model.formal.safeguard import Safeguard
+from keystore_audit.model.formal.system import Reading
+from keystore_audit.model.inventory import documents_of
+from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.question import Ruling
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.tables.named import Named, names_of
+from keystore_audit.model.window import Window
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rights:
+    """What one enclave may do with one operation: bit sets over the names of the table.
+
+    `names`: all of them. `allowed`, `undecided`: the decision of its own implementation. `accepted`: some peer takes
+    it; `disputed`: that cannot be told.
+    """
+
+    names: int
+    allowed: int
+    undecided: int
+    accepted: int
+    disputed: int
+
+    def decision(self, name: int) -> Ruling:
+        """What its own implementation does."""
+        return _ruling(self.allowed, self.undecided, name)
+
+    def effective(self, name: int) -> Ruling:
+        """What peers do."""
+        return _ruling(self.accepted, self.disputed, name)
+
+
+def _ruling(allow: int, unknown: int, name: int) -> Ruling:
+    if allow >> name & 1:
+        return Ruling.ALLOW
+    return Ruling.UNKNOWN if unknown >> name & 1 else Ruling.DENY
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EnclaveRights:
+    """`usable`: whether its participant starts in the domain, None if that cannot be told; `reasons`: why not."""
+
+    usable: bool | None
+    reasons: tuple[str, ...]
+    rights: Mapping[Operation, Rights]
+
+    def otherwise(self, operation: Operation, rest: int) -> tuple[Ruling, Ruling]:
+        """Decision and effective of whatever no document lists (`AccessTable.rest`)."""
+        right = self.rights[operation]
+        return right.decision(rest), right.effective(rest)
+
+    def exceptions(self, operation: Operation, rest: int) -> Iterable[tuple[int, Ruling, Ruling]]:
+        """The names of which something else holds: place, decision and effective."""
+        right = self.rights[operation]
+        every = (right.allowed, right.undecided, right.accepted, right.disputed)
+        differing = union(~held if held >> rest & 1 else held for held in every)
+        for name in members(differing & right.names):
+            yield name, right.decision(name), right.effective(name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """Profiles whose tables are equal.
+
+    `enclaves`: by path. `safeguards`: by name, what the enclaves' governances have, several where they differ.
+    """
+
+    profiles: tuple[str, ...]
+    enclaves: Mapping[str, EnclaveRights]
+    safeguards: tuple[tuple[Safeguard, ...], ...]
+
+    @property
+    def has_unknown(self) -> bool:
+        """Whether anything in it could not be decided."""
+        return any(
+            enclave.usable is None or any(right.undecided or right.disputed for right in enclave.rights.values())
+            for enclave in self.enclaves.values()
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AccessTable:
+    """The whole table of the keystore at `root`.
+
+    `rest`: the place among `names` of whatever no document lists. `groups`: the largest last, else in the order of
+    their first profile.
+    """
+
+    root: str
+    at: datetime
+    domain: int
+    names: tuple[Named, ...]
+    rest: int
+    groups: tuple[Group, ...]
+
+    @property
+    def has_unknown(self) -> bool:
+        """Whether anything in it could not be decided."""
+        return any(group.has_unknown for group in self.groups)
+
+
+def access_table(
+    keystore: Keystore, profiles: Sequence[Profile], at: datetime, accesses: AccessViews, domain: int | None
+) -> AccessTable:
+    """The rights in the domain (0..232), None: in the lowest that some governance covers, 0 where none does.
+
+    Raises errors.BudgetExceeded where the names are of too many classes.
+    """
+    read = accesses.by_row(profiles, (document.file for document in documents_of(keystore)))
+    if domain is None:
+        domain = next((lowest for lowest, _highest in governed_domains(read)), 0)
+    found = names_of(read)
+    table = _Table(keystore, profiles, at, accesses, domain, found.names)
+    groups = sorted(table.groups(), key=lambda group: len(group.profiles))
+    return AccessTable(
+        root=keystore.root, at=at, domain=domain, names=found.names, rest=found.rest, groups=tuple(groups)
+    )
+
+
+class _Table:
+    """Works out the table of one domain."""
+
+    def __init__(
+        self,
+        keystore: Keystore,
+        profiles: Sequence[Profile],
+        at: datetime,
+        accesses: AccessViews,
+        domain: int,
+        names: Sequence[Named],
+    ) -> None:
+        builder = SystemBuilder(keystore, profiles, at, accesses, [(name.topic, name.partition) for name in names])
+        systems = builder.systems()
+        self._enclaves = keystore.enclaves
+        self._profiles = profiles
+        self._at = at
+        self._usabilities = Usabilities(domain, accesses)
+        self._local = LocalRights(accesses, builder.channels, at)
+        self._effective = EffectiveRights(systems)
+        self._unclear = {
+            profile.name: bits(
+                number
+                for number, name in enumerate(names)
+                if accesses.unclear_name(name.topic, name.partition, profile) is not None
+            )
+            for profile in profiles
+        }
+        self._several = bits(number for number, name in enumerate(names) if name.several)
+        self._window = Window(builder.channels, domain, len(names))
+        self._systems = {
+            name: system for system in systems if system.reading is Reading.MAY for name in system.profiles
+        }
+
+    def groups(self) -> list[Group]:
+        """Profiles by equal answers."""
+        kinds = grouped(self._profiles, lambda profile: (self._usabilities.kind(profile), self._unclear[profile.name]))
+        groups: list[Group] = []
+        for alike in kinds.values():
+            enclaves = {enclave.path: self._rights(enclave, alike[0]) for enclave in self._enclaves}
+            protected = self._window.safeguards(self._systems[alike[0].name])
+            names = tuple(profile.name for profile in alike)
+            for number, group in enumerate(groups):
+                if (group.enclaves, group.safeguards) == (enclaves, protected):
+                    groups[number] = replace(group, profiles=(*group.profiles, *names))
+                    break
+            else:
+                groups.append(Group(profiles=names, enclaves=enclaves, safeguards=protected))
+        return groups
+
+    def _rights(self, enclave: Enclave, profile: Profile) -> EnclaveRights:
+        usability = self._usabilities.of(enclave, self._at, profile)
+        rights = {}
+        unclear = self._unclear[profile.name]
+        for operation in Operation:
+            allowed = self._allowed(enclave, profile, operation) if usability.usable else 0
+            must = self._window.of(self._effective.must(enclave.path, profile.name, operation))
+            may = self._window.of(self._effective.may(enclave.path, profile.name, operation))
+            rights[operation] = Rights(
+                names=self._window.all,
+                allowed=allowed & ~unclear,
+                undecided=self._window.all if usability.usable is None else unclear if usability.usable else 0,
+                accepted=must & ~unclear,
+                disputed=may & ~must | unclear,
+            )
+        return EnclaveRights(usable=usability.usable, reasons=usability.reasons, rights=rights)
+
+    def _allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
+        """The names on which its own implementation allows the operation.
+
+        That it creates no topic of a witness's name says nothing of the other names of the class.
+        """
+        allowed = self._window.of(self._local.allowed(enclave, profile, operation))
+        if profile.local.topic_names is None or not self._several:
+            return allowed
+        any_name = replace(profile, local=replace(profile.local, topic_names=None))
+        by_rules = self._window.of(self._local.allowed(enclave, any_name, operation))
+        return allowed & ~self._several | by_rules & self._several

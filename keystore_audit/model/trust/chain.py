@@ -1,0 +1,90 @@
+"""Why a certificate does not chain to an identity CA: no authority vouches for it, or OpenSSL finds no way to one."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from functools import lru_cache
+
+from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.issuer import Issue, names_itself
+from keystore_audit.model.profiles import Trust
+from keystore_audit.model.trust.verdicts import (
+    MAX_AUTHORITIES,
+    authorities_read,
+    certificate_alike,
+    chaining,
+    is_authority,
+    is_issued,
+    issue,
+    issuers_taken,
+    may_have_issued,
+    not_read,
+)
+
+
+def chain_refusal(
+    certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None = None
+) -> str | None:
+    """Why the certificate does not chain to an identity CA of the file; None where it does.
+
+    `at` None: why it never does. Otherwise of the certificates in force then; that none is, is no reason here.
+
+    OpenSSL takes, at each step, the first certificate with the issuer's name and key identifier for the issuer, and
+    tries no other one (X509_STORE_CTX_get1_issuer; measured with 3.0.19): all authorities of sros2 have one name.
+    """
+    return _chain_refusal(
+        certificate_alike(certificate, file), file, chaining(trust, file), at if len(file.certificates) > 1 else None
+    )
+
+
+@lru_cache(maxsize=65_536)
+def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None) -> str | None:
+    place = file.file.place
+    if not is_issued(file, certificate, trust):
+        issuers = [authority for authority in file.certificates if may_have_issued(authority, certificate)]
+        if not issuers:
+            return f"no certificate in {place} has the key that signed it"
+        if not any(is_authority(authority) for authority in issuers):
+            return f"the certificate in {place} that signed it is no authority"
+        if not any(authority in authorities_read(file, trust) for authority in issuers):
+            return not_read(place, trust)
+        return f"no chain in {place} ends at a self-signed certificate within its path lengths"
+    return _path_refusal(certificate, file, trust, at) if trust.needs_root else None
+
+
+def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None) -> str | None:
+    """Why no path that OpenSSL builds holds `at` the instant, or at any; None where one does."""
+    place, authorities = file.file.place, authorities_read(file, trust)
+    refusals: list[str] = []
+    # A certificate with the number of authorities below it that are not self-issued; each pair is looked at once.
+    pending = [(certificate, 0)]
+    seen = {*pending}
+    while pending:
+        below, between = pending.pop()
+        taken = issuers_taken(below, authorities, at)
+        if not taken:
+            refusals.append(f"no certificate in {place} has the issuer's name and key identifier")
+        for above in taken:
+            root = names_itself(above)
+            refusal = _step_refusal(above, below, between, root=root, signed=trust.checks_root_signature)
+            if refusal is not None:
+                refusals.append(f"the first certificate in {place} of the issuer's name {refusal}")
+            elif root:
+                return None
+            else:
+                step = (above, between + (above.subject_der != above.issuer_der))
+                if step not in seen and step[1] < MAX_AUTHORITIES:
+                    seen.add(step)
+                    pending.append(step)
+    return refusals[0] if refusals else f"no path over {place} has an end"
+
+
+def _step_refusal(above: Certificate, below: Certificate, between: int, *, root: bool, signed: bool) -> str | None:
+    """What is wrong with a certificate that OpenSSL takes for the issuer of another; no other one is tried."""
+    if issue(above, below) is Issue.SIGNATURE_INVALID:
+        return "is another authority's; no other is tried"
+    if not is_authority(above) or not (root or above.is_ca):
+        return "is no authority; no other is tried"
+    if above.path_length is not None and between > above.path_length:
+        return "allows no path of this length"
+    return "did not sign itself" if root and signed and not may_have_issued(above, above) else None
