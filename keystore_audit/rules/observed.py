@@ -69,13 +69,15 @@ def missing_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
         need = missing.need
         if not need.usual:
             who = f"The node {need.node}" if need.node else f"A node of {need.enclave}"
-            message = f"{who} {_right(need)}, and its enclave {need.enclave} may not{_in(missing)}: {missing.reason}."
+            message = (
+                f"{who} {_right(need)}, and its enclave {need.enclave} may not{_in(missing)}: {missing.explain()}."
+            )
             yield _missing(message, [missing], context)
     usual = (missing for missing in given(context.observed).missing if missing.need.usual)
     for enclave, group in grouped(usual, lambda missing: missing.need.enclave).items():
         what = listed(dict.fromkeys(_right(missing.need) for missing in group))
         first = group[0]
-        message = f"Every node {what}, and the enclave {enclave} may not{_in(first)}: {first.reason}."
+        message = f"Every node {what}, and the enclave {enclave} may not{_in(first)}: {first.explain()}."
         yield _missing(message, group, context)
 
 

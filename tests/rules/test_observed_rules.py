@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -11,6 +12,7 @@ from keystore_audit.intent.intent import Intent
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.model.decision import Decision, LocalRights
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import ruled
@@ -150,6 +152,22 @@ def test_what_every_node_does_is_one_finding_for_an_enclave() -> None:
     assert finding.code == "KA650"
     assert finding.message.startswith("Every node publishes /rosout, publishes /parameter_events, answers the service ")
     assert spoken(store, graph(does("/talker", "publish", "/chatter")))[0].code == "KA650"
+
+
+def test_a_reason_is_asked_for_once_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It goes through all that a grant lists: for each right and implementation it took minutes for a hundred nodes."""
+    asked: list[object] = []
+    decide = LocalRights.decide
+
+    def counted(*args: Any) -> Decision:
+        asked.append(args)
+        return decide(*args)
+
+    monkeypatch.setattr(LocalRights, "decide", counted)
+    store = granted(CHATTER, usual=False)
+    (finding,) = spoken(store, TALKS, launch(nodes=(node("/talker"),)), names=("spec", "cyclonedds-0.10"))
+    assert "The nearest that may be published is 'rt/chatter'" in finding.message
+    assert len(asked) == 1
 
 
 def test_the_graph_of_a_node_that_shows_its_log_is_complete() -> None:

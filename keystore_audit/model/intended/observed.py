@@ -6,7 +6,7 @@ needed and denied keeps a node from starting, one that is granted and never used
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from datetime import datetime
 
 from keystore_audit.dataclass import dataclass
@@ -33,13 +33,13 @@ from keystore_audit.model.semantics import DIRECTIONS
 class MissingGrant:
     """A node needs what its enclave's own implementation denies.
 
-    `domains`: where alone, in words, "" for all in which the enclave starts. `reason`: a sentence without its full
-    stop; `decides`: the line that denies. `profiles`: canonical names of those that deny.
+    `domains`: where alone, in words, "" for all in which the enclave starts. `explain`: why, a sentence without its
+    full stop; `decides`: the line that denies. `profiles`: canonical names of those that deny.
     """
 
     need: Need
     domains: str
-    reason: str
+    explain: Callable[[], str]
     decides: Location | None
     profiles: tuple[str, ...]
 
@@ -215,13 +215,13 @@ class _Comparison:
                 if verdict.ruling is Ruling.DENY:
                     denied.append((verdict, names))
                 elif verdict.ruling is Ruling.UNKNOWN:
-                    self._note(verdict.reason, names)
+                    self._note("whether a participant starts cannot be told", names)
             if denied:
                 worst = min((verdict for verdict, _names in denied), key=lambda verdict: bool(verdict.domains))
                 yield MissingGrant(
                     need=need,
                     domains=worst.domains,
-                    reason=worst.reason,
+                    explain=worst.explain,
                     decides=worst.location,
                     profiles=self._in_order(name for _verdict, names in denied for name in names),
                 )
@@ -246,6 +246,7 @@ class _Comparison:
         used = {channel for need in self._needs for channel in need.channels}
         used |= {channel for name in self._names for each in usages(name.name) for channel in each}
         usual = set(usual_channels(self._nodes))
+        told = used | usual
         names: dict[tuple[Operation, Point], GrantedName] = {}
         beyond: list[tuple[bool, GrantedName]] = []
         known: set[Use] = set()
@@ -253,9 +254,9 @@ class _Comparison:
         for profile, alike in self._deciders.kinds:
             found = self._granted(profile)
             known |= {(name.operation, name.topic) for name in found} - usual
-            more = [name for name in found if name.partition or (name.operation, name.topic) not in used | usual]
+            more = [name for name in found if name.partition or (name.operation, name.topic) not in told]
             names.update({(name.operation, (name.topic, name.partition)): name for name in more})
-            wide = list(self._beyond(profile, alike, found, used | usual))
+            wide = list(self._beyond(profile, alike, found, told))
             beyond += wide
             if more or wide:
                 allowing += alike

@@ -5,7 +5,7 @@ One enclave at a time, over the expressions of its own documents: what others sa
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 from typing import NamedTuple
@@ -34,15 +34,16 @@ from keystore_audit.model.window import Window
 class JointRuling:
     """What one kind of implementation says to channels all of which are needed.
 
-    `ruling`: ALLOW in every domain in which it starts, DENY in one of them, UNKNOWN; None where it starts in none.
-    `domains`: where it denies, in words, "" for everywhere. `reason`: a sentence without its full stop; `location`:
-    the line that decides.
+    `ruling`: ALLOW in every domain in which it starts, DENY in one of them, UNKNOWN where that it starts
+    cannot be told; None where it starts in none.
+    `domains`: where it denies, in words, "" for everywhere; `location`: the line that decides. `explain`: why, a
+    sentence without its full stop, which goes through all that the grant lists.
     """
 
     ruling: Ruling | None
     domains: str = ""
-    reason: str = ""
     location: Location | None = None
+    explain: Callable[[], str] = str
 
 
 class Beyond(NamedTuple):
@@ -105,7 +106,7 @@ class PointRights:
         if not started:
             return _NOWHERE
         if any(usable is None for _domain, usable in started):
-            return JointRuling(ruling=Ruling.UNKNOWN, reason="whether a participant starts cannot be told")
+            return JointRuling(ruling=Ruling.UNKNOWN)
         if all(self._everywhere(profile, operation) >> self._points[topic, ""] & 1 for operation, topic in needed):
             return _ALLOWED
         return self._denial(profile, needed)
@@ -193,14 +194,13 @@ class PointRights:
         ]
         domain, operation, topic = denied[0]
         channel = self._channels.of_point(domain, self._points[topic, ""])
-        decision = self._local.decide(self._enclave, profile, operation, channel, (topic, ""))
         which = f"{operation.value} {topic}: " if len(needed) > 1 else ""
         where = dict.fromkeys(domain for domain, _operation, _topic in denied)
         return JointRuling(
             ruling=Ruling.DENY,
             domains="" if len(where) == len(started) else ", ".join(self._label(domain) for domain in where),
-            reason=which + decision.reason,
-            location=decision.location,
+            location=self._local.step(self._enclave, profile, operation, channel).decision.location,
+            explain=lambda: which + self._local.decide(self._enclave, profile, operation, channel, (topic, "")).reason,
         )
 
     def _everywhere(self, profile: Profile, operation: Operation) -> int:
