@@ -73,7 +73,7 @@ def audit(
     """
     check_arguments(locals())
     from keystore_audit.model.local_time import time_zone as zone_named
-    from keystore_audit.settings import read_baseline, read_settings
+    from keystore_audit.settings.settings import read_baseline, read_settings
 
     if engine not in ENGINES:
         raise UsageError(f"{engine!r} is no engine; there are {', '.join(ENGINES)}.")

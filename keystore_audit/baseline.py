@@ -14,8 +14,8 @@ from keystore_audit.model.profiles import DEFAULT
 from keystore_audit.options import Options, Progress
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Verdict
-from keystore_audit.settings import MAX_BASELINE_BYTES, Baseline
-from keystore_audit.suppressions import MAX_DAYS, Acceptance, Fate, Use, acceptable, check_dates, uses
+from keystore_audit.settings.settings import MAX_BASELINE_BYTES, Baseline
+from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance, Fate, Use, acceptable, check_dates, uses
 from keystore_audit.text import shorten, terminal
 
 HEAD: Final = """\

@@ -16,7 +16,7 @@ from keystore_audit.report.content import Verdict
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement
-from keystore_audit.suppressions import MAX_DAYS, Acceptance, check_codes, check_dates, first_end, limited
+from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance, check_codes, check_dates, first_end, limited
 
 
 def acceptances(options: Options) -> tuple[Acceptance, ...]:

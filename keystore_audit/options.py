@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
 
     from keystore_audit.engine.alloy.user_file import UserFile
-    from keystore_audit.settings import Baseline, Settings
+    from keystore_audit.settings.settings import Baseline, Settings
 
 ENGINES: Final = ("auto", "both", "alloy", "native")
 """Who may decide: `engine.engines`."""

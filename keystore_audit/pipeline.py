@@ -46,7 +46,7 @@ from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.wording import listed
-from keystore_audit.suppressions import accepted_by
+from keystore_audit.settings.suppressions import accepted_by
 
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy

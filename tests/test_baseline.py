@@ -22,12 +22,12 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Verdict
-from keystore_audit.settings import Baseline, read_baseline
-from keystore_audit.suppressions import Acceptance, Fate, acceptable, accepted, uses
+from keystore_audit.settings.settings import Baseline, read_baseline
+from keystore_audit.settings.suppressions import Acceptance, Fate, acceptable, accepted, uses
 from keystore_audit.text import terminal
 from tests.cli.keystores import answer
 from tests.schemas import schema
-from tests.settings_files import plain
+from tests.settings.files import plain
 from tests.test_samples import SAMPLES, as_built, name
 from tools.samples.expectation import with_engine
 

@@ -24,7 +24,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 MAX_REASON: Final = 1000
 MAX_OWNER: Final = 200
-"""Characters, as in the files (settings_acceptances.py)."""
+"""Characters, as in the files (settings/acceptances.py)."""
 
 _NOT_HERE: Final = {
     "keystores", "kind", "targets", "fail_on", "min_severity", "baseline", "select", "ignore", "quiet", "color",
@@ -138,7 +138,7 @@ def prune_command(file: Path, keystore: str, **given: Any) -> int:
       4   something could not be decided: only what has ended was dropped
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.baseline import prune
-    from keystore_audit.settings import read_baseline
+    from keystore_audit.settings.settings import read_baseline
 
     baseline = read_baseline(file, [keystore])
     target = output.Target(format="baseline", path=file)

@@ -77,7 +77,7 @@ def _labels(labels: tuple[str, ...], settings: Path | None, keystores: tuple[str
     if settings is None:
         return None
     from keystore_audit.model.comparison.labels import label_globs
-    from keystore_audit.settings import read_settings
+    from keystore_audit.settings.settings import read_settings
 
     labelling = read_settings(settings, keystores).labels
     if labelling is None:

@@ -13,7 +13,7 @@ from keystore_audit.ci import in_ci
 from keystore_audit.cli import options as opt
 
 if TYPE_CHECKING:
-    from keystore_audit.settings import Baseline, Settings
+    from keystore_audit.settings.settings import Baseline, Settings
 
 STATEMENTS: Final = ("statement", "svr")
 """Formats that others take as a promise, which nobody makes with a file that merely lay there."""
@@ -43,7 +43,7 @@ def baseline(given: Mapping[str, Any], keystores: Sequence[str]) -> Baseline | N
         return None
     if len(keystores) > 1:
         raise click.UsageError("--baseline is of one keystore: name one KEYSTORE.")
-    from keystore_audit.settings import read_baseline
+    from keystore_audit.settings.settings import read_baseline
 
     return read_baseline(path, keystores)
 
@@ -58,7 +58,7 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Settings | Non
         path = Path(FILE_NAME)
         if _why_not_found(given) or not os.path.lexists(path):
             return None
-    from keystore_audit.settings import read_settings
+    from keystore_audit.settings.settings import read_settings
 
     return read_settings(path, keystores)
 

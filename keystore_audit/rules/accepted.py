@@ -10,7 +10,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import MAX_QUOTED, places
-from keystore_audit.suppressions import Fate, FileOfUses, Use
+from keystore_audit.settings.suppressions import Fate, FileOfUses, Use
 from keystore_audit.text import shorten
 
 _CLAUSE: Final = "keystore-audit, docs/settings.md: what is accepted has a reason, an owner and an end"

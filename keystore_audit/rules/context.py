@@ -13,7 +13,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile
 from keystore_audit.properties.result import EngineRun, PropertyResult
-from keystore_audit.suppressions import Acceptance
+from keystore_audit.settings.suppressions import Acceptance
 
 if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs none of it
     from keystore_audit.model.intended.drift import Drift

@@ -30,7 +30,7 @@ from keystore_audit.rules.subjects import (
     revocation_uses,
     stray_uses,
 )
-from keystore_audit.suppressions import accepted, uses
+from keystore_audit.settings.suppressions import accepted, uses
 from keystore_audit.text import shorten
 
 MAX_MESSAGE: Final = 2000

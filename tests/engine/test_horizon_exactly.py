@@ -16,7 +16,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
-from keystore_audit.settings import read_settings
+from keystore_audit.settings.settings import read_settings
 from tests.cli.keystores import write_enclave
 from tests.keystore.builder import GOVERNANCE, PrivateKey, Signed, _write, authority, certificate, crl, signed_document
 from tests.model import comparing

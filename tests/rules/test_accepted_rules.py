@@ -17,7 +17,7 @@ from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Violation
-from keystore_audit.suppressions import (
+from keystore_audit.settings.suppressions import (
     Acceptance,
     Fate,
     FileOfUses,

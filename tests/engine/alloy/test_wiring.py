@@ -24,7 +24,7 @@ from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import resolve
-from keystore_audit.settings import read_settings
+from keystore_audit.settings.settings import read_settings
 from tests.engine.alloy_batch import outcomes, shipped
 
 SAMPLES = Path(__file__).resolve().parents[3] / "sample_keystores"

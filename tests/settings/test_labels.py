@@ -12,7 +12,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from tests.cli.test_flow import SAMPLES, audit
 from tests.schemas import schema
-from tests.settings_files import plain, read, wrong
+from tests.settings.files import plain, read, wrong
 
 LIMITS = '[[label]]\nlabel = "driving"\ntopics = "/motor*"\n[[label]]\nlabel = "entertainment"\ntopics = "/*_limit"\n'
 ALIKE = """

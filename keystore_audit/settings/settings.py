@@ -15,12 +15,12 @@ from keystore_audit.model.claims.labels import Labelling
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.matching.coverage import has_wildcard
 from keystore_audit.properties import BY_ID
-from keystore_audit.settings_acceptances import read_accepted, read_suppressions
-from keystore_audit.settings_forwards import FORM, read_determinism, read_forwards
-from keystore_audit.settings_labels import KEYS as LABEL_KEYS
-from keystore_audit.settings_labels import read_labels, read_single_writers
-from keystore_audit.settings_table import OUTSIDER, WORD, Table, globs, read_table
-from keystore_audit.suppressions import MAX_DAYS, Acceptance
+from keystore_audit.settings.acceptances import read_accepted, read_suppressions
+from keystore_audit.settings.forwards import FORM, read_determinism, read_forwards
+from keystore_audit.settings.labels import KEYS as LABEL_KEYS
+from keystore_audit.settings.labels import read_labels, read_single_writers
+from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance
+from keystore_audit.settings.table import OUTSIDER, WORD, Table, globs, read_table
 
 MAX_BYTES: Final = 1_000_000
 """A settings file is written by people."""

@@ -20,14 +20,14 @@ from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from tests.model.comparing import Member, Store, criterion, domain_rule, governance, grant, permissions, rule
 from tests.schemas import schema
-from tests.settings_files import read, wrong
+from tests.settings.files import read, wrong
 from tools.samples.base import IDENTITY_CA, LISTENER, TALKER, TWO
 from tools.samples.certificates import Certificate
 from tools.samples.documents import DISCOVERY, Criterion, Grant, Permissions, Rule
 from tools.samples.keys import Key
 from tools.samples.store import write
 
-SAMPLES = Path(__file__).resolve().parents[1] / "sample_keystores"
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 TURTLESIM, JOYSTICK = SAMPLES / "flows/turtlesim_healthy", SAMPLES / "flows/turtlesim_joystick"
 
 FORWARD = """\

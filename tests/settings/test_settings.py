@@ -18,13 +18,13 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.model.claims.claims import Claim, Globs
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
-from keystore_audit.settings import read_settings
-from keystore_audit.settings_positions import Position, positions
+from keystore_audit.settings.positions import Position, positions
+from keystore_audit.settings.settings import read_settings
 from tests.schemas import schema
-from tests.settings_files import plain, read, wrong
+from tests.settings.files import plain, read, wrong
 
 HEAD = '[[property]]\nname = "a"\n'
-SAMPLES = Path(__file__).resolve().parents[1] / "sample_keystores"
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 
 
 def claims(tmp_path: Path, text: str) -> tuple[Claim, ...]:

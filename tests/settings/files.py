@@ -11,7 +11,7 @@ import pytest
 
 from keystore_audit import toml
 from keystore_audit.errors import UsageError
-from keystore_audit.settings import Settings, read_settings
+from keystore_audit.settings.settings import Settings, read_settings
 
 
 def file(folder: Path, text: str | bytes, name: str = "keystore-audit.toml") -> Path:

@@ -10,7 +10,7 @@ from keystore_audit.model.claims.claims import Globs
 from keystore_audit.model.claims.forwards import Determinism, Forward, leading_to
 from keystore_audit.model.formal.behaviour import Scheduler
 from keystore_audit.model.matching.coverage import has_wildcard
-from keystore_audit.settings_table import Table
+from keystore_audit.settings.table import Table
 
 FORM: Final = "deterministic"
 """The form of a `[[property]]`."""

@@ -10,10 +10,10 @@ import pytest
 
 from keystore_audit import toml
 from keystore_audit.findings import Severity
-from keystore_audit.settings import read_baseline
+from keystore_audit.settings.settings import read_baseline
 from tests.schemas import schema
-from tests.settings_files import read, wrong
-from tests.test_suppressions import ENTRY, PLACED, PRINT, WHY
+from tests.settings.files import read, wrong
+from tests.settings.test_suppressions import ENTRY, PLACED, PRINT, WHY
 
 
 def test_every_key_is_read(tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from typing import Final
 
 from keystore_audit.findings import SEVERITIES, Severity
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.settings_table import Table
-from keystore_audit.suppressions import ALL, NEVER, Acceptance
+from keystore_audit.settings.suppressions import ALL, NEVER, Acceptance
+from keystore_audit.settings.table import Table
 
 MAX_REASON: Final = 1000
 MAX_OWNER: Final = 200

@@ -16,7 +16,7 @@ from junitparser import JUnitXml
 from keystore_audit.cli.formats import FORMATS
 from keystore_audit.text import markdown
 from tests.cli.keystores import answer
-from tests.settings_files import file
+from tests.settings.files import file
 from tests.test_samples import SAMPLES, as_built
 from tools.samples.base import TWO
 from tools.samples.documents import DomainRule, Governance, TopicRule

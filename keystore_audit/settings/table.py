@@ -17,8 +17,8 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.given import GivenFile, check_beside
 from keystore_audit.model.claims.claims import Globs
 from keystore_audit.model.formal.claim import Attacker
-from keystore_audit.settings_positions import Path as KeyPath
-from keystore_audit.settings_positions import Position, positions
+from keystore_audit.settings.positions import Path as KeyPath
+from keystore_audit.settings.positions import Position, positions
 
 _WHERE: Final = re.compile(r" \(at line (\d+), column (\d+)\)$")
 OUTSIDER: Final = "outsider"

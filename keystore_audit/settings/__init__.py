@@ -1,0 +1,1 @@
+"""What users assert of their keystore, and which findings they accept: settings and baselines (docs/settings.md)."""
