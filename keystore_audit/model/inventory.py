@@ -20,7 +20,7 @@ from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.verdicts import (
-    Verdict,
+    Acceptance,
     document_verdict,
     envelope,
     is_authority,
@@ -119,7 +119,7 @@ def permissions_cas(keystore: Keystore) -> tuple[CertificateFile | None, ...]:
 
 def may_be_taken(signed: SignedDocument, files: Iterable[CertificateFile | None]) -> bool:
     """Whether a peer with one of these permissions CA files may take the document, under any known implementation."""
-    return any(document_verdict(signed, file, trust) is not Verdict.REFUSED for file in files for trust in _TRUSTS)
+    return any(document_verdict(signed, file, trust) is not Acceptance.REFUSED for file in files for trust in _TRUSTS)
 
 
 def named_by_some(

@@ -11,7 +11,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.profiles import VARIANTS, Profile, Trust
-from keystore_audit.model.trust.verdicts import Verdict, document_verdict, envelope
+from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, envelope
 
 ROWS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
 """The trust rows of all known variants, the specification's first."""
@@ -42,16 +42,16 @@ def unread_authority(enclave: Enclave) -> bool:
 
 def accepting(signed: SignedDocument, files: Iterable[CertificateFile]) -> tuple[Profile, ...]:
     """The known variants under which an enclave with one of these permissions CA files takes the document."""
-    takes = {trust for trust in ROWS for file in files if document_verdict(signed, file, trust) is Verdict.ACCEPTED}
+    takes = {trust for trust in ROWS for file in files if document_verdict(signed, file, trust) is Acceptance.ACCEPTED}
     return tuple(profile for profile in VARIANTS.values() if profile.trust in takes)
 
 
-def verdict(signed: SignedDocument, enclave: Enclave, trust: Trust) -> Verdict:
+def verdict(signed: SignedDocument, enclave: Enclave, trust: Trust) -> Acceptance:
     """What the enclave does with the document; UNKNOWN too where its permissions CA could not be read."""
     said = document_verdict(signed, enclave.permissions_ca, trust)
-    if said is not Verdict.REFUSED or not unread_authority(enclave):
+    if said is not Acceptance.REFUSED or not unread_authority(enclave):
         return said
-    return said if envelope(signed).verdict is Verdict.REFUSED else Verdict.UNKNOWN
+    return said if envelope(signed).verdict is Acceptance.REFUSED else Acceptance.UNKNOWN
 
 
 def may_be_taken(signed: SignedDocument, enclaves: Sequence[Enclave]) -> bool:
@@ -59,9 +59,9 @@ def may_be_taken(signed: SignedDocument, enclaves: Sequence[Enclave]) -> bool:
 
     Where none may, what its XML says is of no consequence: the signature's finding says everything.
     """
-    return any(verdict(signed, enclave, trust) is not Verdict.REFUSED for trust in ROWS for enclave in enclaves)
+    return any(verdict(signed, enclave, trust) is not Acceptance.REFUSED for trust in ROWS for enclave in enclaves)
 
 
 def genuine_for(signed: SignedDocument, enclaves: Sequence[Enclave]) -> int:
     """How many of the enclaves have a permissions CA that signed the document."""
-    return sum(verdict(signed, enclave, SPEC) is Verdict.ACCEPTED for enclave in enclaves)
+    return sum(verdict(signed, enclave, SPEC) is Acceptance.ACCEPTED for enclave in enclaves)

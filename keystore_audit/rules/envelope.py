@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.model.trust.verdicts import Verdict
+from keystore_audit.model.trust.verdicts import Acceptance
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.signature import SIGN_AGAIN
@@ -23,7 +23,7 @@ def _has(use: SignedUse, says: str, *kinds: Kind, opens: bool = False) -> Iterab
     """`opens`: it is undecided, unless something else makes every implementation refuse the document."""
     if not use.signed.defects:
         return ()
-    undecided = opens and use.envelope.verdict is Verdict.UNKNOWN
+    undecided = opens and use.envelope.verdict is Acceptance.UNKNOWN
     return defective(of_kinds(use.signed.defects, *kinds), use.enclaves, says, undecided=undecided)
 
 

@@ -19,7 +19,7 @@ from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
 from keystore_audit.model.subjects.comparison import matching, same_meaning
-from keystore_audit.model.trust.verdicts import Verdict
+from keystore_audit.model.trust.verdicts import Acceptance
 from keystore_audit.rules.acceptance import ROWS, verdict
 from keystore_audit.rules.certificate import ISSUE_AGAIN, has_usual_subject, usual_subject
 from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_PERMISSIONS
@@ -171,7 +171,7 @@ def _unnamed(use: PermissionsUse, named: Sequence[str]) -> Iterator[tuple[Enclav
 
 def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
     """Whether the enclave takes the document under no known implementation."""
-    return all(verdict(use.signed, enclave, trust) is Verdict.REFUSED for trust in ROWS)
+    return all(verdict(use.signed, enclave, trust) is Acceptance.REFUSED for trust in ROWS)
 
 
 @rule(

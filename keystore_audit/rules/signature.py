@@ -18,7 +18,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust.signer_path import path_refusal, signer_refusal
-from keystore_audit.model.trust.verdicts import Verdict, document_verdict, may_sign, vouches
+from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, may_sign, vouches
 from keystore_audit.rules.acceptance import SPEC, accepting
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_DOCUMENT
 from keystore_audit.rules.contents import signed_bytes
@@ -116,7 +116,7 @@ def _makers(use: SignedUse, context: Context, wanted: _Maker) -> Iterator[tuple[
 def _readable(use: SignedUse, _context: Context) -> bool:
     """Whether there is a signature to judge, of which we know what it covers."""
     refused_form = any(of_kinds(use.signed.defects, Kind.NOT_SMIME, Kind.NO_TEXT_PLAIN))
-    return bool(use.signed.signatures) and not refused_form and use.envelope.verdict is not Verdict.UNKNOWN
+    return bool(use.signed.signatures) and not refused_form and use.envelope.verdict is not Acceptance.UNKNOWN
 
 
 def _comparable(use: SignedUse, context: Context) -> bool:
@@ -127,7 +127,9 @@ def _comparable(use: SignedUse, context: Context) -> bool:
 def _refusing(use: SignedUse) -> tuple[tuple[Enclave, CertificateFile], ...]:
     """The enclaves whose permissions CA did not sign."""
     return tuple(
-        (enclave, file) for enclave, file in use.judging if document_verdict(use.signed, file, SPEC) is Verdict.REFUSED
+        (enclave, file)
+        for enclave, file in use.judging
+        if document_verdict(use.signed, file, SPEC) is Acceptance.REFUSED
     )
 
 
@@ -322,10 +324,10 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
     """
     refusals: dict[str, list[Profile]] = {}
     for file in dict.fromkeys(file for _enclave, file in use.judging):
-        if document_verdict(use.signed, file, SPEC) is not Verdict.ACCEPTED:
+        if document_verdict(use.signed, file, SPEC) is not Acceptance.ACCEPTED:
             continue
         for profile in VARIANTS.values():
-            refused = document_verdict(use.signed, file, profile.trust) is Verdict.REFUSED
+            refused = document_verdict(use.signed, file, profile.trust) is Acceptance.REFUSED
             why = (signer_refusal if refused else path_refusal)(use.signed, file, profile.trust)
             if why is None:
                 why = path_refusal(use.signed, file, profile.trust, context.at)

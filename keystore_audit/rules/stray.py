@@ -21,7 +21,7 @@ from keystore_audit.model.inventory import (
     permissions_cas,
 )
 from keystore_audit.model.participants.stray_identity import Admitted, admitted
-from keystore_audit.model.trust.verdicts import Verdict, envelope
+from keystore_audit.model.trust.verdicts import Acceptance, envelope
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.signature import SIGN_AGAIN
@@ -204,7 +204,7 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
     for doubt in context.meaning.doubts:
         stray = strays.get(doubt.location.path)
         document = stray.document if stray is not None else None
-        if stray is None or (document is not None and envelope(document.signed).verdict is Verdict.UNKNOWN):
+        if stray is None or (document is not None and envelope(document.signed).verdict is Acceptance.UNKNOWN):
             continue
         crashes = document is not None and any(of_kinds(document.defects, *_CRASHES))
         yield Violation(

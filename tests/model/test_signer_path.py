@@ -12,7 +12,7 @@ from cryptography import x509
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust.signer_path import path_refusal
-from keystore_audit.model.trust.verdicts import Verdict, document_verdict
+from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
 from tests.keystore.builder import END, START, Signed, authority, certificate
 from tests.oracles.vendors.recipes_signers import PAST, _ca
 
@@ -48,7 +48,7 @@ def test_the_first_of_the_name_is_tried_alone(authorities: bytes, signer: Signed
     assert read.permissions is not None
     assert read.permissions_ca is not None
     row = VARIANTS["fastdds-2.9"].trust
-    assert document_verdict(read.permissions.signed, read.permissions_ca, row) is Verdict.ACCEPTED
+    assert document_verdict(read.permissions.signed, read.permissions_ca, row) is Acceptance.ACCEPTED
     assert (
         path_refusal(read.permissions.signed, read.permissions_ca, row, datetime.now(timezone.utc)) is not None
     ) is lost

@@ -17,7 +17,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.model.formal.safeguard import Safeguard
 from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.model.tables.named import Named
-from keystore_audit.model.tables.neighbours import Hop, Neighbourhood
+from keystore_audit.model.tables.neighbours import Neighbourhood, PeerGroup
 from keystore_audit.model.tables.periods import Dated, Period
 from keystore_audit.report.content import Report
 from keystore_audit.report.html import flow_picture, matrix, timeline
@@ -81,7 +81,7 @@ def table(names: list[str]) -> AccessTable:
 
 HOPS = st.lists(
     st.builds(
-        Hop,
+        PeerGroup,
         peers=st.lists(NAMES | st.none(), min_size=1, max_size=30).map(tuple),
         names=st.sets(st.integers(0, 5), min_size=1).map(lambda found: tuple(sorted(found))),
         by_right=st.booleans(),
@@ -93,7 +93,7 @@ HOPS = st.lists(
 class TestFlow:
     @given(incoming=HOPS, outgoing=HOPS, path=NAMES, names=st.lists(NAMES, min_size=6, max_size=6))
     def test_nothing_leaves_its_box_and_nothing_is_dropped_in_silence(
-        self, incoming: list[Hop], outgoing: list[Hop], path: str, names: list[str]
+        self, incoming: list[PeerGroup], outgoing: list[PeerGroup], path: str, names: list[str]
     ) -> None:
         flow = Neighbourhood(path=path, incoming=tuple(incoming), outgoing=tuple(outgoing))
         drawn = flow_picture._picture(table(names), flow)

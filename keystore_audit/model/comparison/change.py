@@ -96,7 +96,7 @@ class Names:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Hop:
+class Handover:
     """A sample handed from one enclave to another: their paths, and on which topic."""
 
     sender: str
@@ -113,7 +113,7 @@ class Influenced:
 
     pairs: int
     ends: tuple[str, ...]
-    way: tuple[Hop, ...]
+    way: tuple[Handover, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

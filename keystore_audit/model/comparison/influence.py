@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 from keystore_audit.model.comparison.causes import Causes
-from keystore_audit.model.comparison.change import Direction, Hop, Influenced, Layer
+from keystore_audit.model.comparison.change import Direction, Handover, Influenced, Layer
 from keystore_audit.model.comparison.drafts import Draft, in_order, told_beside
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
@@ -206,7 +206,7 @@ def _influenced(sides: Sides, side: _Side, pairs: _Pairs, blames: list[_Blame]) 
     hops = []
     for leg in way:
         name = sides.names(1 << leg.channel).shown[0]
-        hops.append(Hop(sender=side.label(leg.sender), name=name, receiver=side.label(leg.receiver)))
+        hops.append(Handover(sender=side.label(leg.sender), name=name, receiver=side.label(leg.receiver)))
     ends = union(1 << node | others for node, others in pairs.items())
     return Influenced(
         pairs=sum(each.bit_count() for each in pairs.values()),

@@ -28,7 +28,7 @@ from keystore_audit.model.participants.doubt import enclave_doubts, keystore_dou
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.trust.verdicts import Verdict, envelope
+from keystore_audit.model.trust.verdicts import Acceptance, envelope
 
 MAX_SHOWN = 3
 """Names that stand for a change; the rest are counted."""
@@ -267,7 +267,7 @@ def is_void(document: Typed | None, profile: Profile, accesses: AccessViews) -> 
     if document is None:
         return False
     refused = accesses.read(document, profile.access).refusal is not None
-    return refused or envelope(document.signed).verdict is Verdict.REFUSED
+    return refused or envelope(document.signed).verdict is Acceptance.REFUSED
 
 
 def _by_path(keystore: Keystore) -> dict[str, Enclave]:

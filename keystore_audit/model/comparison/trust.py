@@ -19,7 +19,7 @@ from keystore_audit.model.comparison.keys import foreign_keys
 from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import Typed, beside_enclaves, governance_apart, governance_at_large
-from keystore_audit.model.trust.verdicts import Verdict, envelope, may_have_issued
+from keystore_audit.model.trust.verdicts import Acceptance, envelope, may_have_issued
 from keystore_audit.text import some
 
 ADDED: Final = "enclave-added"
@@ -316,7 +316,7 @@ def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[Placed]:
     """Who signed the documents, and whether the signatures hold. `moved`: the permissions CA is another."""
     for word, one, other, places in documents(old, new):
         before, after = envelope(one.signed), envelope(other.signed)
-        held, holds = (each.verdict is Verdict.ACCEPTED for each in (before, after))
+        held, holds = (each.verdict is Acceptance.ACCEPTED for each in (before, after))
         if held != holds:
             direction = Direction.GAINED if holds else Direction.LOST
             verb = "holds" if holds else "no longer holds"

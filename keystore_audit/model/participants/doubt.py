@@ -29,7 +29,7 @@ from keystore_audit.model.subjects.comparison import is_printable
 from keystore_audit.model.trust.revocation import list_unread
 from keystore_audit.model.trust.verdicts import (
     MAX_AUTHORITIES,
-    Verdict,
+    Acceptance,
     document_verdict,
     envelope,
     is_authority,
@@ -72,8 +72,8 @@ def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Ac
             continue
         read = accesses.read(document, access)
         silent = not read.is_readable and read.refusal is None
-        if (silent or envelope(document.signed).verdict is Verdict.UNKNOWN) and (
-            document_verdict(document.signed, enclave.permissions_ca, trust) is not Verdict.REFUSED
+        if (silent or envelope(document.signed).verdict is Acceptance.UNKNOWN) and (
+            document_verdict(document.signed, enclave.permissions_ca, trust) is not Acceptance.REFUSED
         ):
             yield document_doubt(enclave.path, document, read)
 
@@ -107,8 +107,8 @@ def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses
             continue
         read = accesses.read(document, access)
         silent = not read.is_readable and read.refusal is None
-        if (silent or envelope(document.signed).verdict is Verdict.UNKNOWN) and any(
-            document_verdict(document.signed, file, trust) is not Verdict.REFUSED for file in files
+        if (silent or envelope(document.signed).verdict is Acceptance.UNKNOWN) and any(
+            document_verdict(document.signed, file, trust) is not Acceptance.REFUSED for file in files
         ):
             yield document_doubt(path, document, read)
 

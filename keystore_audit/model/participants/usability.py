@@ -31,7 +31,7 @@ from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import list_broken, list_missing, list_used, lists_read, revoked
 from keystore_audit.model.trust.signer_path import path_refusal
 from keystore_audit.model.trust.verdicts import (
-    Verdict,
+    Acceptance,
     document_verdict,
     is_issued,
     may_sign,
@@ -214,8 +214,8 @@ class Usabilities:
             return []
         found = []
         verdict = document_verdict(read.signed, permissions_ca, profile.trust)
-        lost = path_refusal(read.signed, permissions_ca, profile.trust) if verdict is Verdict.ACCEPTED else None
-        if verdict is Verdict.REFUSED or lost is not None:
+        lost = path_refusal(read.signed, permissions_ca, profile.trust) if verdict is Acceptance.ACCEPTED else None
+        if verdict is Acceptance.REFUSED or lost is not None:
             whom = "the permissions CA" if profile.trust.pins_signer else "anybody whom the permissions CA vouches for"
             found.append(f"{role.value}.p7s is not validly signed by {whom}{f': {lost}' if lost else ''}")
         refusal = self._accesses.read(read, profile.access).refusal
@@ -301,7 +301,7 @@ def _signed_validly(enclave: Enclave, trust: Trust) -> Iterator[tuple[Role, Sign
     for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
         if read is None or file is None:
             continue
-        if document_verdict(read.signed, file, trust) is Verdict.ACCEPTED:
+        if document_verdict(read.signed, file, trust) is Acceptance.ACCEPTED:
             yield role, read.signed, file
 
 

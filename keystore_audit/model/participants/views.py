@@ -21,7 +21,7 @@ from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Tr
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.revocation import list_dates, list_unread, revoked
 from keystore_audit.model.trust.verdicts import (
-    Verdict,
+    Acceptance,
     authorities_read,
     document_verdict,
     envelope,
@@ -195,13 +195,15 @@ class Views:
         if document.file is None:
             return True
         judged = envelope(document.file.signed)
-        if judged.verdict is Verdict.UNKNOWN:
+        if judged.verdict is Acceptance.UNKNOWN:
             return True
         read = self._accesses.read(document.file, kind.access)
-        if judged.verdict is Verdict.REFUSED or read.is_readable or read.refusal is not None:
+        if judged.verdict is Acceptance.REFUSED or read.is_readable or read.refusal is not None:
             return False
         signed = document.file.signed
-        return any(document_verdict(signed, file, kind.trust) is not Verdict.REFUSED for file in self._permissions_cas)
+        return any(
+            document_verdict(signed, file, kind.trust) is not Acceptance.REFUSED for file in self._permissions_cas
+        )
 
     def signers(self, document: Document, trust: Trust) -> frozenset[int]:
         """Who made the signatures, as the implementation finds them: in the message, where it does not pin."""
@@ -209,7 +211,7 @@ class Views:
             return frozenset()
         signed = document.file.signed
         judged = envelope(signed)
-        if judged.verdict is not Verdict.ACCEPTED:
+        if judged.verdict is not Acceptance.ACCEPTED:
             return frozenset()
         signers = signers_taken(signed, trust)
         if not trust.pins_signer and not all(is_first_embedded(signer, signed) for signer in signers):

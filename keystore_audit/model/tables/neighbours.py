@@ -23,7 +23,7 @@ ANYBODY: Final = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Hop:
+class PeerGroup:
     """Names (places in the access table) on which the same peers are at the other end.
 
     `peers`: paths of enclaves, ANYBODY last. `by_right`: peers grant it; else it takes a compromised sender or
@@ -37,11 +37,11 @@ class Hop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Neighbourhood:
-    """The hops to and from the enclave `path`; by right first, then those with the fewest peers."""
+    """The groups of peers to and from the enclave `path`; by right first, then those with the fewest peers."""
 
     path: str
-    incoming: tuple[Hop, ...]
-    outgoing: tuple[Hop, ...]
+    incoming: tuple[PeerGroup, ...]
+    outgoing: tuple[PeerGroup, ...]
 
 
 def neighbourhoods(system: System, window: Window, left_out: int, limit: int) -> tuple[Neighbourhood, ...]:
@@ -56,7 +56,7 @@ def neighbourhoods(system: System, window: Window, left_out: int, limit: int) ->
         by_right = honest.received(node), honest.sent(node)
         with_keys = attacked.received(node), attacked.sent(node)
         incoming, outgoing = (
-            (*_hops(rightly, labels, by_right=True), *_hops(_beyond(able, rightly), labels, by_right=False))
+            (*_groups(rightly, labels, by_right=True), *_groups(_beyond(able, rightly), labels, by_right=False))
             for rightly, able in zip(by_right, with_keys, strict=True)
         )
         found.append(Neighbourhood(path=enclave.label, incoming=incoming, outgoing=outgoing))
@@ -107,8 +107,8 @@ def _met(node: int, own: Iterable[tuple[int, int]], others: Sequence[list[tuple[
     return met
 
 
-def _hops(met: Mapping[int, int], labels: Sequence[str | None], *, by_right: bool) -> list[Hop]:
-    """Names with the same peers are one hop."""
+def _groups(met: Mapping[int, int], labels: Sequence[str | None], *, by_right: bool) -> list[PeerGroup]:
+    """Names with the same peers are of one group."""
     masks = gathered((names, peer) for peer, names in met.items())
     parts: dict[int, tuple[int, ...]] = {}
     for mask, peers in masks.items():  # splits the names known so far, and adds the new ones
@@ -123,8 +123,8 @@ def _hops(met: Mapping[int, int], labels: Sequence[str | None], *, by_right: boo
         if new:
             split[new] = tuple(peers)
         parts = split
-    hops = [
-        Hop(peers=tuple(labels[peer] for peer in sorted(peers)), names=tuple(members(names)), by_right=by_right)
+    groups = [
+        PeerGroup(peers=tuple(labels[peer] for peer in sorted(peers)), names=tuple(members(names)), by_right=by_right)
         for names, peers in parts.items()
     ]
-    return sorted(hops, key=lambda hop: (len(hop.peers), hop.names))
+    return sorted(groups, key=lambda group: (len(group.peers), group.names))

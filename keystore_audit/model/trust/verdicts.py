@@ -43,7 +43,7 @@ _ENVELOPE_UNKNOWN = frozenset(
 """Forms that we refuse to interpret and that some implementation accepts."""
 
 
-class Verdict(str, Enum):
+class Acceptance(str, Enum):
     """What an implementation does with a document. UNKNOWN: we cannot tell, so it may be accepted."""
 
     ACCEPTED = "accepted"
@@ -58,7 +58,7 @@ class Envelope:
     `verdict`: ACCEPTED where every signature verifies under `signers`, whom the signer identifiers name.
     """
 
-    verdict: Verdict
+    verdict: Acceptance
     signers: tuple[Certificate, ...]
 
 
@@ -67,13 +67,13 @@ def envelope(signed: SignedDocument) -> Envelope:
     """Whether the signatures hold, apart from who made them."""
     kinds = {defect.kind for defect in signed.defects}
     if kinds & _REFUSED_BY_ALL:
-        return Envelope(verdict=Verdict.REFUSED, signers=())
+        return Envelope(verdict=Acceptance.REFUSED, signers=())
     if kinds & _ENVELOPE_UNKNOWN or signed.content is None:
-        return Envelope(verdict=Verdict.UNKNOWN, signers=())
+        return Envelope(verdict=Acceptance.UNKNOWN, signers=())
     signers = [_signer(signature) for signature in signed.signatures]
     if not signers or None in signers:
-        return Envelope(verdict=Verdict.REFUSED, signers=())
-    return Envelope(verdict=Verdict.ACCEPTED, signers=tuple(signer for signer in signers if signer is not None))
+        return Envelope(verdict=Acceptance.REFUSED, signers=())
+    return Envelope(verdict=Acceptance.ACCEPTED, signers=tuple(signer for signer in signers if signer is not None))
 
 
 def _signer(signature: Signature) -> Certificate | None:
@@ -332,22 +332,22 @@ def first_of_number(signer: Certificate, among: Iterable[Certificate]) -> Certif
     return next((each for each in alike if same_name(each.issuer_name, signer.issuer_name)), None)
 
 
-def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
+def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Acceptance:
     """What an enclave with this permissions CA file does with the document's signatures."""
     return _document_verdict(document_alike(signed), permissions_ca, _judging(trust, permissions_ca))
 
 
 @lru_cache(maxsize=65_536)
-def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Verdict:
+def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Acceptance:
     judged = envelope(signed)
-    if judged.verdict is not Verdict.ACCEPTED:
+    if judged.verdict is not Acceptance.ACCEPTED:
         return judged.verdict
     if permissions_ca is None:
-        return Verdict.REFUSED
+        return Acceptance.REFUSED
     if all(may_sign(signer, signed, permissions_ca, trust) for signer in signers_taken(signed, trust)):
-        return Verdict.ACCEPTED
+        return Acceptance.ACCEPTED
     # What we do not read in the file, implementations may: OpenSSL's own form of certificates, for one.
-    return Verdict.UNKNOWN if first_opaque(permissions_ca.defects) is not None else Verdict.REFUSED
+    return Acceptance.UNKNOWN if first_opaque(permissions_ca.defects) is not None else Acceptance.REFUSED
 
 
 def is_authority(certificate: Certificate) -> bool:

@@ -10,7 +10,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.model.formal.permission import members
 from keystore_audit.model.tables.access_rows import label
 from keystore_audit.model.tables.access_table import AccessTable
-from keystore_audit.model.tables.neighbours import Hop, Neighbourhood
+from keystore_audit.model.tables.neighbours import Neighbourhood, PeerGroup
 from keystore_audit.model.tables.overview import Overview
 from keystore_audit.report.access_words import namespace
 from keystore_audit.report.html.element import Html, element, fitted, folded, joined, lines, name
@@ -106,22 +106,22 @@ def _folded(sheet: Sheet, table: AccessTable, flow: Neighbourhood) -> Html:
     return folded(joined([name(flow.path), element("span", summed, class_="soft")]), figure, open_=few, class_="flow")
 
 
-def _peers(hops: Sequence[Hop]) -> int:
-    return len({peer for hop in hops for peer in hop.peers if hop.by_right})
+def _peers(groups: Sequence[PeerGroup]) -> int:
+    return len({peer for group in groups for peer in group.peers if group.by_right})
 
 
 def _picture(table: AccessTable, flow: Neighbourhood) -> Html:
-    left = [_box(table, hop) for hop in flow.incoming[:MAX_BOXES]]
-    right = [_box(table, hop) for hop in flow.outgoing[:MAX_BOXES]]
-    for hops, boxes, words in ((flow.incoming, left, "sends to it"), (flow.outgoing, right, "hears it")):
-        if not hops:
+    left = [_box(table, group) for group in flow.incoming[:MAX_BOXES]]
+    right = [_box(table, group) for group in flow.outgoing[:MAX_BOXES]]
+    for groups, boxes, words in ((flow.incoming, left, "sends to it"), (flow.outgoing, right, "hears it")):
+        if not groups:
             boxes.append([_Line(f"nobody {words}", "soft")])
-        if len(hops) > MAX_BOXES:
-            boxes.append([_Line(f"{len(hops) - MAX_BOXES} more not drawn", "soft")])
+        if len(groups) > MAX_BOXES:
+            boxes.append([_Line(f"{len(groups) - MAX_BOXES} more not drawn", "soft")])
     rows = _wrapped(flow.path, int((CENTRE - 2 * PAD) / CHARACTER))
     height = max(_height(left), _height(right), _centre_height(rows)) + 8
     middle = height / 2
-    solid = [hop.by_right for hop in flow.incoming], [hop.by_right for hop in flow.outgoing]
+    solid = [group.by_right for group in flow.incoming], [group.by_right for group in flow.outgoing]
     centre = _centre(rows, middle)
     title = element("title", f"Information flow of {shorten(flow.path, _FIT)}")
     drawn = [
@@ -197,31 +197,31 @@ def _wrapped(text: str, fit: int) -> list[str]:
     return [fitted(row, fit) for row in rows]
 
 
-def _box(table: AccessTable, hop: Hop) -> list[_Line]:
+def _box(table: AccessTable, group: PeerGroup) -> list[_Line]:
     """The topics, each with what is remarkable about its protection, and whoever is at the other end."""
-    found = [_Line(row, "peer") for row in _peer_rows(hop)]
+    found = [_Line(row, "peer") for row in _peer_rows(group)]
     safeguards = table.groups[-1].safeguards
-    for number in hop.names[:MAX_NAMES]:
+    for number in group.names[:MAX_NAMES]:
         guard = protected(frozenset({safeguards[number]}))
         remark = f" {guard.mark} {guard.remark}" if guard.remark else ""
         room = max(_FIT - len(remark), 16)
         found.append(_Line(fitted(label(table, number), room) + remark, f"topic {guard.kind}"))
-    if len(hop.names) > MAX_NAMES:
-        found.append(_Line(f"and {counted(len(hop.names) - MAX_NAMES, 'more topic')}", "soft"))
-    if not hop.by_right:
+    if len(group.names) > MAX_NAMES:
+        found.append(_Line(f"and {counted(len(group.names) - MAX_NAMES, 'more topic')}", "soft"))
+    if not group.by_right:
         found.append(_Line(_NOTE, "soft"))
     return found
 
 
-def _peer_rows(hop: Hop) -> list[str]:
+def _peer_rows(group: PeerGroup) -> list[str]:
     """The peers, comma by comma, on a few lines."""
     rows = [""]
-    for number, peer in enumerate(hop.peers):
+    for number, peer in enumerate(group.peers):
         shown = ANYBODY if peer is None else fitted(peer, _FIT - 2)
-        text = shown + (", " if number + 1 < len(hop.peers) else "")
+        text = shown + (", " if number + 1 < len(group.peers) else "")
         if rows[-1] and len(rows[-1]) + len(text) > _FIT:
             if len(rows) == MAX_NAMES - 1:
-                rows[-1] = shorten(f"{rows[-1]}and {len(hop.peers) - number} more", _FIT)
+                rows[-1] = shorten(f"{rows[-1]}and {len(group.peers) - number} more", _FIT)
                 return rows
             rows.append("")
         rows[-1] += text
