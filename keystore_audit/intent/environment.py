@@ -3,8 +3,10 @@
 The file is one of assignments, as a shell's `export`, systemd's EnvironmentFile or a container's env file has them.
 Nothing is expanded or run, and a line that these read differently is an error: one that goes on after a backslash, a
 carriage return (a shell takes it into the value), a comment behind a value without `export` (systemd and containers
-take it into the value), blanks there (containers take them into it), and in the values of other variables whatever a
-shell would run or go on in. Source of what the variables mean: rcl's `security.c` and rmw_dds_common's `security.cpp`.
+take it into the value), blanks there and quotes around what has to be exactly one value (containers take them into it),
+lines with `export` beside others without (which a shell keeps to itself, where systemd and containers know nothing
+else), and in the values of other variables whatever a shell would run or go on in. Source of what the variables mean:
+rcl's `security.c` and rmw_dds_common's `security.cpp`.
 """
 
 from __future__ import annotations
@@ -112,6 +114,7 @@ def read_environment(path: Path) -> Environment:
         line = data.count(b"\n", 0, error.start) + 1
         raise UsageError(f"{path}:{line}: not UTF-8; expected lines of NAME=VALUE.") from error
     found: dict[str, Setting] = {}
+    exports: dict[bool, int] = {}
     for number, content in enumerate(text.split("\n"), 1):
         place = f"{path}:{number}"
         stripped = _line(content, place)
@@ -124,12 +127,20 @@ def read_environment(path: Path) -> Environment:
         if name in VARIABLES:
             if export is None and content.endswith((" ", "\t")):
                 raise UsageError(f"{place}: blanks behind a value, which containers take into it; expected none.")
+            if export is None and name in SECURE and value.startswith(("'", '"')):
+                raise UsageError(f"{place}: quotes, which `docker run` takes into the value; expected {SECURE[name]}.")
+            exports.setdefault(export is not None, number)
             found[name] = Setting(
                 value=_value(value, place, commented=export is not None),
                 location=Location(path=str(path), line=number, beside=True),
             )
         else:
             _pass_over(name, value, place, exported=export is not None)
+    if len(exports) > 1:
+        raise UsageError(
+            f"{path}:{max(exports.values())}: lines with export beside others without: a shell keeps these to itself, "
+            "systemd and containers do not take those; expected either."
+        )
     return Environment(file=GivenFile.of(str(path), data), settings=found)
 
 
