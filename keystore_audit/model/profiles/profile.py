@@ -76,19 +76,16 @@ class Evidence(str, Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """What one implementation does, for the versions named.
+    """What one implementation does; its versions stand in docs/profiles.md.
 
     `distributions`: ROS 2 distributions that ship it. `trust`: whom it trusts; `access`: what documents mean to it;
-    `local`: what it asks of its own participant. `evidence`: how the rows are known. `source`: where they
-    come from.
+    `local`: what it asks of its own participant. `evidence`: how the rows are known.
     """
 
     name: str
     title: str
-    versions: str
     distributions: tuple[str, ...]
     trust: Trust
     access: Access
     local: Local
     evidence: Evidence
-    source: str

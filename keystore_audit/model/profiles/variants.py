@@ -183,13 +183,11 @@ _OPENDDS_LOCAL: Final = replace(_SPEC_LOCAL, joins=JoinCheck.OPENDDS)
 SPEC = Profile(
     name="spec",
     title="DDS-Security 1.1",
-    versions="formal/2018-04-01",
     distributions=(),
     trust=_SPEC,
     access=_SPEC_ACCESS,
     local=_SPEC_LOCAL,
     evidence=Evidence.READ,
-    source="DDS-Security 1.1, 9.4.1.1: the permissions CA signs governance and permissions",
 )
 
 VARIANTS: dict[str, Profile] = {
@@ -199,113 +197,96 @@ VARIANTS: dict[str, Profile] = {
         Profile(
             name="fastdds-2.6.4",
             title="Fast DDS up to 2.6.4",
-            versions="2.3.6, 2.6.0 to 2.6.4, 2.7.1",
             distributions=("galactic",),
             trust=_FASTDDS_UNPINNED,
             access=_FASTDDS_OLD_ACCESS,
             local=_FASTDDS_LOCAL,
             evidence=Evidence.READ,
-            source="eProsima/Fast-DDS tags: PKCS7_NOINTERN only from 2.6.5 on",
         ),
         Profile(
             name="fastdds-2.6",
             title="Fast DDS 2.6",
-            versions="2.6.5 to 2.6.12; 2.6.12 measured",
             distributions=("humble",),
             trust=_FASTDDS_2_6,
             access=_FASTDDS_ACCESS,
             local=_FASTDDS_LOCAL,
             evidence=Evidence.MEASURED,
-            source="leaf-signed documents refused by 2.6.12",
         ),
         Profile(
             name="fastdds-2.9",
             title="Fast DDS 2.9.1",
-            versions="2.9.1 (Debian's package)",
             distributions=(),
             trust=_FASTDDS_UNPINNED,
             access=_FASTDDS_OLD_ACCESS,
             local=_FASTDDS_LOCAL,
             evidence=Evidence.TESTED,
-            source="leaf-signed documents accepted by 2.9.1",
         ),
         Profile(
             name="fastdds-2.14",
             title="Fast DDS 2.14",
-            versions="2.14.5 and 2.14.6; 2.14.6 measured",
             distributions=("jazzy",),
             trust=_FASTDDS,
             access=_FASTDDS_ACCESS,
             local=_FASTDDS_LOCAL,
             evidence=Evidence.MEASURED,
-            source="leaf-signed documents refused by 2.14.6",
         ),
         Profile(
             name="fastdds-3.2",
             title="Fast DDS 3.2",
-            versions="3.2.5",
             distributions=("kilted",),
             trust=_FASTDDS,
             access=_FASTDDS_ACCESS,
             local=_FASTDDS_LOCAL,
             evidence=Evidence.MEASURED,
-            source="leaf-signed documents refused by 3.2.5",
         ),
         Profile(
             name="fastdds-3.6",
             title="Fast DDS 3.6",
-            versions="3.6.2",
             distributions=("lyrical", "rolling"),
             trust=_FASTDDS,
             access=_FASTDDS_ACCESS,
             local=_FASTDDS_LOCAL,
             evidence=Evidence.MEASURED,
-            source="leaf-signed documents refused by 3.6.2",
         ),
         Profile(
             name="cyclonedds-0.10",
             title="Cyclone DDS 0.10",
-            versions="0.10.2 measured; 0.10.5 has the same code",
             distributions=("humble", "jazzy", "kilted"),
             trust=_CYCLONEDDS_0_10,
             access=_CYCLONEDDS_0_10_ACCESS,
             local=_CYCLONEDDS_LOCAL,
             evidence=Evidence.TESTED,
-            source="leaf-signed documents accepted by 0.10.2",
         ),
         Profile(
             name="cyclonedds-11",
             title="Cyclone DDS 11",
-            versions="11.0.1",
             distributions=("lyrical", "rolling"),
             trust=_CYCLONEDDS_11,
             access=_CYCLONEDDS_11_ACCESS,
             local=_CYCLONEDDS_LOCAL,
             evidence=Evidence.MEASURED,
-            source="leaf-signed documents refused by 11.0.1",
         ),
         Profile(
             name="opendds",
             title="OpenDDS",
-            versions="after 2023-01-18 (read at 2fea234)",
             distributions=(),
             trust=_OPENDDS,
             access=_OPENDDS_ACCESS,
             local=_OPENDDS_LOCAL,
             evidence=Evidence.READ,
-            source="OpenDDS/OpenDDS:dds/DCPS/security/SSL/SignedDocument.cpp",
         ),
     )
 }
 
+_SUPPORTED = ("humble", "jazzy", "kilted", "lyrical")
+
 ALIASES: dict[str, tuple[str, ...]] = {
     "fastdds": ("fastdds-3.6",),
     "cyclonedds": ("cyclonedds-11",),
-    "humble": ("fastdds-2.6", "cyclonedds-0.10"),
-    "jazzy": ("fastdds-2.14", "cyclonedds-0.10"),
-    "kilted": ("fastdds-3.2", "cyclonedds-0.10"),
-    "lyrical": ("fastdds-3.6", "cyclonedds-11"),
-    "rolling": ("fastdds-3.6", "cyclonedds-11"),
+    **{
+        distribution: tuple(name for name, profile in VARIANTS.items() if distribution in profile.distributions)
+        for distribution in (*_SUPPORTED, "rolling")
+    },
     "all": tuple(VARIANTS),
 }
 
@@ -316,13 +297,11 @@ MIDDLEWARE: dict[str, str] = {
 }
 """What RMW_IMPLEMENTATION may say, by the vendor whose profiles tell what it does."""
 
-_SUPPORTED = ("humble", "jazzy", "kilted", "lyrical")
-
 DISTRIBUTIONS: Final = frozenset({*_SUPPORTED, "rolling"})
 """What ROS_DISTRO may say, where it is known here which variants run."""
 
 DEFAULT: tuple[str, ...] = tuple(
-    name for name in VARIANTS if name == "spec" or any(name in ALIASES[distribution] for distribution in _SUPPORTED)
+    name for name, profile in VARIANTS.items() if name == "spec" or {*_SUPPORTED} & {*profile.distributions}
 )
 """`spec` and every variant that a supported distribution ships."""
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from datetime import datetime
 from enum import Enum
 from functools import lru_cache
-from typing import Final, Generic, TypeVar
+from typing import Any, Final, TypeVar
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -84,33 +84,24 @@ def _signer(signature: Signature) -> Certificate | None:
     return next((certificate for certificate in signature.named if certificate.sha256 in verified), None)
 
 
-class _Asked(Generic[T]):
-    """Something, equal to all of which the same is known."""
-
-    __slots__ = ("known", "value")
-
-    def __init__(self, value: T, *known: object) -> None:
-        self.value = value
-        self.known = known
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Asked) and self.known == other.known
-
-    def __hash__(self) -> int:
-        return hash(self.known)
-
-
 @lru_cache(maxsize=65_536)
-def _first(asked: _Asked[T]) -> T:
-    """The first of all that are equal."""
-    return asked.value
+def _alike(*known: object) -> list[Any]:  # noqa: ARG001 - what the cache goes by
+    """Where the first of all stands of which the same is known; empty at first."""
+    return []
+
+
+def _first(value: T, *known: object) -> T:
+    """The first value of which the same is known."""
+    alike: list[T] = _alike(*known)
+    if not alike:
+        alike.append(value)
+    return alike[0]
 
 
 @lru_cache(maxsize=65_536)
 def document_alike(signed: SignedDocument) -> SignedDocument:
     """The first message of which all is the same that is asked of it here: thousands have one signer."""
-    first: SignedDocument = _first(_Asked(signed, envelope(signed), signed.embedded))
-    return first
+    return _first(signed, envelope(signed), signed.embedded)
 
 
 @lru_cache(maxsize=65_536)
@@ -122,8 +113,7 @@ def certificate_alike(certificate: Certificate, file: CertificateFile) -> Certif
         (issue(a, certificate), suits_key(certificate, a), key_identifier_fits(certificate, a))
         for a in file.certificates
     ]
-    first: Certificate = _first(_Asked(certificate, file, *asked))
-    return first
+    return _first(certificate, file, *asked)
 
 
 def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, ...]:
