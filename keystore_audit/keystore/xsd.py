@@ -29,6 +29,10 @@ MAX_DETAIL: Final = 400
 
 _CURRENT: Final = "1.1"
 _OLD: Final = "1.0"
+_OLD_IS_READ: Final = {  # rules of permissions differ in the order of publish, subscribe and relay alone
+    "governance": "which readers of 1.1 refuse or read as they like",
+    "permissions": "which Fast DDS and Cyclone DDS read (measured) and who validates by 1.1 refuses",
+}
 _RAISED_BY_XMLSCHEMA: Final = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError)
 """Beside its own exceptions: on xsi:type, on years of twenty digits."""
 
@@ -55,7 +59,7 @@ def validate(root: etree._Element, grammar: Grammar, signed: SignedDocument) -> 
     log: Any = current.error_log  # the stubs do not know what is in it
     messages: list[tuple[int, str]] = [(error.line, error.message) for error in log]
     if _schema(_OLD, grammar).validate(root):
-        detail = f"{grammar.value} of DDS-Security 1.0 (20160303), which readers of 1.1 refuse or read as they like"
+        detail = f"{grammar.value} of DDS-Security 1.0 (20160303), {_OLD_IS_READ[grammar.value]}"
         line, message = messages[0]
         return (signed.defect(Kind.DDS_SECURITY_1_0, line, shorten(f"{detail}: {message}", MAX_DETAIL)),)
     explained: list[tuple[int | None, str]] = []

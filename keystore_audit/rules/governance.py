@@ -18,7 +18,7 @@ from keystore_audit.keystore.governance import DomainRule, GovernanceFile, Topic
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.names import DISCOVERY_TOPIC
-from keystore_audit.rules.commands import DEEPER, LINK_GOVERNANCE, SIGN_GOVERNANCE
+from keystore_audit.rules.commands import DEEPER, LINK_GOVERNANCE, SIGN_GOVERNANCE, SIGN_PERMISSIONS
 from keystore_audit.rules.contents import signed_bytes, told
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
@@ -297,16 +297,31 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
             )
 
 
+_ADD_LIVELINESS: Final = (
+    f"Write <enable_liveliness_protection> behind <enable_discovery_protection> in every topic rule {CORRECT}"
+)
+_IN_ORDER: Final = (
+    "Write publish first, then subscribe, then relay in every rule of permissions.xml, and sign it with the "
+    f"permissions CA, in the keystore's root: {SIGN_PERMISSIONS}."
+)
+
+
 @rule(
     "KA421",
     Severity.HIGH,
     clause="DDS-Security 1.0 (20160303) against 1.1 (20170901)",
-    remedy="Make the keystore again with a supported distribution of ROS 2: `ros2 security create_keystore KEYSTORE`.",
+    remedy=f"{_ADD_LIVELINESS} {_IN_ORDER}",
     stops=True,
 )
 def dds_security_1_0_document(use: DocumentUse, _context: Context) -> Iterator[Violation]:
     """The document has the form of DDS-Security 1.0, which Ardent and Bouncy wrote.
 
-    It lacks what 1.1 demands, so that implementations of today refuse it; it is read here in its own terms.
+    A governance lacks what 1.1 demands, so that implementations of today refuse it. Permissions have publish, subscribe
+    and relay in another order, as somebody may write them today: Fast DDS 2.9.1 and Cyclone DDS 0.10.2 read these as
+    meant (measured), so that it is medium. Either is read here in its own terms.
     """
-    yield from defective(of_kinds(use.document.defects, Kind.DDS_SECURITY_1_0), use.enclaves)
+    found = of_kinds(use.document.defects, Kind.DDS_SECURITY_1_0)
+    if isinstance(use.document, GovernanceFile):
+        yield from defective(found, use.enclaves, remedy=_ADD_LIVELINESS)
+    else:
+        yield from defective(found, use.enclaves, remedy=_IN_ORDER, severity=Severity.MEDIUM)

@@ -182,6 +182,29 @@ def test_a_document_is_signed_again(document: str, stock: Path) -> None:
     assert codes(stock) == before
 
 
+@pytest.mark.parametrize(
+    ("document", "today", "old", "severity"),
+    [
+        # Both vendors read permissions in another order as meant: measured_local.json.
+        ("talker/permissions", r"( +<publish>.*?</publish>\n)( +<subscribe>.*?</subscribe>\n)", r"\2\1", "medium"),
+        ("governance", r" +<enable_liveliness_protection>\w+</enable_liveliness_protection>\n", "", "high"),
+    ],
+)
+def test_a_document_of_the_older_form_gets_that_of_today(
+    document: str, today: str, old: str, severity: str, stock: Path
+) -> None:
+    before = codes(stock)
+    unsigned = stock / f"enclaves/{document}.xml"
+    right = unsigned.read_text()
+    for text in (re.sub(today, old, right, count=1, flags=re.DOTALL), right):
+        unsigned.write_text(text)
+        (command,) = [each for each in commands("KA421") if ("governance" in each) is (document == "governance")]
+        type_in(stock, command, {"ENCLAVE": "/talker"})
+        said = [(each["severity"], typed(each["remedy"])) for each in found(stock) if each["code"] == "KA421"]
+        assert said == ([] if text == right else [(severity, [command])])
+    assert codes(stock) == before
+
+
 def test_an_unsigned_document_is_made_what_is_signed(stock: Path) -> None:
     before = codes(stock)
     unsigned = stock / "enclaves/talker/permissions.xml"
