@@ -178,7 +178,7 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
         alike = [each for each in context.results if _is_ours(each) and (_undecided(each), _why(each, context)) == same]
     told, ids = result.prop.statement, tuple(each.prop.id for each in alike)
     if len(alike) > 1:
-        told = f"{len(alike)} properties, {', '.join(ids)}."
+        told = f"{len(alike)} properties, {listed(ids)}."
     yield Violation(
         message=f"Undecided, since {why}: {told}",
         locations=(*_asserted(result), *places(doubt.location for doubt in context.meaning.doubts)),

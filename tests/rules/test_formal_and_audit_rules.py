@@ -155,6 +155,15 @@ def test_properties_that_are_undecided_for_one_reason_are_one_finding() -> None:
     assert opened >= {one.id, two.id, three.id, own.prop.id}
 
 
+def test_many_properties_that_are_undecided_are_counted_and_not_listed() -> None:
+    """Each stands as UNKNOWN among the properties, and what makes the finding is all of them."""
+    many = tuple(result(prop.id, spec=answer(UNKNOWN)) for prop in PROPERTIES[:7])
+    (one,), (fewer,) = (findings("KA906", judged(results=each)) for each in (many, many[:6]))
+    named = ", ".join(each.prop.id for each in many[:5])
+    assert one.message == f"Undecided, since no engine gave an answer: 7 properties, {named} and 2 more."
+    assert one.fingerprint != fewer.fingerprint
+
+
 def test_what_a_property_depends_on_is_named() -> None:
     undecided = result(PROPERTIES[0].id, spec=answer(UNKNOWN))
     found = findings("KA906", judged(results=(undecided,), doubts=(DOUBT,)))
