@@ -22,6 +22,7 @@ from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, has_usual_subject, usual_subject, what
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_PERMISSIONS
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.exchange import EXCHANGED, exchange_for
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.who_takes import Taken
@@ -103,12 +104,15 @@ def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterato
             why = f"no support for {certificate.signature_algorithm} with a key {authority.key_kind}"
         else:
             said, (why, authority) = "was issued by somebody else", _why_not(certificate, answers)
+        exchanged = exchange_for(enclave)
+        so = f" {EXCHANGED}" if exchanged else ""
         yield Violation(
-            message=f"{what(use, certificate)} {said}, expected the identity CA of {enclave.path}: {why}.",
+            message=f"{what(use, certificate)} {said}, expected the identity CA of {enclave.path}: {why}.{so}",
             locations=(located(certificate), located(authority, "the identity CA")),
             enclave=enclave.path,
             undecided=unread or Issue.UNSUPPORTED in answers,
             key=certificate.sha256,
+            remedy=exchanged,
         )
 
 

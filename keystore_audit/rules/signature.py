@@ -14,7 +14,6 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust.signer_path import path_refusal, signer_refusal
@@ -23,22 +22,13 @@ from keystore_audit.rules.acceptance import SPEC, accepting
 from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_DOCUMENT
 from keystore_audit.rules.contents import signed_bytes
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.exchange import EXCHANGED, exchange
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, SignedUse
 from keystore_audit.rules.wording import implementations, located, of_kinds, paths, places, quoted, sole
 
 SIGN_AGAIN: Final = f"Sign the document again: {SIGN_DOCUMENT}; for permissions {CREATE_PERMISSION} does it."
 _READ_AND_SIGN: Final = f"Read the .xml before you sign it: it may be theirs, too. {SIGN_AGAIN}"
-
-_EXCHANGE: Final = (
-    "Exchange the certificates, in the keystore's root: `mv public/identity_ca.cert.pem public/new.cert.pem`, "
-    "`mv public/permissions_ca.cert.pem public/identity_ca.cert.pem`, `mv public/new.cert.pem "
-    "public/permissions_ca.cert.pem`; likewise the keys in private/ if they are exchanged too, and copies in enclaves."
-)
-_EXCHANGE_COPIES: Final = (
-    "Exchange identity_ca.cert.pem and permissions_ca.cert.pem in the folders of the enclaves, which have copies of "
-    "them; and in public/, and their keys in private/, only where these are exchanged too."
-)
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"
 _FORGED: Final = (
@@ -195,28 +185,16 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
             if signer is None
             else f"{quoted(signer.subject)}, serial number {signer.serial:x}"
         )
-        exchange = _exchange(use, signer) if signer is not None else None
-        why = " The files of the two authorities hold each other's certificate." if exchange else ""
+        exchanged = exchange([enclave for enclave, _file in use.judging], signer) if signer is not None else None
+        why = f" {EXCHANGED}" if exchanged else ""
         yield _violation(
             use,
             f"Signed by {got}; {_expected(use)}: {_consequence(use)}.{why}",
             signer,
             signer.key if signer is not None else f"{signature.serial:x}",
             explains=frozenset(_FORGED if _accepting(use) else (_SIGNED,)),
-            remedy=exchange,
+            remedy=exchanged,
         )
-
-
-def _exchange(use: SignedUse, signer: Certificate) -> str | None:
-    """What to do where the files of the authorities hold each other's certificate, as far as these enclaves tell."""
-    exchanged = all(
-        any(signer.sha256 == authority.sha256 for authority in enclave.trusts(Role.IDENTITY_CA))
-        and enclave.identity is not None
-        and any(vouches(authority, enclave.identity) for authority in file.certificates)
-        for enclave, file in use.judging
-    )
-    linked = any(each.path.startswith("public/") for _enclave, file in use.judging for each in file.certificates)
-    return (_EXCHANGE if linked else _EXCHANGE_COPIES) if exchanged else None
 
 
 @rule(
