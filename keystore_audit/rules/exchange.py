@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.trust import vouches
+from keystore_audit.model.trust.verdicts import vouches
 
 EXCHANGED: Final = "The files of the two authorities hold each other's certificate."
 

@@ -200,6 +200,7 @@ def test_conditions(condition: str, counted: bool, said: bool, tmp_path: Path) -
         "[ThisLaunchFileDir(), '/sub/other.launch.py']",
         "PathJoinSubstitution([ThisLaunchFileDir(), 'sub', 'other.launch.py'])",
         "'sub/other.launch.py'",
+        "os.path.join(os.path.dirname('sub'), 'sub', 'other.launch.py')",
     ],
 )
 def test_includes(path: str, tmp_path: Path) -> None:
@@ -211,9 +212,16 @@ def test_includes(path: str, tmp_path: Path) -> None:
     assert (nodes(intent), intent.unresolved) == ({("/", "/x")}, ())
 
 
-def test_an_include_in_a_package_is_said(tmp_path: Path) -> None:
-    source = "PythonLaunchDescriptionSource([FindPackageShare('p'), '/launch/x.launch.py'])"
-    intent = launch(tmp_path, described(f"IncludeLaunchDescription({source})"), "py")
+@pytest.mark.parametrize(
+    "path",
+    [
+        "[FindPackageShare('p'), '/launch/x.launch.py']",
+        "os.path.join(os.path.dirname(get_package_share_directory('p')), 'x.launch.py')",
+    ],
+)
+def test_an_include_in_a_package_is_said(path: str, tmp_path: Path) -> None:
+    text = described(f"IncludeLaunchDescription(PythonLaunchDescriptionSource({path}))")
+    intent = launch(tmp_path, f"from ament_index_python import get_package_share_directory\n{text}", "py")
     assert ["where a package is installed" in reason for _line, reason in unresolved(intent)] == [True]
 
 

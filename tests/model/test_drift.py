@@ -130,6 +130,16 @@ def test_another_order_is_found_where_it_means_something_else(file: Path, docume
         assert differs(policy, path, [first, denying, *others]) == (set(), set())
 
 
+def test_a_denial_behind_what_it_takes_from_is_found_whether_or_not_the_rules_are_the_policys(tmp_path: Path) -> None:
+    but_secrets = (
+        '<topics publish="DENY"><topic>secret</topic></topics><topics publish="ALLOW"><topic>*</topic></topics>'
+    )
+    policy = policy_of(tmp_path, f'<profiles><profile ns="/" node="talker">{but_secrets}</profile></profiles>')
+    denied, wide = Listed(False, ("rt/secret",), ()), Listed(True, ("rt/*",), ())
+    assert differs(policy, "/talker", [denied, wide]) == (set(), set())
+    assert differs(policy, "/talker", [wide, denied]) == (set(), {("publish", "rt/secret")})
+
+
 # Against every name
 
 EXPRESSIONS = ("rt/a", "rt/b", "rt/aa", "rt/a*", "rt/*", "rt/?", "*a", "rq/sRequest", "rr/sReply", "rq/*", "a")

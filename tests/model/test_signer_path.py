@@ -40,19 +40,29 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(("authorities", "signer", "lost"), CASES.values(), ids=CASES.keys())
-def test_the_first_of_the_name_is_tried_alone(authorities: bytes, signer: Signed, lost: bool, tmp_path: Path) -> None:
-    enclave = tmp_path / "enclaves/talker"
+def lost_to_us_and_openssl(authorities: bytes, signer: Signed, root: Path, *options: str) -> tuple[bool, bool]:
+    """Whether no path is found for the signer, by us and by OpenSSL with these options."""
+    enclave = root / "enclaves/talker"
     _ca("of the test", authorities, signer).build(enclave)
-    read = read_keystore(tmp_path).enclaves[0]
+    read = read_keystore(root).enclaves[0]
     assert read.permissions is not None
     assert read.permissions_ca is not None
     row = VARIANTS["fastdds-2.9"].trust
     assert document_verdict(read.permissions.signed, read.permissions_ca, row) is Acceptance.ACCEPTED
-    assert (
-        path_refusal(read.permissions.signed, read.permissions_ca, row, datetime.now(timezone.utc)) is not None
-    ) is lost
+    refusal = path_refusal(read.permissions.signed, read.permissions_ca, row, datetime.now(timezone.utc))
     assert path_refusal(read.permissions.signed, read.permissions_ca, VARIANTS["fastdds-2.14"].trust) is None
-    command = ["openssl", "smime", "-verify", "-text", "-CAfile", "permissions_ca.cert.pem", "-in", "permissions.p7s"]
-    verified = subprocess.run(command, cwd=enclave, capture_output=True, check=False)
-    assert (verified.returncode != 0) is lost
+    message = ["-text", *options, "-CAfile", "permissions_ca.cert.pem", "-in", "permissions.p7s"]
+    verified = subprocess.run(["openssl", "smime", "-verify", *message], cwd=enclave, capture_output=True, check=False)
+    return refusal is not None, verified.returncode != 0
+
+
+@pytest.mark.parametrize(("authorities", "signer", "lost"), CASES.values(), ids=CASES.keys())
+def test_the_first_of_the_name_is_tried_alone(authorities: bytes, signer: Signed, lost: bool, tmp_path: Path) -> None:
+    assert lost_to_us_and_openssl(authorities, signer, tmp_path) == (lost, lost)
+
+
+@pytest.mark.parametrize(("first", "lost"), [(OTHER, False), (FIRST, True)])
+def test_one_that_has_expired_is_found_in_its_place(first: Signed, lost: bool, tmp_path: Path) -> None:
+    """That it has is refused for itself, and no reason to say that another stands there."""
+    found = lost_to_us_and_openssl(first.pem + EXPIRED.pem, EXPIRED, tmp_path, "-no_check_time")
+    assert found == (lost, lost)

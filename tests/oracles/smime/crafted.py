@@ -107,6 +107,7 @@ CRAFTED: dict[str, bytes] = {
     "structure behind": replace(GOOD, trailing=GOOD.der()).der(),
     "indefinite length": indefinite(GOOD.der()),
     "length in more bytes than needed": padded(GOOD.der()),
+    "short length in the long form": replace(GOOD, version=b"\x02\x81\x01\x01").der(),
     "text inside too": replace(GOOD, content=tlv(48, oid(DATA), tlv(160, tlv(4, b"evil")))).der(),
     "digest algorithms with one that is none": replace(
         GOOD, digests=tuple(sorted((algorithm(SHA256, NULL), algorithm("1.2.3.4"))))
