@@ -13,10 +13,11 @@ from keystore_audit.engine.native_claims import Claims, claims_at
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims.elsewhere import UNREAD, same_elsewhere
 from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.bit_sets import bits, union
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.formal.claim import Place as ClaimPlace
 from keystore_audit.model.formal.flow import Flows
-from keystore_audit.model.formal.permission import Decisions, Permissions, bits, union
+from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import DocumentAtom, System
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.participants.at_large import MAX_SUBJECT

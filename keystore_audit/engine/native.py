@@ -14,8 +14,9 @@ from keystore_audit.aside import Aside
 from keystore_audit.engine.native_identities import shared_identities, shared_subjects
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import Abilities, RealmView, realm_views
+from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.formal.flow import Flows
-from keystore_audit.model.formal.permission import Decisions, Permissions, members, union
+from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, System
 from keystore_audit.properties import (
     PROPERTIES,

@@ -7,9 +7,10 @@ from functools import cached_property
 
 from keystore_audit.dataclass import replace
 from keystore_audit.model.formal.attacker import RealmView, realm_views
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.flow import Flows, Leg, search_of
-from keystore_audit.model.formal.permission import Decisions, Permissions, bits, members, union
+from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Answer, Hop, Role, Status, Witness
 

@@ -16,7 +16,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.columns import Cell, Column, Columns, Shape, Table
 from keystore_audit.model.domains import Interval, contains, covered_classes, domain_bits, domain_classes, merged
-from keystore_audit.model.formal.permission import union
+from keystore_audit.model.formal.bit_sets import union
 from keystore_audit.model.formal.system import ChannelAtom, DomainAtom
 from keystore_audit.model.matching.atoms import TopicClass
 from keystore_audit.model.matching.expression import Matcher

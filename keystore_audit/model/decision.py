@@ -20,7 +20,8 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point
 from keystore_audit.model.domains import describe
-from keystore_audit.model.formal.permission import allowing, bits
+from keystore_audit.model.formal.bit_sets import bits
+from keystore_audit.model.formal.permission import allowing
 from keystore_audit.model.matching.expression import any_matches, parse
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding, is_controlled

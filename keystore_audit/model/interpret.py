@@ -21,7 +21,8 @@ from keystore_audit.model.claims.forwards import Declared, with_determinism
 from keystore_audit.model.claims.places import NamedPlace, place_regions, with_places
 from keystore_audit.model.divergence.find import divergences
 from keystore_audit.model.formal.attacker import enclaves_views
-from keystore_audit.model.formal.permission import Permissions, members
+from keystore_audit.model.formal.bit_sets import members
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.protection import protection
 from keystore_audit.model.formal.system import ChannelAtom, Reading, System
 from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability

@@ -13,7 +13,7 @@ from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
 from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, domain_bits
-from keystore_audit.model.formal.permission import union
+from keystore_audit.model.formal.bit_sets import union
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS, SubjectComparison, Trust
 from keystore_audit.model.subjects.comparison import matching

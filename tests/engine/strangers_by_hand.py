@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import RealmView
-from keystore_audit.model.formal.permission import Permissions, members, union
+from keystore_audit.model.formal.bit_sets import members, union
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 
 

@@ -9,9 +9,10 @@ import pytest
 
 from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.bit_sets import union
 from keystore_audit.model.formal.claim import Attacker, ClaimKind, Place
 from keystore_audit.model.formal.flow import Flows, Search
-from keystore_audit.model.formal.permission import Decisions, union
+from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.system import System
 from tests.engine.systems import random_system, with_claims
 

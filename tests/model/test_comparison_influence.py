@@ -12,9 +12,9 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.model.comparison.change import Comparison, Direction, Influenced, Layer
+from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.flow import Lane
 from keystore_audit.model.formal.influence import Influence
-from keystore_audit.model.formal.permission import members
 from tests.model.comparing import Member, Store, compared, criterion, grant, permissions, rule
 from tests.model.test_comparison_exactly import Permissions
 

@@ -16,7 +16,8 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.attacker import RealmView
-from keystore_audit.model.formal.permission import Permissions, bits, members
+from keystore_audit.model.formal.bit_sets import bits, members
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities

@@ -13,9 +13,9 @@ from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.claim import Attacker, Place
 from keystore_audit.model.formal.flow import Flows, Search
-from keystore_audit.model.formal.permission import members
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS, resolve
 from keystore_audit.model.question import Question, Ruling

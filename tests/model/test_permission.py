@@ -10,7 +10,8 @@ import pytest
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.permission import Permissions, bits, members
+from keystore_audit.model.formal.bit_sets import bits, members
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import ChannelAtom, DomainAtom, GrantAtom, Reading, RuleAtom, System
 
 START = datetime(2026, 1, 1, tzinfo=timezone.utc)

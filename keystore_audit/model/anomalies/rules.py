@@ -18,7 +18,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import AnomalyKind, Point, RuleAnomaly
 from keystore_audit.model.anomalies.classes import Effort, NameClass, name_classes
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, domain_bits
-from keystore_audit.model.formal.permission import bits, members, union
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.names import AMBIENT_TOPICS
 from keystore_audit.model.semantics import DIRECTIONS, ReadRule

@@ -24,9 +24,10 @@ from keystore_audit.model.formal.behaviour import (
     SlotAtom,
     Spread,
 )
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.flow import Flows, Lane
 from keystore_audit.model.formal.own_rights import OwnRights
-from keystore_audit.model.formal.permission import Permissions, bits, members, union
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import AMBIENT

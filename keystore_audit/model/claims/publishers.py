@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterable
 from keystore_audit.model.claims.elsewhere import same_elsewhere
 from keystore_audit.model.claims.named_enclaves import left_out, named_enclaves
 from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.claim import Place
-from keystore_audit.model.formal.permission import bits
 from keystore_audit.model.formal.system import LeftOut, System
 
 

@@ -18,7 +18,7 @@ from keystore_audit.model.comparison.change import (
     Names,
 )
 from keystore_audit.model.comparison.sides import Pair, Sides
-from keystore_audit.model.formal.permission import union
+from keystore_audit.model.formal.bit_sets import union
 
 
 @dataclass(slots=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of, joint_direction
 from keystore_audit.model.comparison.drafts import Draft, in_order
 from keystore_audit.model.comparison.sides import Pair, Sides, View, is_void
-from keystore_audit.model.formal.permission import bits
+from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.system import TopicRuleAtom
 
 _Value = bool | ProtectionKind | None

@@ -11,7 +11,7 @@ from keystore_audit.model.comparison.change import Aspect, Direction, Layer
 from keystore_audit.model.comparison.drafts import Draft, Folds
 from keystore_audit.model.comparison.facts import Dates, other_dates, spanned
 from keystore_audit.model.comparison.sides import Pair, Sides, View, is_void
-from keystore_audit.model.formal.permission import members
+from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.system import GrantAtom
 
 JOIN: Final = "join"

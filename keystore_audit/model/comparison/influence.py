@@ -11,10 +11,10 @@ from keystore_audit.model.comparison.drafts import Draft, in_order, told_beside
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
 from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.claim import Attacker, Place
 from keystore_audit.model.formal.flow import Flows, Lane, Leg, Search
 from keystore_audit.model.formal.influence import Influence
-from keystore_audit.model.formal.permission import bits, members, union
 from keystore_audit.model.names import AMBIENT
 
 _WORDS: Final = {True: "data can now get", False: "data can no longer get"}

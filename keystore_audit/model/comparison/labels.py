@@ -13,7 +13,7 @@ from keystore_audit.model.claims.labels import Labelling
 from keystore_audit.model.comparison.change import Influenced, Layer
 from keystore_audit.model.comparison.drafts import Draft
 from keystore_audit.model.comparison.sides import Sides
-from keystore_audit.model.formal.permission import union
+from keystore_audit.model.formal.bit_sets import union
 from keystore_audit.model.names import AMBIENT
 
 

@@ -15,7 +15,7 @@ from keystore_audit.model.comparison.change import Direction, Layer, direction_o
 from keystore_audit.model.comparison.drafts import Draft, in_order
 from keystore_audit.model.comparison.grants import NOTHING, Given, differing, either, given, is_refused
 from keystore_audit.model.comparison.sides import Pair, Sides, View
-from keystore_audit.model.formal.permission import bits, union
+from keystore_audit.model.formal.bit_sets import bits, union
 
 KIND: Final = "later-rights"
 

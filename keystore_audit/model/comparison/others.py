@@ -20,7 +20,7 @@ from keystore_audit.model.comparison.drafts import Draft, Fold, Folds
 from keystore_audit.model.comparison.facts import Dates, told
 from keystore_audit.model.comparison.grants import NOTHING, WORDS, Given, Right, differing, either, given
 from keystore_audit.model.comparison.sides import Pair, Sides, View
-from keystore_audit.model.formal.permission import members, union
+from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.subjects.comparison import same_meaning
 
 KINDS: Final = ("right-of-others", "grant-of-others")

@@ -28,7 +28,7 @@ from keystore_audit.model.comparison.grants import (
 )
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
-from keystore_audit.model.formal.permission import members, union
+from keystore_audit.model.formal.bit_sets import members, union
 
 _LAYERS: Final = list(Layer)
 PRESENTED: Final = "right-presented"

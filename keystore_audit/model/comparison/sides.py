@@ -17,9 +17,10 @@ from keystore_audit.model.channels import document_channels
 from keystore_audit.model.claims.claims import named
 from keystore_audit.model.comparison.change import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains, merged
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.effective import Peers
 from keystore_audit.model.formal.own_rights import OwnRights
-from keystore_audit.model.formal.permission import Decisions, bits, members, union
+from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.system import Reading
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import Typed, documents_of, system_documents

@@ -31,7 +31,7 @@ from keystore_audit.model.divergence.substitution import (
     odd_documents,
 )
 from keystore_audit.model.divergence.values import LocalValues, PeerValues, Value, attributed, differing
-from keystore_audit.model.formal.permission import bits, members
+from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import AMBIENT_TOPICS

@@ -17,8 +17,8 @@ from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.divergence.values import LocalValues, PeerValues
+from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.effective import Peers
-from keystore_audit.model.formal.permission import bits, members
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import Typed
 from keystore_audit.model.profiles import PartitionReading, Profile

@@ -11,7 +11,8 @@ from functools import cached_property
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import RealmView, enclaves_views
-from keystore_audit.model.formal.permission import Decisions, Permissions, union
+from keystore_audit.model.formal.bit_sets import union
+from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import EnclaveAtom, Reading, System
 
 

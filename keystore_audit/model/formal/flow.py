@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.own_rights import OwnRights
-from keystore_audit.model.formal.permission import bits, members, union
 from keystore_audit.model.formal.system import System, easiest
 
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Final
 
+from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.formal.flow import Lane
-from keystore_audit.model.formal.permission import members, union
 
 
 class Influence:

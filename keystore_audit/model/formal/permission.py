@@ -1,24 +1,18 @@
 """What signed permissions allow: grant choice, first match, default (DDS-Security 1.1, 9.4.1.3).
 
-Sets of channels and of domains are integers used as bit sets: channel n is bit n. The definitions are in
-docs/model.md.
+Sets of channels and of domains are bit sets: channel n is bit n. The definitions are in docs/model.md.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from itertools import groupby
 from operator import attrgetter
-from typing import Final
-from weakref import WeakKeyDictionary
 
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.system import RuleAtom, System
-
-_FEW: Final = 16
-"""Numbers that make a set one by one; the set of more is made in an array."""
 
 
 def allowing(rulings: Iterable[tuple[int, bool]]) -> int:
@@ -30,54 +24,6 @@ def allowing(rulings: Iterable[tuple[int, bool]]) -> int:
                 allowed |= channels & ~decided if decided else channels
             decided |= channels
     return allowed
-
-
-def bits(numbers: Iterable[int]) -> int:
-    """The set of these numbers."""
-    found = numbers if isinstance(numbers, frozenset) else frozenset(numbers)
-    if len(found) < _FEW:
-        value = 0
-        for number in found:
-            value |= 1 << number
-        return value
-    known = _BITS.get(found)
-    if known is None:
-        array = bytearray(max(found) // 8 + 1)  # a long integer is a new one after each bit
-        for number in found:
-            array[number >> 3] |= 1 << (number & 7)
-        known = _BITS[found] = int.from_bytes(array, "little")
-    return known
-
-
-_BITS: Final = WeakKeyDictionary[frozenset[int], int]()
-"""Thousands of rules, of several systems, may be about the same channels."""
-
-
-def members(value: int) -> Iterable[int]:
-    """The numbers in the set, ascending."""
-    if value.bit_length() > _MANY_BITS:
-        for found in _NOT_EMPTY.finditer(value.to_bytes(value.bit_length() // 8 + 1, "little")):
-            start = 8 * found.start()
-            yield from (start + low for low in members(int.from_bytes(found[0], "little")))
-        return
-    while value:
-        low = value & -value
-        yield low.bit_length() - 1
-        value ^= low
-
-
-def union(sets: Iterable[int]) -> int:
-    """The union of these sets."""
-    found = 0
-    for each in sets:
-        found |= each
-    return found
-
-
-_MANY_BITS: Final = 4_096
-"""From so many on a set is taken apart piece by piece: a long integer is a new one without each bit."""
-
-_NOT_EMPTY: Final = re.compile(rb"[^\0]{1,7}")
 
 
 class Meetings:

@@ -1,14 +1,14 @@
 """What the governance of a realm protects, and against whom (DDS-Security 1.1, 9.4.1.2).
 
-All sets are bit sets over channels (`permission.bits`), except `unauthenticated`, `ruled` and
-`join_controlled`: over domains.
+All sets are bit sets over channels, except `unauthenticated`, `ruled` and `join_controlled`: over domains.
 """
 
 from __future__ import annotations
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.model.formal.permission import Permissions, bits
+from keystore_audit.model.formal.bit_sets import bits
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import DomainRuleAtom, System, TopicRuleAtom
 
 

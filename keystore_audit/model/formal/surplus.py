@@ -8,7 +8,8 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import RealmView, enclaves_views
-from keystore_audit.model.formal.permission import Permissions, members
+from keystore_audit.model.formal.bit_sets import members
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import Reading, System
 
 

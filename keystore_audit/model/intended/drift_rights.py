@@ -14,7 +14,8 @@ from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, ReadRegion, build_channels
 from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, contains, domain_classes
-from keystore_audit.model.formal.permission import allowing, bits, members, union
+from keystore_audit.model.formal.bit_sets import bits, members, union
+from keystore_audit.model.formal.permission import allowing
 from keystore_audit.model.intended.policy_grant import PolicyGrant
 from keystore_audit.model.matching.coverage import has_wildcard
 from keystore_audit.model.matching.expression import Matcher, parse

@@ -21,7 +21,7 @@ from keystore_audit.model.channels import Channels, Point, ReadRegion, document_
 from keystore_audit.model.claims.claims import named
 from keystore_audit.model.decision import WILDCARDS, LocalRights
 from keystore_audit.model.domains import contains
-from keystore_audit.model.formal.permission import bits, members, union
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.names import Use, dds_channels
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Profile

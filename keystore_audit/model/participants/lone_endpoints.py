@@ -25,7 +25,8 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights, wildcard_names
-from keystore_audit.model.formal.permission import Meetings, members
+from keystore_audit.model.formal.bit_sets import members
+from keystore_audit.model.formal.permission import Meetings
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import ReadGrant

@@ -11,7 +11,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels, ReadRegion, domain_covers
 from keystore_audit.model.domains import contains, domain_classes
-from keystore_audit.model.formal.permission import bits
+from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.system import ChannelAtom
 from keystore_audit.model.matching.expression import Matcher, any_matches
 from keystore_audit.model.matching.patterns import Patterns

@@ -20,7 +20,8 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.permission import allowing, members, union
+from keystore_audit.model.formal.bit_sets import members, union
+from keystore_audit.model.formal.permission import allowing
 from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import ACTION_PART, ACTION_ROLES, ACTION_SERVICES, SERVICE_ROLES, Use, dds_expressions

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.permission import bits, members, union
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.safeguard import Safeguard
 from keystore_audit.model.names import (
     ACTION_ROLES,

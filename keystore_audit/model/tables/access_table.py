@@ -16,8 +16,8 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import governed_domains
 from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.effective import EffectiveRights
-from keystore_audit.model.formal.permission import bits, members, union
 from keystore_audit.model.formal.safeguard import Safeguard
 from keystore_audit.model.formal.system import Reading
 from keystore_audit.model.inventory import documents_of

@@ -16,7 +16,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.permission import bits
+from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.profiles import Profile

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.model.formal.permission import members
+from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.tables.access_rows import label
 from keystore_audit.model.tables.access_table import AccessTable
 from keystore_audit.model.tables.neighbours import Neighbourhood, PeerGroup

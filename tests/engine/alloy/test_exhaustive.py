@@ -17,7 +17,8 @@ from keystore_audit.engine.alloy.facts import facts
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.permission import Permissions, members
+from keystore_audit.model.formal.bit_sets import members
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID
 from keystore_audit.properties.property import Role

@@ -12,7 +12,8 @@ from keystore_audit.engine.alloy.runner import count_atoms
 from keystore_audit.engine.native import MAX_WITNESSES, NativeEngine
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import RealmView
-from keystore_audit.model.formal.permission import Permissions, members
+from keystore_audit.model.formal.bit_sets import members
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Status
 from keystore_audit.properties.property import Answer, Hop

@@ -1,0 +1,59 @@
+"""Sets of numbers, of channels or domains mostly, as integers: number n is in the set if bit n is one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import Final
+from weakref import WeakKeyDictionary
+
+_FEW: Final = 16
+"""Numbers that make a set one by one; the set of more is made in an array."""
+
+
+def bits(numbers: Iterable[int]) -> int:
+    """The set of these numbers."""
+    found = numbers if isinstance(numbers, frozenset) else frozenset(numbers)
+    if len(found) < _FEW:
+        value = 0
+        for number in found:
+            value |= 1 << number
+        return value
+    known = _BITS.get(found)
+    if known is None:
+        array = bytearray(max(found) // 8 + 1)  # a long integer is a new one after each bit
+        for number in found:
+            array[number >> 3] |= 1 << (number & 7)
+        known = _BITS[found] = int.from_bytes(array, "little")
+    return known
+
+
+_BITS: Final = WeakKeyDictionary[frozenset[int], int]()
+"""Thousands of rules, of several systems, may be about the same channels."""
+
+
+def members(value: int) -> Iterable[int]:
+    """The numbers in the set, ascending."""
+    if value.bit_length() > _MANY_BITS:
+        for found in _NOT_EMPTY.finditer(value.to_bytes(value.bit_length() // 8 + 1, "little")):
+            start = 8 * found.start()
+            yield from (start + low for low in members(int.from_bytes(found[0], "little")))
+        return
+    while value:
+        low = value & -value
+        yield low.bit_length() - 1
+        value ^= low
+
+
+def union(sets: Iterable[int]) -> int:
+    """The union of these sets."""
+    found = 0
+    for each in sets:
+        found |= each
+    return found
+
+
+_MANY_BITS: Final = 4_096
+"""From so many on a set is taken apart piece by piece: a long integer is a new one without each bit."""
+
+_NOT_EMPTY: Final = re.compile(rb"[^\0]{1,7}")
