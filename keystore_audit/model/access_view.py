@@ -53,6 +53,11 @@ class ReadDocument:
         """Whether it says something."""
         return self.domain_rules is not None or self.grants is not None
 
+    @property
+    def is_silent(self) -> bool:
+        """Whether it is not refused, and what it says is unknown all the same."""
+        return not self.is_readable and self.refusal is None
+
 
 _UNPARSED: Final = ReadDocument()
 

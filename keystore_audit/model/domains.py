@@ -9,8 +9,6 @@ from keystore_audit.keystore.governance import DomainRange
 from keystore_audit.model.formal.system import DomainAtom
 from keystore_audit.model.profiles.access import OpenRange
 
-HIGHEST_DOMAIN = MAX_DOMAIN
-
 Interval = tuple[int, int]
 
 
@@ -40,7 +38,7 @@ def _interval(item: DomainRange, reading: OpenRange) -> Interval | None:
         high = low
     if reading is OpenRange.FASTDDS and high == 0:
         high = low
-    high = HIGHEST_DOMAIN if high is None else min(HIGHEST_DOMAIN, high)
+    high = MAX_DOMAIN if high is None else min(MAX_DOMAIN, high)
     return (low, high) if low <= high else None
 
 
@@ -72,11 +70,11 @@ def elementary(covers: Iterable[Sequence[Interval]]) -> tuple[Interval, ...]:
     for cover in set(map(tuple, covers)):
         for low, high in cover:
             starts.add(low)
-            if high < HIGHEST_DOMAIN:
+            if high < MAX_DOMAIN:
                 starts.add(high + 1)
     ordered = sorted(starts)
     return tuple(
-        (start, (ordered[index + 1] if index + 1 < len(ordered) else HIGHEST_DOMAIN + 1) - 1)
+        (start, (ordered[index + 1] if index + 1 < len(ordered) else MAX_DOMAIN + 1) - 1)
         for index, start in enumerate(ordered)
     )
 

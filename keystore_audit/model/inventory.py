@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import lru_cache
 from typing import Final
@@ -20,11 +20,10 @@ from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.verdicts import (
-    Acceptance,
-    document_verdict,
     envelope,
     is_authority,
     may_have_issued,
+    may_take,
     signers_taken,
 )
 
@@ -117,9 +116,9 @@ def permissions_cas(keystore: Keystore) -> tuple[CertificateFile | None, ...]:
     return tuple(found.values())
 
 
-def may_be_taken(signed: SignedDocument, files: Iterable[CertificateFile | None]) -> bool:
+def may_be_taken(signed: SignedDocument, files: Collection[CertificateFile | None]) -> bool:
     """Whether a peer with one of these permissions CA files may take the document, under any known implementation."""
-    return any(document_verdict(signed, file, trust) is not Acceptance.REFUSED for file in files for trust in _TRUSTS)
+    return any(may_take(signed, files, trust) for trust in _TRUSTS)
 
 
 def named_by_some(

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import replace
+from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.model.comparison.change import (
     Aspect,
     Change,
@@ -21,7 +22,7 @@ from keystore_audit.model.comparison.change import (
     Unread,
 )
 from keystore_audit.model.comparison.others import SUBJECT
-from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, describe
+from keystore_audit.model.domains import Interval, describe
 from keystore_audit.model.names import ros_name
 from keystore_audit.text import counted, some
 
@@ -169,7 +170,7 @@ def _name(name: Name, *, named: bool) -> str:
 
 
 def _domains(domains: tuple[Interval, ...]) -> str:
-    if domains == ((0, HIGHEST_DOMAIN),):
+    if domains == ((0, MAX_DOMAIN),):
         return "every domain"
     several = len(domains) > 1 or domains[0][0] != domains[0][1]
     return f"domain{'s' if several else ''} {describe(domains)}"

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.keystore.governance import DomainRange, GovernanceFile
 from keystore_audit.keystore.permissions import Grant
-from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, describe, domain_bits
+from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.commands import SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
@@ -89,12 +90,12 @@ def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
         highest = max(domains.low or 0, domains.high or 0)
         if highest > _HIGHEST:
             yield Violation(
-                message=f"Domain {highest}, expected at most {_HIGHEST} (ports end at {HIGHEST_DOMAIN}): "
+                message=f"Domain {highest}, expected at most {_HIGHEST} (ports end at {MAX_DOMAIN}): "
                 "Cyclone DDS refuses the whole document.",
                 locations=(use.at(domains.line),),
                 enclave=sole(use.enclaves),
                 severity=Severity.HIGH if context.chose(_LIMITED) else None,
-                profiles=tuple(profile.name for profile in _LIMITED) if highest <= HIGHEST_DOMAIN else (),
+                profiles=tuple(profile.name for profile in _LIMITED) if highest <= MAX_DOMAIN else (),
                 key=f"{domains.low} {domains.high}",
             )
 

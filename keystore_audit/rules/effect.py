@@ -9,10 +9,11 @@ from hashlib import sha256
 from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.keystore.governance import Text
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
-from keystore_audit.model.domains import HIGHEST_DOMAIN, covered, domain_bits
+from keystore_audit.model.domains import covered, domain_bits
 from keystore_audit.model.formal.bit_sets import union
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.profiles import VARIANTS, SubjectComparison, Trust
@@ -121,7 +122,7 @@ class Effects:
     def _allowed(grant: Grant) -> int:
         """The domains in which it allows anything, as a bit set."""
         if grant.default_allow:
-            return domain_bits([(0, HIGHEST_DOMAIN)])
+            return domain_bits([(0, MAX_DOMAIN)])
         return union(domain_bits(covered(rule.domains)) for rule in grant.rules if rule.allow)
 
     @cached_property

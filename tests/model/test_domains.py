@@ -5,8 +5,9 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.keystore.governance import DomainRange
-from keystore_audit.model.domains import HIGHEST_DOMAIN, contains, covered, describe, domain_classes, elementary
+from keystore_audit.model.domains import contains, covered, describe, domain_classes, elementary
 
 BOUND = st.none() | st.integers(0, 300)
 RANGES = st.lists(st.tuples(BOUND, BOUND), max_size=5)
@@ -23,8 +24,8 @@ def typed(ranges: list[tuple[int | None, int | None]]) -> list[DomainRange]:
 @given(RANGES)
 def test_covered_holds_exactly_the_ids_of_the_ranges(ranges: list[tuple[int | None, int | None]]) -> None:
     cover = covered(typed(ranges))
-    assert {d for d in range(HIGHEST_DOMAIN + 1) if contains(cover, d)} == {
-        d for d in range(HIGHEST_DOMAIN + 1) if holds(d, ranges)
+    assert {d for d in range(MAX_DOMAIN + 1) if contains(cover, d)} == {
+        d for d in range(MAX_DOMAIN + 1) if holds(d, ranges)
     }
     assert all(cover[n][1] + 1 < cover[n + 1][0] for n in range(len(cover) - 1))
 
@@ -35,7 +36,7 @@ def test_elementary_intervals_partition_the_ids_and_are_constant(
 ) -> None:
     covers = [covered(typed(ranges)) for ranges in lists]
     intervals = elementary(covers)
-    assert [d for low, high in intervals for d in range(low, high + 1)] == list(range(HIGHEST_DOMAIN + 1))
+    assert [d for low, high in intervals for d in range(low, high + 1)] == list(range(MAX_DOMAIN + 1))
     for low, high in intervals:
         for cover in covers:
             assert len({contains(cover, d) for d in range(low, high + 1)}) == 1
@@ -49,7 +50,7 @@ def test_domain_classes_are_the_coarsest(lists: list[list[tuple[int | None, int 
         for low, high in atom.intervals:
             for domain in range(low, high + 1):
                 signatures[domain] = (number, tuple(contains(cover, domain) for cover in covers))
-    assert len(signatures) == HIGHEST_DOMAIN + 1
+    assert len(signatures) == MAX_DOMAIN + 1
     assert (
         len(set(signatures.values()))
         == len({s for _n, s in signatures.values()})
@@ -58,7 +59,7 @@ def test_domain_classes_are_the_coarsest(lists: list[list[tuple[int | None, int 
 
 
 def test_an_absent_bound_is_open_under_spec() -> None:
-    assert covered(typed([(5, None)])) == ((5, HIGHEST_DOMAIN),)
+    assert covered(typed([(5, None)])) == ((5, MAX_DOMAIN),)
     assert covered(typed([(None, 5)])) == ((0, 5),)
     assert covered(typed([(7, 3)])) == ()
 

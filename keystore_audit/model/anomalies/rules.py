@@ -14,10 +14,11 @@ from typing import Final, NamedTuple
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.grouped import gathered
+from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import AnomalyKind, Point, RuleAnomaly
 from keystore_audit.model.anomalies.classes import Effort, NameClass, name_classes
-from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, domain_bits
+from keystore_audit.model.domains import Interval, domain_bits
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.names import AMBIENT_TOPICS
@@ -29,7 +30,7 @@ _MAX_BITS: Final = 1 << 27
 _MAX_WITNESSES: Final = 32
 """Cells among which one is looked for that people can read."""
 
-_EVERY_DOMAIN: Final = (2 << HIGHEST_DOMAIN) - 1
+_EVERY_DOMAIN: Final = (2 << MAX_DOMAIN) - 1
 
 
 class Own(NamedTuple):

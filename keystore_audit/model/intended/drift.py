@@ -183,7 +183,7 @@ class _Search:
             return None
         for row in self._accesses.rows(self._profiles):
             read = self._accesses.read(enclave.permissions, row)
-            if not read.is_readable and read.refusal is None:
+            if read.is_silent:
                 return document_doubt(enclave.path, enclave.permissions, read)
         return None
 

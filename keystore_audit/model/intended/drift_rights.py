@@ -9,11 +9,12 @@ from typing import Final
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import IntendedRight
+from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.keystore.governance import GovernanceFile, Text
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, ReadRegion, build_channels
-from keystore_audit.model.domains import HIGHEST_DOMAIN, Interval, contains, domain_classes
+from keystore_audit.model.domains import Interval, contains, domain_classes
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.permission import allowing
 from keystore_audit.model.intended.policy_grant import PolicyGrant
@@ -27,7 +28,7 @@ from keystore_audit.model.validity import BEGINNING
 MAX_RIGHTS: Final = 200
 """Rights of one enclave and direction that are worked out one by one; of more, their number is said."""
 
-_EVERYWHERE: Final = (0, HIGHEST_DOMAIN)
+_EVERYWHERE: Final = (0, MAX_DOMAIN)
 _DISCOVERY: Final[Region] = (Area((DISCOVERY_TOPIC,), None),)
 
 

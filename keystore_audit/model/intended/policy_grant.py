@@ -13,9 +13,9 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.intent import IntendedRight
 from keystore_audit.intent.policy import Profiles
+from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.keystore.governance import DomainRange, Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
-from keystore_audit.model.domains import HIGHEST_DOMAIN
 from keystore_audit.model.names import DISCOVERY_TOPIC, dds_expressions
 from keystore_audit.model.semantics import DIRECTIONS
 
@@ -71,5 +71,5 @@ def _criterion(operation: Operation, texts: Iterable[Text]) -> Criterion:
 
 
 def _every_domain(allow: bool, criteria: Iterator[Criterion]) -> Rule:
-    everywhere = DomainRange(low=0, high=HIGHEST_DOMAIN, line=None)
+    everywhere = DomainRange(low=0, high=MAX_DOMAIN, line=None)
     return Rule(allow=allow, domains=(everywhere,), criteria=tuple(criteria), line=None)

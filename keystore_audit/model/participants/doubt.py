@@ -30,10 +30,10 @@ from keystore_audit.model.trust.revocation import list_unread
 from keystore_audit.model.trust.verdicts import (
     MAX_AUTHORITIES,
     Acceptance,
-    document_verdict,
     envelope,
     is_authority,
     issue,
+    may_take,
 )
 
 
@@ -71,10 +71,7 @@ def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Ac
         if document is None:
             continue
         read = accesses.read(document, access)
-        silent = not read.is_readable and read.refusal is None
-        if (silent or envelope(document.signed).verdict is Acceptance.UNKNOWN) and (
-            document_verdict(document.signed, enclave.permissions_ca, trust) is not Acceptance.REFUSED
-        ):
+        if may_say_anything(document, read, (enclave.permissions_ca,), trust):
             yield document_doubt(enclave.path, document, read)
 
 
@@ -106,11 +103,16 @@ def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses
         if document is None:
             continue
         read = accesses.read(document, access)
-        silent = not read.is_readable and read.refusal is None
-        if (silent or envelope(document.signed).verdict is Acceptance.UNKNOWN) and any(
-            document_verdict(document.signed, file, trust) is not Acceptance.REFUSED for file in files
-        ):
+        if may_say_anything(document, read, files, trust):
             yield document_doubt(path, document, read)
+
+
+def may_say_anything(
+    document: Typed, read: ReadDocument, files: Iterable[CertificateFile | None], trust: Trust
+) -> bool:
+    """Whether who has one of these permissions CA files may take the document, and what it says is unknown."""
+    unknown = read.is_silent or envelope(document.signed).verdict is Acceptance.UNKNOWN
+    return unknown and may_take(document.signed, files, trust)
 
 
 def document_doubt(enclave: str | None, file: Typed, read: ReadDocument) -> Doubt:

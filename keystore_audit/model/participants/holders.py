@@ -36,7 +36,7 @@ from keystore_audit.model.participants.doubt import at_large_doubt, realm_doubt
 from keystore_audit.model.participants.lone_endpoints import Alone, Endpoints
 from keystore_audit.model.participants.views import TrustFiles, trust_files
 from keystore_audit.model.profiles import Profile, Trust
-from keystore_audit.model.trust.verdicts import MAX_AUTHORITIES, Acceptance, document_verdict
+from keystore_audit.model.trust.verdicts import MAX_AUTHORITIES, may_take
 
 MAX_HOLDERS: Final = 4_000
 """Identities at large, each with each document that names it in each realm: as many as enclaves in a large keystore."""
@@ -162,10 +162,7 @@ def _with(
 
 def may_apply(host: Enclave, trust: Trust) -> bool:
     """Whether an implementation takes the host's governance document for the permissions CA's, or perhaps does."""
-    governance = host.governance
-    return (
-        governance is None or document_verdict(governance.signed, host.permissions_ca, trust) is not Acceptance.REFUSED
-    )
+    return host.governance is None or may_take(host.governance.signed, (host.permissions_ca,), trust)
 
 
 def holders_of(

@@ -25,7 +25,7 @@ from keystore_audit.model.participants.sight import (
     key_refusals,
     sight_of,
 )
-from keystore_audit.model.profiles import JoinCheck, Profile, Trust
+from keystore_audit.model.profiles import Profile, Trust
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import list_broken, list_missing, list_used, lists_read, revoked
@@ -54,9 +54,6 @@ class _Dated:
     """None where no authority of the file issued the identity: that is a reason of its own."""
     permissions_ca: Certificate | None
     """None where its dates do not count."""
-    skips_grants_out_of_date: bool
-    joins_out_of_date: bool
-    joins: JoinCheck
     governed: Governed | None
     """The domains of which a grant has to let the enclave join one; None where the governance says nothing."""
     listed: Enclave | None
@@ -140,7 +137,7 @@ class Usabilities:
             )
             self._dated[key] = self._dates(enclave, profile)
         refusals, doubts = self._standing[key]
-        reasons = (*refusals, *_refusals_at(self._dated[key], own, profile.trust, at))
+        reasons = (*refusals, *_refusals_at(self._dated[key], own, profile, at))
         if reasons:
             return Usability(usable=False, reasons=reasons)
         return Usability(usable=None, reasons=doubts) if doubts else _USABLE
@@ -181,7 +178,7 @@ class Usabilities:
         if directory not in self._sights:
             self._sights[directory] = sight_of(enclave)
         read = self._accesses.read(enclave.permissions, row) if enclave.permissions is not None else None
-        if read is not None and not read.is_readable and read.refusal is None:
+        if read is not None and read.is_silent:
             return directory, row, profile.trust.subjects
         said = tuple(
             [(each.default_allow, *[(rule.allow, rule.domains) for rule in each.rules]) for each in grants or ()]
@@ -232,9 +229,6 @@ class Usabilities:
         return _Dated(
             identity_ca=file if issued else None,
             permissions_ca=authority if dated_first else None,
-            skips_grants_out_of_date=profile.access.skips_grants_out_of_date,
-            joins_out_of_date=profile.access.joins_out_of_date,
-            joins=profile.local.joins,
             governed=self._governed_domains(enclave.governance, profile),
             listed=enclave if lists_read(enclave, trust) else None,
             signed=() if trust.pins_signer else tuple(_signed_validly(enclave, trust)),
@@ -316,9 +310,9 @@ def _rests_on(dated: _Dated) -> Iterator[Certificate | ReadGrant | None]:
         yield None
 
 
-def _refusals_at(dated: _Dated, own: _Own, trust: Trust, at: datetime) -> Iterator[str]:
+def _refusals_at(dated: _Dated, own: _Own, profile: Profile, at: datetime) -> Iterator[str]:
     """Reasons that hold at `at`."""
-    certificate = own.certificate
+    certificate, trust, access = own.certificate, profile.trust, profile.access
     if certificate is not None and not in_force(certificate, at):
         yield "the identity certificate is outside its validity"
     file = dated.identity_ca
@@ -336,12 +330,12 @@ def _refusals_at(dated: _Dated, own: _Own, trust: Trust, at: datetime) -> Iterat
     if certificate is not None and dated.listed is not None:
         yield from _revocations_at(dated.listed, certificate, trust, at)
     if certificate is not None and own.grants is not None:
-        eligible = (grant for grant in own.grants if in_force(grant, at) or not dated.skips_grants_out_of_date)
+        eligible = (grant for grant in own.grants if in_force(grant, at) or not access.skips_grants_out_of_date)
         grant = next(eligible, None)
-        if grant is None or not (in_force(grant, at) or dated.joins_out_of_date):
+        if grant is None or not (in_force(grant, at) or access.joins_out_of_date):
             yield _NO_GRANT
         elif dated.governed is not None:
-            yield from join_refusals(dated.governed, grant, dated.joins)
+            yield from join_refusals(dated.governed, grant, profile.local.joins)
 
 
 def _signers_refused_at(dated: _Dated, trust: Trust, at: datetime) -> Iterator[str]:

@@ -15,7 +15,8 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import RealmAtom
-from keystore_audit.model.inventory import Document
+from keystore_audit.model.inventory import Document, permissions_cas
+from keystore_audit.model.participants.doubt import may_say_anything
 from keystore_audit.model.participants.lone_endpoints import Alone, Endpoints, LoneEndpoints, LoneRefusals
 from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
 from keystore_audit.model.subjects.comparison import matching
@@ -23,7 +24,6 @@ from keystore_audit.model.trust.revocation import list_dates, list_unread, revok
 from keystore_audit.model.trust.verdicts import (
     Acceptance,
     authorities_read,
-    document_verdict,
     envelope,
     is_first_embedded,
     is_pinned,
@@ -104,7 +104,7 @@ class Views:
         self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
         self._with_key = grouped(certificates, lambda certificate: certificate.key)
         self._realms = list({trust_files(enclave): enclave for enclave in (*keystore.enclaves, *hosts)}.values())
-        self._permissions_cas = list(dict.fromkeys(enclave.permissions_ca for enclave in keystore.enclaves))
+        self._permissions_cas = permissions_cas(keystore)
         self._told: dict[tuple[str, bool], int] = {}
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
 
@@ -194,16 +194,8 @@ class Views:
         """Whether this is one of them."""
         if document.file is None:
             return True
-        judged = envelope(document.file.signed)
-        if judged.verdict is Acceptance.UNKNOWN:
-            return True
         read = self._accesses.read(document.file, kind.access)
-        if judged.verdict is Acceptance.REFUSED or read.is_readable or read.refusal is not None:
-            return False
-        signed = document.file.signed
-        return any(
-            document_verdict(signed, file, kind.trust) is not Acceptance.REFUSED for file in self._permissions_cas
-        )
+        return may_say_anything(document.file, read, self._permissions_cas, kind.trust)
 
     def signers(self, document: Document, trust: Trust) -> frozenset[int]:
         """Who made the signatures, as the implementation finds them: in the message, where it does not pin."""

@@ -340,6 +340,11 @@ def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | 
     return Acceptance.UNKNOWN if first_opaque(permissions_ca.defects) is not None else Acceptance.REFUSED
 
 
+def may_take(signed: SignedDocument, files: Iterable[CertificateFile | None], trust: Trust) -> bool:
+    """Whether an enclave with one of these permissions CA files may take the document."""
+    return any(document_verdict(signed, file, trust) is not Acceptance.REFUSED for file in files)
+
+
 def is_authority(certificate: Certificate) -> bool:
     """Whether it may issue certificates: `may_issue`, and no critical extension that nobody processes."""
     return may_issue(certificate) and not certificate.unknown_critical
