@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from bisect import bisect_left
 from collections.abc import Iterable
 from typing import Final
 
@@ -56,22 +57,41 @@ _DEBUGGING: Final = re.compile(
 _LATER: Final = re.compile(r"""sleep [0-9.]+ ?(?:;|&&) ?(?:exec )?(["']?)\$0\1 (["']?)\$@\2""")
 """What a shell does in the usual prefix of a node that starts later, `bash -c 'sleep 5; $0 $@'`."""
 
-_END: Final = re.compile("[;&|]")
+_END: Final = re.compile("[;&|\n]")
 
 _UNSET: Final = re.compile(r"\bunset\b|(?:^|\s)-u|--unset")
 """What takes back the variables that are named behind it: a shell's own word, and options of env."""
 
-_TOUCHED: Final = re.compile(r"\b(?:declare|export|for|printf|read|typeset)\s")
+_TOUCHED: Final = re.compile(r"\b(?:declare|export|for|getopts|local|mapfile|printf|read|readarray|typeset)\s")
 """What a shell may change a variable by, to whatever: `export -n NAME`, `read NAME`."""
 
 _BEGUN: Final = re.compile(r"\^?([A-Z]+_(?:[A-Z]+_)*)(?![A-Z0-9_])")
 """How names of variables begin."""
 
-_AS_ANOTHER: Final = re.compile(r"\b(?:doas|pkexec|runuser|su|sudo)(?=\s)")
-"""What starts programs as somebody else, and takes back all variables that it is not told to keep."""
+_AS_ANOTHER: Final = re.compile(
+    r"\b(?:sudo|(doas|docker|kubectl|lxc|machinectl|pkexec|podman|runuser|ssh|su|systemd-run|tmux))(?=\s)"
+)
+"""What starts programs as somebody else or elsewhere, and takes back all variables that it is not told to keep."""
 
 _KEPT: Final = re.compile(r"\s(?:-[A-Za-z]*E|--preserve-env)\s")
 _NODE: Final = re.compile(r"\bros2\s|--ros-args|/opt/ros/")
+
+_ROS2: Final = re.compile(r"(\S{0,200})\bros2\s")
+_SHELLS: Final = re.compile("(?:/usr)?(?:/bin/)?(?:ba|da|z)?sh")
+_HARMLESS: Final = re.compile(
+    r"[!({]|command|do|elif|else|exec|if|then|time|until|while|[A-Za-z_][A-Za-z0-9_]*=\S*|[($]*(?:[\w.~-]*/)*"
+)
+"""What may stand before a program in a shell, and the path of a program; of the values of `NAMES` is asked apart."""
+
+_READ_FIRST: Final = re.compile(
+    r"\beval\s|\bBASH_ENV=|(?:^|[\s;&|(])(?:source|\.)\s+"
+    r"(?!(?:\S*/)?(?:(?:local_)?setup\.[a-z]+|\.bashrc|\.profile|activate)(?:[\s;&|]|$))"
+)
+"""What brings variables into a shell that a command line does not say. Files of ROS 2 set none of security, and what a
+shell always reads is the robot's.
+"""
+_NAMING: Final = re.compile(r"\b(?:declare|export|local|typeset|unset)\b")
+"""Behind which the name of a variable may be worked out: `unset ${!ROS_*}`."""
 
 _CLEAN: Final = re.compile(
     r"\benv\s+(?:(?:-[0v]*[uC]|--unset|--chdir)\s+\S+\s+|-(?![0v]*[uC]\s|-unset\s|-chdir\s)\S+\s+){0,9}?"
@@ -108,12 +128,14 @@ def starts_node(command: str) -> bool:
 
 def set_by_command(command: str) -> dict[str, str | Unknown]:
     """The values that a command line itself gives to `NAMES`, in any of its words: `env NAME=VALUE`, or a shell's."""
-    plain = re.sub(r"""["'\\]""", "", command)
+    plain = _unquoted(command)
     found: dict[str, str | Unknown] = dict.fromkeys(NAMES, "") if _CLEAN.search(plain) else {}
-    if _takes_back(plain):
-        found |= _unknown(Unknown(reason=f"{shown(command)}, which starts it as somebody else"))
+    taken_back = _taken_back(plain)
+    another = Unknown(reason=f"{shown(command)}, which starts it as somebody else or elsewhere")
+    if taken_back:
+        found |= _unknown(another)
     for name in NAMES:
-        values = set(re.findall(rf"(?<![A-Za-z0-9_]){name}=([^\s;&|]*)", plain))
+        values = set(re.findall(rf"(?<![A-Za-z0-9_]){name}=([^\s;&|]*)", plain[taken_back:]))
         if values:
             value = values.pop()
             told = not values and not re.search(r"[$`]", value)
@@ -122,20 +144,45 @@ def set_by_command(command: str) -> dict[str, str | Unknown]:
             found[name] = ""
         elif re.search(rf"\b{name}\+=", plain) or _behind(_TOUCHED, rf"(?<![$A-Za-z0-9_{{]){name}\b", plain):
             found[name] = Unknown(reason=f"{shown(command)}, which names {name}")
+    if taken_back and not isinstance(found[ENABLE], Unknown):
+        found.setdefault(STRATEGY, another)
     return found
 
 
-def _takes_back(command: str) -> bool:
-    """Whether sudo, or the like, keeps no variables, and a node is started by it or by something behind it."""
-    node, at = max((each.start() for each in _NODE.finditer(command)), default=-1), 0
+def changed_before(command: str) -> dict[str, str | Unknown]:
+    """What is not known of a process of ROS 2, since a program before `ros2` may change it, or what a shell reads or
+    works out.
+    """
+    plain = _unquoted(command)
+    changed = _READ_FIRST.search(plain) is not None or _behind(_NAMING, r"\s[$`]", plain)
+    for part in _END.split(plain):
+        started = _ROS2.search(part)
+        words = [*part[: started.start()].split(), started[1]] if started else []
+        told = ["nice" if _SHELLS.fullmatch(word) else word for word in words if not _HARMLESS.fullmatch(word)]
+        changed = changed or any(isinstance(value, Unknown) for value in set_by_prefix(" ".join(told)).values())
+    return _unknown(Unknown(reason=f"{shown(command)}, in which something may change it first")) if changed else {}
+
+
+def _unquoted(command: str) -> str:
+    return re.sub(r"""["'\\]""", "", command)
+
+
+def _taken_back(command: str) -> int:
+    """Behind which character values count, where sudo or the like keeps none of those before it, and a node is started
+    by it or by something behind it; else 0.
+    """
+    nodes = [each.start() for each in _NODE.finditer(command)]
+    at = taken_back = 0
     for part in _END.split(command):
-        another = _AS_ANOTHER.search(part)
-        if another and at + another.end() <= node:
-            own = _NODE.search(part, another.end())
-            if not _KEPT.search(part, another.end(), own.start() if own else len(part)):
-                return True
+        found = list(_AS_ANOTHER.finditer(part))
+        for another, following in zip(found, [*(each.start() for each in found[1:]), len(part)], strict=False):
+            if not nodes or at + another.end() > nodes[-1]:
+                break
+            own = nodes[bisect_left(nodes, at + another.end())] - at
+            if another[1] or not _KEPT.search(part, another.end(), min(own, following)):
+                taken_back = at + another.end()
         at += len(part) + 1
-    return False
+    return taken_back
 
 
 def _behind(word: re.Pattern[str], name: str, command: str) -> bool:

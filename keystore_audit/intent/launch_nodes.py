@@ -21,7 +21,13 @@ from keystore_audit.intent.intent import (
     UsedName,
 )
 from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, StartProcess, Unknown
-from keystore_audit.intent.launch_environment import command_line, set_by_command, started_with, starts_node
+from keystore_audit.intent.launch_environment import (
+    changed_before,
+    command_line,
+    set_by_command,
+    started_with,
+    starts_node,
+)
 from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
@@ -144,11 +150,12 @@ class Nodes:
         self.unresolved(location, "A process is started here; whether it is a node, and which, is not known.")
         command = command_line(action, scope, source)
         named = started_with(action, scope, source)
+        changed = changed_before(command) if starts_node(command) else {}
         if not starts_node(command):
             set_here = started_with(replace(action, prefix=()), scope, source)
             certain = {n: v for n, v in named.items() if isinstance(v, str)}
             named = {name: value for name, value in {**set_here, **certain}.items() if value or not action.clean}
-        self._sets("", command, {**named, **set_by_command(command)}, location)
+        self._sets("", command, {**named, **changed, **set_by_command(command)}, location)
 
     def unread(self, line: int, reason: str, scope: Scope, source: Source) -> None:
         """Something that is not read: if it starts processes, then in the environment that there is."""

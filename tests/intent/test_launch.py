@@ -11,7 +11,7 @@ import pytest
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.intent.launch import MAX_ACTIONS, MAX_REMAPS, MAX_SET, read_launch
-from keystore_audit.intent.launch_environment import NAMES, OVERRIDE, set_by_command
+from keystore_audit.intent.launch_environment import NAMES, OVERRIDE, changed_before, set_by_command
 from keystore_audit.intent.launch_nodes import MAX_NODES
 from tests.intent.launched import all_of, described, launch, names, nodes, unresolved
 from tools.samples.healthy import TURTLESIM, VEHICLE
@@ -341,6 +341,19 @@ def test_what_is_not_read_starts_with_what_is_set_before_it(unread: str, tmp_pat
         ("sudo -E true; sudo ros2 run p e", OPEN),
         ("sudo ros2 run p e -E 1", OPEN),
         ("sudo sh -c 'cd /; ros2 run p e'", OPEN),
+        ("sudo ROS_SECURITY_ENABLE=true ros2 run p e", {"SECURITY_ENABLE": "true", "SECURITY_STRATEGY": None}),
+        ("ROS_SECURITY_ENABLE=true sudo ros2 run p e", OPEN),
+        ("sudo -E docker exec c bash -c 'source /opt/ros/humble/setup.bash; ros2 run p e'", OPEN),
+        ("docker start c", {}),
+        ("ssh -E log robot ros2 run p e", OPEN),
+        ("conda run ros2 run p e", OPEN),
+        ("sleep 5; nice -n 5 /opt/ros/humble/bin/ros2 run p e", {}),
+        ("bash -lc 'cd /ws; . install/setup.bash; A=b exec ros2 run p e'", {}),
+        ("bash -c 'cd /ws; . install/robot.bash; ros2 run p e'", OPEN),
+        ("bash -c 'eval $X; ros2 run p e'", OPEN),
+        ("BASH_ENV=robot.bash bash -c 'ros2 run p e'", OPEN),
+        ("bash -c 'unset ${!ROS_SECURITY*}; ros2 run p e'", OPEN),
+        ("bash -c 'export A=$B:c; ros2 run p e'", {}),
         ("env -i ROS_DOMAIN_ID=3 run", {**CLEAN, "DOMAIN_ID": "3"}),
         ("/usr/bin/env -u A - run", CLEAN),
         ("env -v0iu A run", CLEAN),
@@ -630,6 +643,13 @@ def test_long_commands_are_looked_through_once(word: str) -> None:
     assert set_by_command(word * 20_000) == {}
     assert set_by_command(f"{word * 20_000} {NAMES[1]}; run").keys() == {NAMES[1]}
     assert time.process_time() - begin < 5
+
+
+@pytest.mark.parametrize("word", ["sudo -E ", "ros2 ", ". setup.sh ", "export ", "a/", "x;"])
+def test_long_commands_of_ros_are_looked_through_once(word: str) -> None:
+    command = f"{word * 20_000} ros2 "
+    assert bool(changed_before(command)) is (word in ("sudo -E ", ". setup.sh ", "export "))
+    assert set_by_command(command) == {}
 
 
 def test_two_files_that_include_each_other_twice_end(tmp_path: Path) -> None:
