@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from datetime import datetime
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Final
 from zoneinfo import ZoneInfo
 
@@ -24,7 +23,7 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Answer, Question, Ruling, joint
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.text import some
+from keystore_audit.text import meant, some
 
 if TYPE_CHECKING:
     from keystore_audit.model.tables.access_table import AccessTable
@@ -136,9 +135,7 @@ class Access:
 
 
 def _unknown_enclave(path: str, known: Sequence[str]) -> str:
-    nearest = get_close_matches(path, known, n=1)
-    hint = f" Did you mean {nearest[0]}?" if nearest else ""
-    return f"There is no enclave {path!r}.{hint} Known: {some(known, MAX_KNOWN)}."
+    return f"There is no enclave {path!r}.{meant(path, known)} Known: {some(known, MAX_KNOWN)}."
 
 
 def read_access_table(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
-from difflib import get_close_matches
 from typing import Final
 from zoneinfo import ZoneInfo
 
@@ -14,6 +13,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
+from keystore_audit.model.claims.globs import nearest
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.participants.doubt import keystore_doubts
@@ -62,8 +62,7 @@ def find_blast_radius(
 def _check(path: str, keystore: Keystore) -> None:
     paths = [enclave.path for enclave in keystore.enclaves]
     if path not in paths:
-        near = get_close_matches(path, paths, n=1)
-        hint = f"; the nearest is {near[0]!r}" if near else ""
+        hint = nearest(path, paths)
         raise UsageError(
             f"{path!r} is no enclave of this keystore{hint}: expected its path, identity-ca or permissions-ca."
         )

@@ -5,7 +5,7 @@ Each target has one function here; all but `percent_path` and `shorten` begin wi
 or direction-changing character becomes visible everywhere. JSON needs none of them: `json` escapes by itself.
 
 Escape last: a text that is cut or joined with markup after escaping is no longer safe (`shorten` first).
-Numbers of things (`counted`) and instants, which are our own, are put into words here, too.
+Numbers of things (`counted`), instants, which are our own, and hints for misspelt words are put into words here, too.
 """
 
 from __future__ import annotations
@@ -161,6 +161,13 @@ def shorten(text: str, limit: int, *, ellipsis: str = "…") -> str:
 def counted(number: int, noun: str, plural: str = "") -> str:
     """`1 file`, `1,200 files`."""
     return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
+
+
+def meant(word: str, known: Iterable[str], hint: str = " Did you mean {}?") -> str:
+    """The `hint` with that of the `known` words which a misspelt one is most like; nothing where it is like none."""
+    from difflib import get_close_matches  # for mistakes alone
+
+    return "".join(map(hint.format, get_close_matches(word, known, n=1)))
 
 
 def some(names: Iterable[str], most: int) -> str:

@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import datetime, timezone
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -16,6 +15,7 @@ from click.core import ParameterSource
 
 from keystore_audit.cli.completion import Directory, Word
 from keystore_audit.errors import UsageError
+from keystore_audit.text import meant
 
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
@@ -120,15 +120,12 @@ def rule_meant(word: str, known: Sequence[str]) -> str:
     if family:
         nearest = max(family, key=lambda code: sum(a == b for a, b in zip(code, word.upper(), strict=False)))
         return f" Did you mean {nearest}?"
-    names = get_close_matches(word.lower(), [name for name in known if name.islower()], n=1)
-    return f" Did you mean {names[0]}?" if names else ""
+    return meant(word.lower(), (name for name in known if name.islower()))
 
 
 def unknown(sentence: str, word: str, known: Sequence[str]) -> str:
     """Return `sentence` continued with the `known` words and the nearest one to `word`."""
-    nearest = get_close_matches(word, known, n=1)
-    hint = f" Did you mean {nearest[0]!r}?" if nearest else ""
-    return f"{sentence} {', '.join(known)}.{hint}"
+    return f"{sentence} {', '.join(known)}.{meant(word, known, ' Did you mean {!r}?')}"
 
 
 def now() -> datetime:

@@ -12,6 +12,7 @@ import click
 from keystore_audit.cli.output import Target
 from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
+from keystore_audit.text import meant
 
 if TYPE_CHECKING:
     from keystore_audit.fleet.search import Found
@@ -155,9 +156,6 @@ def _name(part: str) -> str:
 
 def command_meant(keystore: str) -> str:
     """Return a hint where what is no directory looks like the misspelt name of a command."""
-    from difflib import get_close_matches
-
     from keystore_audit.cli.program import COMMANDS
 
-    nearest = get_close_matches(keystore, COMMANDS, n=1)
-    return f" Did you mean the command {nearest[0]!r}?" if nearest and not Path(keystore).exists() else ""
+    return "" if Path(keystore).exists() else meant(keystore, COMMANDS, " Did you mean the command {!r}?")

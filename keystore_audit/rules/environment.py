@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from difflib import get_close_matches
 from typing import Any, Final
 
 from keystore_audit.findings import Severity
@@ -23,6 +22,7 @@ from keystore_audit.model.profiles import DISTRIBUTIONS, MIDDLEWARE, running
 from keystore_audit.rules.context import Context, given
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import quoted
+from keystore_audit.text import meant
 
 RCL: Final = "rcl, security.c (read); ROS 2 design, DDS-Security integration"
 ZENOH: Final = "rmw_zenoh_cpp"
@@ -90,8 +90,7 @@ def override_names_no_enclave(keystore: Keystore, context: Context) -> Iterator[
     name = environment.value(OVERRIDE)
     known = [enclave.path for enclave in keystore.enclaves]
     if name and name not in known:
-        nearest = get_close_matches(name, known, n=1)
-        hint = f"; the nearest is {nearest[0]}" if nearest else ""
+        hint = meant(name, known, "; the nearest is {}")
         yield _found(
             environment,
             OVERRIDE,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit.dataclass import replace
@@ -23,7 +22,7 @@ from keystore_audit.rules.context import Context, given
 from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sentence
-from keystore_audit.text import counted
+from keystore_audit.text import counted, meant
 
 if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
     from keystore_audit.model.intended.observed import ExcessGrant, GrantedName, MissingGrant, Observation
@@ -167,13 +166,11 @@ def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Vi
     """
     known = [enclave.path for enclave in keystore.enclaves]
     for unknown in given(context.observed).unknown:
-        nearest = get_close_matches(unknown.path, known, n=1)
         named = f"the enclave {quoted(unknown.path)}"
         named = f"{named}, having named none" if unknown.path == ROOT else named
         verb = "runs" if len(unknown.nodes) == 1 else "run"
-        meant = f" Did you mean {nearest[0]}?" if nearest else ""
         yield Violation(
-            message=f"{listed(unknown.nodes)} {verb} in {named}, which is not there.{meant}",
+            message=f"{listed(unknown.nodes)} {verb} in {named}, which is not there.{meant(unknown.path, known)}",
             locations=places(_beside(location) for location in unknown.locations),
             key="\n".join([unknown.path, *sorted(unknown.nodes)]),
         )

@@ -15,7 +15,7 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import MAX_PLACES, Finding, Location, Severity, Suppression
 from keystore_audit.model.matching.expression import Matcher, parse
-from keystore_audit.text import counted
+from keystore_audit.text import counted, meant
 
 MAX_DAYS: Final = 180
 """How long an acceptance may last, from the audit instant, unless settings say otherwise (`max_suppression_days`)."""
@@ -95,10 +95,7 @@ def check_codes(acceptances: Iterable[Acceptance], codes: Collection[str]) -> No
     """Raises errors.UsageError for one of a rule that there is not."""
     for acceptance in acceptances:
         if acceptance.code not in codes:
-            from difflib import get_close_matches  # for mistakes alone
-
-            nearest = get_close_matches(acceptance.code, codes, n=1)
-            hint = f" Did you mean {nearest[0]}?" if nearest else ""
+            hint = meant(acceptance.code, codes)
             raise UsageError(f"{acceptance.place}: {acceptance.code} is no rule's code.{hint}")
 
 

@@ -19,6 +19,7 @@ from keystore_audit.model.claims.claims import Globs
 from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.settings.positions import Path as KeyPath
 from keystore_audit.settings.positions import Position, positions
+from keystore_audit.text import meant
 
 _WHERE: Final = re.compile(r" \(at line (\d+), column (\d+)\)$")
 OUTSIDER: Final = "outsider"
@@ -118,11 +119,8 @@ class Table:
         """Refuse other keys: a misspelt one would be without effect."""
         for key in self.values:
             if key not in known:
-                from difflib import get_close_matches  # for mistakes alone
-
-                nearest = get_close_matches(key, known, n=1)
-                hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-                self.wrong(key, f"unknown key {key!r}; expected {', '.join(known)}{hint}".rstrip("?"))
+                hint = meant(key, known, "; did you mean {!r}")
+                self.wrong(key, f"unknown key {key!r}; expected {', '.join(known)}{hint}")
 
     def table(self, key: str) -> Table:
         """A table in this one, whose key is there."""

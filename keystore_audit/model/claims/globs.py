@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 from keystore_audit.errors import UsageError
 from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.text import meant
 
 
 def matching(glob: str, names: Iterable[str]) -> list[str]:
@@ -21,10 +22,7 @@ def all_matching(globs: Iterable[str], names: Sequence[str]) -> set[str]:
 
 def nearest(glob: str, paths: Sequence[str]) -> str:
     """A hint for a glob that finds nothing, or nothing."""
-    from difflib import get_close_matches  # for mistakes alone
-
-    found = get_close_matches(glob, paths, n=1)
-    return f"; the nearest is {found[0]!r}" if found else ""
+    return meant(glob, paths, "; the nearest is {!r}")
 
 
 def at(place: str) -> str:

@@ -6,7 +6,6 @@ The rows are those of the project's tables; docs/profiles.md and docs/security-m
 from __future__ import annotations
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Final
 
 from keystore_audit.dataclass import replace
@@ -15,6 +14,7 @@ from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.profiles.access import Access, JoinCheck, Local, OpenRange, PartitionReading, RelayReading
 from keystore_audit.model.profiles.profile import Evidence, Profile, RevocationLists, SubjectComparison, Trust
 from keystore_audit.model.validity import DateReading
+from keystore_audit.text import meant
 
 _SPEC: Final = Trust(
     pins_signer=True,
@@ -319,9 +319,7 @@ def resolve(names: Iterable[str]) -> tuple[Profile, ...]:
             wanted.update(ALIASES[name])
         else:
             known = [*VARIANTS, *ALIASES]
-            nearest = get_close_matches(name, known, n=1)
-            hint = f" Did you mean {nearest[0]}?" if nearest else ""
-            raise UsageError(f"Unknown profile {name!r}.{hint} Known: {', '.join(known)}.")
+            raise UsageError(f"Unknown profile {name!r}.{meant(name, known)} Known: {', '.join(known)}.")
     chosen = wanted or set(DEFAULT)
     return tuple(profile for name, profile in VARIANTS.items() if name in chosen)
 
