@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime, timedelta, timezone
-from pathlib import Path
 from typing import Final
 from zoneinfo import ZoneInfo
 
-from keystore_audit.dataclass import dataclass, field
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
-from keystore_audit.intent.intent import Action
-from keystore_audit.intent.observed import read_observed
+from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.governance import DomainRange, Text
 from keystore_audit.keystore.keystore import Enclave, Keystore, read_keystore
@@ -35,17 +33,6 @@ FIRST: Final = datetime.min.replace(tzinfo=timezone.utc)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sources:
-    """The files that a suggestion rests on. `include`: below which a policy may include others."""
-
-    graphs: tuple[Path, ...] = ()
-    launches: tuple[Path, ...] = ()
-    launch_arguments: Mapping[str, str] = field(default_factory=dict)
-    policy: Path | None = None
-    include: Path | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Suggestion:
     """The least policy for the enclaves of a keystore.
 
@@ -58,25 +45,23 @@ class Suggestion:
 
 
 class Suggester:
-    """What files say of the nodes of the keystore at `path`, at `at` (aware UTC).
+    """What `intents` come to for the keystore at `path`, at `at` (aware UTC).
 
     `zone`, `domain`: where the robots are and which domain they use, None if that is not known. Raises
-    errors.NothingToAudit where there is no keystore and errors.UsageError for a file that cannot be read.
+    errors.NothingToAudit where there is no keystore.
     """
 
     def __init__(
         self,
         path: str | os.PathLike[str],
-        sources: Sources,
+        intents: Sequence[Intent],
         *,
         profiles: Sequence[Profile],
         at: datetime,
         zone: ZoneInfo | None = None,
         domain: int | None = None,
     ) -> None:
-        self._intents = read_observed(
-            sources.graphs, sources.launches, sources.launch_arguments, sources.policy, sources.include
-        )
+        self._intents = intents
         self._keystore: Keystore = read_keystore(path)
         self._enclaves = {enclave.path: enclave for enclave in reversed(self._keystore.enclaves)}
         accesses = AccessViews(system_documents(self._keystore), at, zone)
@@ -114,8 +99,8 @@ class Suggester:
     def _domains(self, enclave: Enclave) -> tuple[DomainRange, ...]:
         if self._domain is not None:
             return (DomainRange(low=self._domain, high=self._domain, line=None),)
-        governance = enclave.governance.governance if enclave.governance else None
-        ranges = [each for rule in (governance.domain_rules if governance else ()) for each in rule.domains]
+        rules = enclave.governance.domain_rules if enclave.governance else ()
+        ranges = [each for rule in rules for each in rule.domains]
         highest = max((each.high for each in ranges if each.high is not None), default=0)
         last = max(LAST_DOMAIN, highest)
         return tuple(DomainRange(low=low, high=min(high, last), line=None) for low, high in covered(ranges))

@@ -64,7 +64,12 @@ def command(keystore: str, **given: Any) -> int:
     if given["include"] is not None and given["policy"] is None:
         raise click.UsageError("--policy-include says where a policy includes from: name one with --policy.")
     opt.check_launch_arguments(given["launch_arguments"], given["launches"])
-    suggester = _suggester(keystore, given)
+    from keystore_audit.intent.observed import read_observed
+    from keystore_audit.suggest import Suggester
+
+    arguments = dict(given["launch_arguments"])
+    intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"], given["include"])
+    suggester = Suggester(keystore, intents, **opt.reading(given), domain=given["domain"])
     suggestion = suggester.suggestion(usual=not given["no_usual"])
     enclaves = _chosen(suggestion, given["enclave"])
     if given["form"] == POLICY:
@@ -75,24 +80,6 @@ def command(keystore: str, **given: Any) -> int:
         output.say(note)
     left_out = given["form"] == PERMISSIONS and any(enclave.path in suggestion.unknown for enclave in enclaves)
     return EXIT_INCOMPLETE if suggestion.doubts or left_out else 0
-
-
-def _suggester(keystore: str, given: dict[str, Any]) -> Suggester:
-    from keystore_audit.suggest import Sources, Suggester
-
-    sources = Sources(
-        graphs=given["graphs"],
-        launches=given["launches"],
-        launch_arguments=dict(given["launch_arguments"]),
-        policy=given["policy"],
-        include=given["include"],
-    )
-    return Suggester(
-        keystore,
-        sources,
-        **opt.reading(given),
-        domain=given["domain"],
-    )
 
 
 def _chosen(suggestion: Suggestion, path: str | None) -> tuple[EnclavePolicy, ...]:
