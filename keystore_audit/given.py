@@ -25,6 +25,23 @@ class GivenFile:
         return cls(path=path, sha256=hashlib.sha256(content).hexdigest())
 
 
+def read_given(path: Path, most: int, expected: str) -> tuple[GivenFile, str]:
+    """The file and its text. Raises errors.UsageError for one that is not `expected`: unreadable, larger, not UTF-8."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(most + 1)
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror or error}.") from error
+    if len(content) > most:
+        raise UsageError(f"{path} is larger than {most} bytes; expected {expected}.")
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise UsageError(f"{path}:{line}: this is not UTF-8; expected {expected}.") from error
+    return GivenFile.of(str(path), content), text
+
+
 def check_beside(path: Path, keystores: Iterable[str | Path]) -> None:
     """Raise errors.UsageError for a file in one of the keystores, whose maker would then say what is asked."""
     here = path.resolve()

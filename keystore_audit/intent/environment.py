@@ -19,7 +19,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
-from keystore_audit.given import GivenFile
+from keystore_audit.given import GivenFile, read_given
 from keystore_audit.keystore.document import MAX_DOMAIN
 
 MAX_BYTES: Final = 1024 * 1024
@@ -101,18 +101,7 @@ class Environment:
 
 def read_environment(path: Path) -> Environment:
     """Read the file. Raises UsageError, with the line, for what is no assignment or would need a shell to be read."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise UsageError(f"{path}: {error.strerror or error}.") from error
-    if len(data) > MAX_BYTES:
-        raise UsageError(f"{path}: larger than {MAX_BYTES} bytes; expected lines of NAME=VALUE.")
-    try:
-        text = data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise UsageError(f"{path}:{line}: not UTF-8; expected lines of NAME=VALUE.") from error
+    file, text = read_given(path, MAX_BYTES, "lines of NAME=VALUE")
     found: dict[str, Setting] = {}
     exports: dict[bool, int] = {}
     for number, content in enumerate(text.split("\n"), 1):
@@ -141,7 +130,7 @@ def read_environment(path: Path) -> Environment:
             f"{path}:{max(exports.values())}: lines with export beside others without: a shell keeps these to itself, "
             "systemd and containers do not take those; expected either."
         )
-    return Environment(file=GivenFile.of(str(path), data), settings=found)
+    return Environment(file=file, settings=found)
 
 
 def _line(content: str, place: str) -> str:

@@ -14,7 +14,7 @@ from typing import Any, Final, NoReturn
 from keystore_audit import toml
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
-from keystore_audit.given import GivenFile, check_beside
+from keystore_audit.given import GivenFile, check_beside, read_given
 from keystore_audit.model.claims.claims import Globs
 from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.settings.positions import Path as KeyPath
@@ -35,27 +35,15 @@ def read_table(path: Path, keystores: Iterable[str | Path], max_bytes: int) -> F
     `keystores`, which could then absolve itself.
     """
     check_beside(path, keystores)
-    try:
-        with path.open("rb") as file:
-            content = file.read(max_bytes + 1)
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror or error}.") from error
-    if len(content) > max_bytes:
-        raise UsageError(f"{path} is larger than {max_bytes} bytes: no settings file.")
-    return File(str(path), content)
+    return File(*read_given(path, max_bytes, "a settings file"))
 
 
 class File:
     """The file, and how to say where something in it is wrong."""
 
-    def __init__(self, path: str, content: bytes) -> None:
-        self.path = path
-        self.given = GivenFile.of(path, content)
-        try:
-            text = content.decode("utf-8")
-        except UnicodeDecodeError as error:
-            line = content.count(b"\n", 0, error.start) + 1
-            raise UsageError(f"{path}:{line}: this is not UTF-8.") from error
+    def __init__(self, given: GivenFile, text: str) -> None:
+        self.path = given.path
+        self.given = given
         text = text.replace("\r\n", "\n")
         try:
             self.values: Mapping[str, Any] = toml.loads(text)
@@ -65,7 +53,7 @@ class File:
             where = _WHERE.search(message)
             last = f":{text.count(chr(10)) + 1}:{len(text) - text.rfind(chr(10))}"
             place = f":{where[1]}:{where[2]}" if where else last
-            raise UsageError(f"{path}{place}: this is not TOML: {_WHERE.sub('', message)}.") from error
+            raise UsageError(f"{given.path}{place}: this is not TOML: {_WHERE.sub('', message)}.") from error
 
     def position(self, path: KeyPath) -> Position:
         """Line and column of the key or item; where it has none of its own, those of what it stands in."""

@@ -153,7 +153,7 @@ def test_assignments_are_read(text: str, value: str, tmp_path: Path) -> None:
         ("A=1 RANDOM='ROS_DISTRO=0'", "robot.env:1: RANDOM is a number"),
         ("A=1;B=2;OPTIND='ROS_DISTRO=0'", "robot.env:1: OPTIND is a number"),
         ("A=1 RANDOM=1\tSRANDOM='ROS_DISTRO=0'", "robot.env:1: SRANDOM is a number"),
-        (b"A=1\n\xff", "robot.env:2: not UTF-8"),
+        (b"A=1\n\xff", "robot.env:2: this is not UTF-8"),
         (b"#" * (1024 * 1024 + 1), "larger than"),
     ],
 )
