@@ -17,6 +17,10 @@ from keystore_audit.dataclass import dataclass
 MAX_PLACES: Final = 50
 """Locations of one finding: enough to mend by hand, and ten thousand wildcards make no report of ten thousand lines."""
 
+OF_PROPERTIES: Final = "KA7"
+OF_THE_AUDIT: Final = "KA9"
+"""How the codes begin of rules about what the engines decide, and about the audit itself."""
+
 
 class Severity(str, Enum):
     """How much a finding matters; ordered from worst to least by `rank`."""
@@ -60,6 +64,11 @@ class Location:
     def __str__(self) -> str:
         """`enclaves/governance.p7s:12`, raw text."""
         return self.path if self.line is None else f"{self.path}:{self.line}"
+
+
+MAX_REASON: Final = 1000
+MAX_OWNER: Final = 200
+"""Characters of what a suppression says."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,17 +14,13 @@ from keystore_audit.cli import audit, once, output
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import EXIT_INCOMPLETE
-from keystore_audit.findings import SEVERITIES
+from keystore_audit.findings import MAX_OWNER, MAX_REASON, SEVERITIES
 from keystore_audit.text import counted, terminal
 
 if TYPE_CHECKING:
     from keystore_audit.options import Options
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-MAX_REASON: Final = 1000
-MAX_OWNER: Final = 200
-"""Characters, as in the files (settings/acceptances.py)."""
 
 _NOT_HERE: Final = {
     "keystores", "kind", "targets", "fail_on", "min_severity", "baseline", "select", "ignore", "quiet", "color",

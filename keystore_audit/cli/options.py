@@ -15,6 +15,7 @@ from click.core import ParameterSource
 
 from keystore_audit.cli.completion import Directory, Word
 from keystore_audit.errors import UsageError
+from keystore_audit.findings import OF_THE_AUDIT
 from keystore_audit.text import meant
 
 if TYPE_CHECKING:
@@ -103,7 +104,7 @@ def rule_code(value: str) -> str:
 
     code = value.upper()
     known = sorted({rule.family for rule in RULES} | {rule.code for rule in RULES})
-    if code.startswith("KA9"):
+    if code.startswith(OF_THE_AUDIT):
         raise click.BadParameter(f"{value!r}: KA9 says what became of the audit itself, and always runs.")
     if code not in known:
         hint = rule_meant(value, known)

@@ -11,10 +11,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.findings import Finding, Severity
+from keystore_audit.findings import OF_THE_AUDIT, Finding, Severity
 from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import Report
-from keystore_audit.report.next_step import OF_THE_AUDIT
 from keystore_audit.report.page import Page, Piece
 from keystore_audit.report.remedy import Remedies
 from keystore_audit.text import counted, some

@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from keystore_audit.findings import Finding
+from keystore_audit.findings import OF_THE_AUDIT, Finding
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.text import counted, some
-
-OF_THE_AUDIT: Final = "KA9"
-"""The family of what the audit says of itself: it follows from something else, or nobody can mend it in a keystore."""
 
 PROPERTY: Final = "KA906"
 """A property that is undecided: it follows from whatever else is."""
@@ -45,7 +42,7 @@ def _first(wanted: Sequence[Finding]) -> Finding:
     places = {finding.fingerprint: place for place, finding in enumerate(wanted)}
     ranked = [
         (
-            wanted[cause].code.startswith(OF_THE_AUDIT),
+            wanted[cause].code.startswith(OF_THE_AUDIT),  # it follows, or nobody can mend it in a keystore
             wanted[cause].code == PROPERTY,
             finding.severity.rank,
             bool(wanted[cause].explained_by),

@@ -13,7 +13,18 @@ from typing import Any, Final
 
 from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import dataclass
-from keystore_audit.findings import MAX_PLACES, WHOLE, Finding, Outcomes, Result, Row, Severity, fingerprint
+from keystore_audit.findings import (
+    MAX_PLACES,
+    OF_PROPERTIES,
+    OF_THE_AUDIT,
+    WHOLE,
+    Finding,
+    Outcomes,
+    Result,
+    Row,
+    Severity,
+    fingerprint,
+)
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.result import Place, PropertyResult
@@ -35,9 +46,6 @@ from keystore_audit.text import shorten
 
 MAX_MESSAGE: Final = 2000
 """Characters of a message, the last guard: the rules bound what they quote, counterexamples come from the engines."""
-
-_ALWAYS: Final = "KA9"
-"""The family that nothing leaves out: what could not be decided is said in every report."""
 
 _Found = tuple[Rule[Any], Violation]
 _Marked = tuple[Rule[Any], Violation, str]
@@ -78,7 +86,7 @@ def judge(
 
 def _chosen(rule: Rule[Any], select: Collection[str], ignore: Collection[str]) -> bool:
     names = {rule.code, rule.family}
-    return rule.family == _ALWAYS or ((not select or bool(names & {*select})) and not names & {*ignore})
+    return rule.family == OF_THE_AUDIT or ((not select or bool(names & {*select})) and not names & {*ignore})
 
 
 def _subjects(context: Context) -> Iterator[tuple[str, object]]:
@@ -133,7 +141,7 @@ class _Run:
                 if not issubclass(kind, rule.on):
                     continue
                 # A rule of KA7 is about the property of its name; others, of any family, about all of their kind.
-                one = rule.on is PropertyResult and rule.family == "KA7"
+                one = rule.on is PropertyResult and rule.family == OF_PROPERTIES
                 tasks.append(
                     (rule, [(name, subject) for name, subject in about if name == rule.name] if one else about)
                 )
@@ -186,7 +194,7 @@ class _Run:
         spoken = {
             location.path
             for rule, violation in self.found
-            if violation.undecided and rule.family != _ALWAYS
+            if violation.undecided and rule.family != OF_THE_AUDIT
             for location in violation.locations
         }
         doubts = self._context.meaning.doubts
@@ -275,7 +283,7 @@ class _Marks:
         causes are noted by who accepts it; where nothing is its cause, all that the keystore says stands for them, and
         beside them stands what violates it at no place of theirs.
         """
-        if rule.family != "KA7":
+        if rule.family != OF_PROPERTIES:
             there = self._contents.at if violation.contents else self._contents.names
             return f"\0{there((*violation.locations, *violation.against))}"
         if not violation.contents:
@@ -327,7 +335,7 @@ def _once(found: Iterable[_Found]) -> Iterator[_Found]:
 
 def _fingerprint(rule: Rule[Any], violation: Violation, there: str) -> str:
     key = f"{violation.key}{there}"
-    if rule.family == "KA7":  # the enclave and the place are those of an example
+    if rule.family == OF_PROPERTIES:  # the enclave and the place are those of an example
         return fingerprint(rule.code, None, None, key)
     return fingerprint(rule.code, violation.enclave, violation.locations[0].path if violation.locations else None, key)
 
@@ -348,7 +356,7 @@ def _order(rule: Rule[Any], violation: Violation) -> tuple[object, ...]:
 
 def _causes(rule: Rule[Any], violation: Violation, marked: Sequence[_Marked]) -> tuple[str, ...]:
     """Of a violated property, the findings that explain it under a profile of its own (no profiles: all of them)."""
-    if rule.family != "KA7":
+    if rule.family != OF_PROPERTIES:
         return ()
     return tuple(mark for other, cause, mark in marked if _is_cause(other, cause, rule, violation))
 

@@ -5,14 +5,10 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from keystore_audit.findings import SEVERITIES, Severity
+from keystore_audit.findings import MAX_OWNER, MAX_REASON, OF_THE_AUDIT, SEVERITIES, Severity
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.settings.suppressions import ALL, NEVER, Acceptance
+from keystore_audit.settings.suppressions import ALL, Acceptance
 from keystore_audit.settings.table import Table
-
-MAX_REASON: Final = 1000
-MAX_OWNER: Final = 200
-"""Characters."""
 
 _CODE: Final = re.compile(r"KA[0-9]{3}")
 _FINGERPRINT: Final = re.compile(r"[0-9a-f]{64}")
@@ -80,7 +76,7 @@ def _acceptance(
     code = table.text("code")
     if not _CODE.fullmatch(code):
         table.wrong("code", f"{code!r} is no rule's code; expected one rule, e.g. KA203, and no family")
-    if code.startswith(NEVER):
+    if code.startswith(OF_THE_AUDIT):
         table.wrong("code", f"{code} is about the audit itself, which nothing accepts")
     return Acceptance(
         code=code,

@@ -13,17 +13,13 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.errors import UsageError
-from keystore_audit.findings import MAX_PLACES, Finding, Location, Severity, Suppression
+from keystore_audit.findings import MAX_PLACES, OF_PROPERTIES, OF_THE_AUDIT, Finding, Location, Severity, Suppression
 from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.text import counted, meant
 
 MAX_DAYS: Final = 180
 """How long an acceptance may last, from the audit instant, unless settings say otherwise (`max_suppression_days`)."""
 
-NEVER: Final = "KA9"
-"""The family that nothing accepts: what the audit says of itself."""
-
-_FORMAL: Final = "KA7"
 ALL: Final = "*"
 
 
@@ -174,7 +170,7 @@ def _use(
 
 def acceptable(finding: Finding) -> bool:
     """Whether anybody may accept it: not what the audit says of itself, nor what leaves it undecided."""
-    return not finding.code.startswith(NEVER) and not finding.undecided
+    return not finding.code.startswith(OF_THE_AUDIT) and not finding.undecided
 
 
 def _refusal(
@@ -186,7 +182,7 @@ def _refusal(
     if acceptance.fingerprint is None and not _within(acceptance.where, finding, outside):
         return (
             "a property is one of the whole keystore: name it by its fingerprint"
-            if finding.code.startswith(_FORMAL)
+            if finding.code.startswith(OF_PROPERTIES)
             else "what was found is not, or not only, there"
         )
     if acceptance.severity is not None and not acceptance.severity.at_least(finding.severity):
@@ -207,7 +203,7 @@ def _within(where: tuple[str, ...], finding: Finding, outside: Collection[str]) 
     """
     if ALL in where:
         return True
-    if finding.code.startswith(_FORMAL):  # its enclave is that of an example
+    if finding.code.startswith(OF_PROPERTIES):  # its enclave is that of an example
         return False
     enclaves = [glob for glob in where if glob.startswith("/")]
     paths = [glob for glob in where if not glob.startswith("/")]
