@@ -8,11 +8,11 @@ from datetime import datetime, timedelta, timezone
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
-from keystore_audit.cli.arguments import check_arguments, check_ranges
-from keystore_audit.cli.formats import FORMATS
-from keystore_audit.cli.formats import render as _render
+from keystore_audit.arguments import check_arguments, check_ranges
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import Finding, Location, Severity
+from keystore_audit.formats import FORMATS
+from keystore_audit.formats import render as _render
 from keystore_audit.options import DEFAULT_NOTICE, ENGINES, Options, user_files
 from keystore_audit.pipeline import audit as _audit
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
@@ -73,13 +73,14 @@ def audit(
     """
     check_arguments(locals())
     from keystore_audit.model.local_time import time_zone as zone_named
+    from keystore_audit.rules.named import rule_code
     from keystore_audit.settings.settings import read_baseline, read_settings
 
     if engine not in ENGINES:
         raise UsageError(f"{engine!r} is no engine; there are {', '.join(ENGINES)}.")
     if at is not None and at.tzinfo is None:
         raise UsageError(f"The instant {at} has no time zone: give it one, e.g. timezone.utc.")
-    check_ranges(at, timeout, expires_within)
+    check_ranges(at, timeout, expires_within, domain)
     if policy_include is not None and policy is None:
         raise UsageError("policy_include is for the files that a policy includes, and there is no policy.")
     asserted = None if settings is None else read_settings(Path(settings), (os.fspath(path),))
@@ -87,7 +88,7 @@ def audit(
         at=(at or datetime.now(timezone.utc)).astimezone(timezone.utc).replace(microsecond=0),
         at_given=at is not None,
         profiles=tuple(profiles),
-        domain=_domain(domain),
+        domain=domain,
         time_zone=zone_named(time_zone) if isinstance(time_zone, str) else time_zone,
         engine=engine,
         offline=offline,
@@ -96,8 +97,8 @@ def audit(
         fail_on=fail_on,
         expires_within=expires_within,
         deployed=deployed,
-        select=_codes(select),
-        ignore=_codes(ignore),
+        select=tuple(map(rule_code, select)),
+        ignore=tuple(map(rule_code, ignore)),
         settings=asserted,
         baseline=None if baseline is None else read_baseline(Path(baseline), (os.fspath(path),)),
         policy=_path(policy),
@@ -123,23 +124,3 @@ def render(report: Report, form: str = "json") -> str:
 
 def _path(given: PathLike | None) -> Path | None:
     return None if given is None else Path(given)
-
-
-def _domain(given: int | None) -> int | None:
-    from keystore_audit.cli.options import LAST_DOMAIN
-
-    if given is not None and not 0 <= given <= LAST_DOMAIN:
-        raise UsageError(f"{given} is no domain: there are 0 to {LAST_DOMAIN}.")
-    return given
-
-
-def _codes(given: Sequence[str]) -> tuple[str, ...]:
-    """The codes of rules or families, of which KA9 always runs."""
-    import click
-
-    from keystore_audit.cli.options import rule_code
-
-    try:
-        return tuple(map(rule_code, given))
-    except click.BadParameter as error:
-        raise UsageError(error.message) from error

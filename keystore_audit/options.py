@@ -19,6 +19,21 @@ if TYPE_CHECKING:
 ENGINES: Final = ("auto", "both", "alloy", "native")
 """Who may decide: `engine.engines`."""
 
+LAST_DOMAIN: Final = 232
+"""DDS domains are 0 to 232: beyond, the port number of RTPS 2.2 (9.6.1.1) does not fit into 16 bits."""
+
+FIRST_YEAR: Final = 1950
+"""X.509's first (RFC 5280, 4.1.2.5.1)."""
+
+LAST_YEAR: Final = 9800
+"""X.509's last is 9999 (RFC 5280, 4.1.2.5); the notice for expiry must stay within what a date can hold."""
+
+MAX_DAYS: Final = 36500
+"""Of notice for expiry: 100 years, as long as the certificates of a robot that is meant to outlive its makers."""
+
+MAX_SECONDS: Final = 86400.0
+"""For the solver: a day."""
+
 DEFAULT_NOTICE = timedelta(days=30)
 """How long before it ends a validity is a finding."""
 

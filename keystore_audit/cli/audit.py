@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from keystore_audit.cli import delivery, formats, once, output, places, settings
+from keystore_audit import formats
+from keystore_audit.cli import delivery, once, output, places, settings
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.places import executor_address
 from keystore_audit.cli.progress import Watch
 from keystore_audit.dataclass import replace
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import SEVERITIES, Severity
-from keystore_audit.options import ENGINES
+from keystore_audit.options import ENGINES, MAX_DAYS
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ MAX_JOBS: Final = 1024
 @opt.observation_options
 @click.option(
     "--expires-within",
-    type=opt.Number(0, opt.MAX_DAYS),
+    type=opt.Number(0, MAX_DAYS),
     default=30,
     metavar="DAYS",
     help="Report what expires in the days to come.",

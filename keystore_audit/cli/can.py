@@ -12,6 +12,7 @@ from click.core import ParameterSource
 from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
 from keystore_audit.errors import EXIT_INCOMPLETE, BudgetExceeded, UsageError
+from keystore_audit.options import LAST_DOMAIN
 
 if TYPE_CHECKING:
     from keystore_audit.access import Access
@@ -224,8 +225,8 @@ def _parse(line: bytes, domain: int, partition: str) -> Question | str:
         return "the name is empty"
     if len(fields) > 3:
         number = fields[3]
-        if not (number.isascii() and number.isdigit() and len(number) <= 3 and int(number) <= opt.LAST_DOMAIN):
-            return f"{number!r} is no domain of 0 to {opt.LAST_DOMAIN}"
+        if not (number.isascii() and number.isdigit() and len(number) <= 3 and int(number) <= LAST_DOMAIN):
+            return f"{number!r} is no domain of 0 to {LAST_DOMAIN}"
         domain = int(number)
     return Question(
         enclave=enclave,

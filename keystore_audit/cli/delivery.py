@@ -6,9 +6,10 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from keystore_audit import formats
 from keystore_audit.aside import FEW, Aside
-from keystore_audit.cli import formats, output
 from keystore_audit.cli import options as opt
+from keystore_audit.cli import output
 from keystore_audit.findings import Severity
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from keystore_audit import __version__
-from keystore_audit.cli import EXIT_INTERRUPTED, delivery, formats, output, places
+from keystore_audit import __version__, formats
+from keystore_audit.cli import EXIT_INTERRUPTED, delivery, output, places
 from keystore_audit.cli.interrupts import interrupts_later
 from keystore_audit.cli.program import fault
 from keystore_audit.cli.progress import FleetWatch

@@ -15,28 +15,14 @@ from click.core import ParameterSource
 
 from keystore_audit.cli.completion import Directory, Word
 from keystore_audit.errors import UsageError
-from keystore_audit.findings import OF_THE_AUDIT
+from keystore_audit.options import FIRST_YEAR, LAST_DOMAIN, LAST_YEAR, MAX_SECONDS
 from keystore_audit.text import meant
 
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
 
 F = TypeVar("F", bound=Callable[..., Any])
-
-LAST_DOMAIN: Final = 232
-"""DDS domains are 0 to 232: beyond, the port number of RTPS 2.2 (9.6.1.1) does not fit into 16 bits."""
-
-FIRST_YEAR: Final = 1950
-"""X.509's first (RFC 5280, 4.1.2.5.1)."""
-
-LAST_YEAR: Final = 9800
-"""X.509's last is 9999 (RFC 5280, 4.1.2.5); the notice for expiry must stay within what a date can hold."""
-
-MAX_DAYS: Final = 36500
-"""Of notice for expiry: 100 years, as long as the certificates of a robot that is meant to outlive its makers."""
-
-MAX_SECONDS: Final = 86400.0
-"""For the solver: a day."""
+T = TypeVar("T")
 
 _INSTANT: Final = re.compile(
     r"(?P<day>[0-9]{4}-[0-9]{2}-[0-9]{2})"
@@ -77,14 +63,19 @@ class Number(click.IntRange):
     name = "whole number"
 
 
+def _read(by: Callable[[str], T], value: str) -> T:
+    """What the value means to `by`, which raises UsageError."""
+    try:
+        return by(value)
+    except UsageError as error:
+        raise click.BadParameter(error.message) from error
+
+
 def profile_name(value: str) -> str:
     """Return the name of a variant of an implementation, or an alias, as it was given."""
     from keystore_audit.model.profiles import resolve
 
-    try:
-        resolve((value,))
-    except UsageError as error:
-        raise click.BadParameter(error.message) from error
+    _read(lambda name: resolve((name,)), value)
     return value
 
 
@@ -92,36 +83,14 @@ def zone_name(value: str) -> ZoneInfo:
     """Return the zone of the IANA database that is called so."""
     from keystore_audit.model.local_time import time_zone
 
-    try:
-        return time_zone(value)
-    except UsageError as error:
-        raise click.BadParameter(error.message) from error
+    return _read(time_zone, value)
 
 
 def rule_code(value: str) -> str:
     """Return the code of a rule or of a family (`KA2`); KA9, the audit itself, always runs."""
-    from keystore_audit.rules import RULES
+    from keystore_audit.rules.named import rule_code as code
 
-    code = value.upper()
-    known = sorted({rule.family for rule in RULES} | {rule.code for rule in RULES})
-    if code.startswith(OF_THE_AUDIT):
-        raise click.BadParameter(f"{value!r}: KA9 says what became of the audit itself, and always runs.")
-    if code not in known:
-        hint = rule_meant(value, known)
-        raise click.BadParameter(f"{value!r} is no rule's code.{hint} `keystore-audit rules` lists them.")
-    return code
-
-
-def rule_meant(word: str, known: Sequence[str]) -> str:
-    """Return " Did you mean …?" with the code or name among `known` that is nearest to `word`, or nothing.
-
-    Codes are compared place by place: the letters of all of them are alike. Another family is never meant.
-    """
-    family = [code for code in known if code[:3] == word.upper()[:3]]
-    if family:
-        nearest = max(family, key=lambda code: sum(a == b for a, b in zip(code, word.upper(), strict=False)))
-        return f" Did you mean {nearest}?"
-    return meant(word.lower(), (name for name in known if name.islower()))
+    return _read(code, value)
 
 
 def unknown(sentence: str, word: str, known: Sequence[str]) -> str:

@@ -12,8 +12,8 @@ from typing import Final
 
 import click
 
-from keystore_audit.cli.formats import FORMATS
 from keystore_audit.dataclass import dataclass
+from keystore_audit.formats import FORMATS
 from keystore_audit.text import terminal
 
 

@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from keystore_audit import api
-from keystore_audit.cli.arguments import check_arguments
-from keystore_audit.cli.formats import FORMATS
+from keystore_audit.arguments import check_arguments
+from keystore_audit.formats import FORMATS
 from tests.cli.keystores import answer
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)

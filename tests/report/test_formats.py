@@ -16,9 +16,9 @@ from in_toto_attestation.v1 import statement_pb2
 from in_toto_attestation.v1.statement import Statement
 from junitparser import Error, Failure, JUnitXml, Skipped
 
-from keystore_audit.cli.formats import rule_entries
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Outcome, Outcomes, Result, Severity
+from keystore_audit.formats import rule_entries
 from keystore_audit.given import GivenFile
 from keystore_audit.properties import Status
 from keystore_audit.report import junit, markdown, sarif, statement

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.cli.formats import rule_entries
 from keystore_audit.findings import Finding, Severity, Suppression
+from keystore_audit.formats import rule_entries
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.report import junit, markdown, sarif, text
 from keystore_audit.report.content import Report, Verdict

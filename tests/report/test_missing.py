@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
-from keystore_audit.cli.formats import FORMATS, render, rule_entries
 from keystore_audit.findings import Severity
+from keystore_audit.formats import FORMATS, render, rule_entries
 from keystore_audit.report import sarif
 from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.text import View

@@ -22,7 +22,7 @@ from in_toto_attestation.v1.statement import Statement
 from junitparser import Error, Failure, JUnitXml, Skipped
 
 from keystore_audit.cli import audit as command_line
-from keystore_audit.cli.formats import FORMATS, render, rule_entries
+from keystore_audit.formats import FORMATS, render, rule_entries
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.sarif import _described

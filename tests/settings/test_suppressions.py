@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from junitparser import JUnitXml
 
-from keystore_audit.cli.formats import FORMATS
+from keystore_audit.formats import FORMATS
 from keystore_audit.text import markdown
 from tests.cli.keystores import answer
 from tests.settings.files import file

@@ -11,6 +11,7 @@ from zoneinfo import ZoneInfo
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
+from keystore_audit.options import FIRST_YEAR, LAST_DOMAIN, LAST_YEAR, MAX_DAYS, MAX_SECONDS
 
 Check = Callable[[Any], bool]
 
@@ -83,13 +84,13 @@ def check_arguments(given: Mapping[str, Any]) -> None:
             raise UsageError(f"{name}: expected {expected}, found one of type {type(given[name]).__name__}.")
 
 
-def check_ranges(at: datetime | None, timeout: float, expires_within: timedelta) -> None:
+def check_ranges(at: datetime | None, timeout: float, expires_within: timedelta, domain: int | None) -> None:
     """Raises UsageError for what is out of the range that the command line allows."""
-    from keystore_audit.cli.options import FIRST_YEAR, LAST_YEAR, MAX_DAYS, MAX_SECONDS  # loads click
-
     if at is not None and not FIRST_YEAR <= at.year <= LAST_YEAR:
         raise UsageError(f"The instant {at} is not between the years {FIRST_YEAR} and {LAST_YEAR}.")
     if timeout > MAX_SECONDS:
         raise UsageError(f"A timeout of {timeout:g} seconds is too long: {MAX_SECONDS:g} at most.")
     if not timedelta(0) <= expires_within <= timedelta(days=MAX_DAYS):
         raise UsageError(f"A notice of {expires_within} is not between 0 and {MAX_DAYS} days.")
+    if domain is not None and not 0 <= domain <= LAST_DOMAIN:
+        raise UsageError(f"{domain} is no domain: there are 0 to {LAST_DOMAIN}.")
