@@ -16,11 +16,14 @@ from keystore_audit.keystore.crl import REVOCATION_LIST_LABEL, RevocationList, r
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts
 from keystore_audit.keystore.files import File
-from keystore_audit.keystore.pem import BEGIN_CERTIFICATES, DUMP_OF_CERTIFICATE, Block, Problem, read_pem
+from keystore_audit.keystore.pem import BEGIN_CERTIFICATES, DUMP_OF_CERTIFICATE, Block, Pem, Problem, read_pem
 from keystore_audit.keystore.universal import well_formed_throughout
 
 MAX_CERTIFICATE_BYTES: Final = 64 * 1024
 """Longest certificate that is parsed: one of sros2 has 400 bytes, one with a 16,384-bit RSA key has 5,000."""
+
+IN_DER: Final = "a certificate in DER"
+"""What is found in a file that openssl can put into PEM."""
 
 _PROCESSED: Final = frozenset(
     # Critical extensions that `openssl verify` 3.0 takes as understood (measured in test_certificate.py);
@@ -149,7 +152,7 @@ def read_certificates(file: File) -> CertificateFile:
             defects.append(_defect(file.place, Kind.CERTIFICATE_FILE_EXTRA, text.line, extra))
     unreadable = any(defect.kind is Kind.CERTIFICATE_UNREADABLE for defect in defects)
     if file.content is not None and not certificates and not unreadable:
-        nothing = "expected a PEM block CERTIFICATE, found none"
+        nothing = f"expected a PEM block CERTIFICATE, found {_instead(file.content, pem)}"
         defects.append(_defect(file.place, Kind.CERTIFICATE_UNREADABLE, None, nothing))
     return CertificateFile(
         file=file,
@@ -157,6 +160,21 @@ def read_certificates(file: File) -> CertificateFile:
         revocation_lists=tuple(revocation_lists),
         defects=tuple(defects),
     )
+
+
+def _instead(content: bytes, pem: Pem) -> str:
+    """What stands in a file without a block of a certificate."""
+    if isinstance(read_certificate(content, 1, ""), Certificate):
+        return IN_DER
+    other = next((part for part in pem.parts if isinstance(part, Block)), None)
+    if other is not None:
+        return _block(other)
+    return "none" if content.strip() else "nothing"
+
+
+def _block(part: Block) -> str:
+    what = "a private key" if part.is_private_key else "a block"
+    return f"{what} ({part.label})"
 
 
 def _read(part: Block | Problem, path: str) -> Certificate | RevocationList | Defect:
@@ -173,8 +191,7 @@ def _read(part: Block | Problem, path: str) -> Certificate | RevocationList | De
         trusted = "expected CERTIFICATE, found TRUSTED CERTIFICATE, OpenSSL's own form that not all readers take"
         return _defect(path, Kind.CERTIFICATE_UNREADABLE, part.line, trusted)
     if part.label not in BEGIN_CERTIFICATES or part.der is None:
-        what = "a private key" if part.is_private_key else "a block"
-        extra = f"expected certificates alone, found {what} ({part.label})"
+        extra = f"expected certificates alone, found {_block(part)}"
         return _defect(path, Kind.CERTIFICATE_FILE_EXTRA, part.line, extra)
     return read_certificate(part.der, part.line, path)
 

@@ -10,6 +10,12 @@ from keystore_audit.findings import Finding
 _PLAIN: Final = re.compile(r"(?:/\w+)+", re.ASCII)
 """Enclaves as ROS names them: nothing in them that a shell would read otherwise."""
 
+_PATH: Final = re.compile(r"\w[\w.-]*(?:/\w[\w.-]*)*", re.ASCII)
+"""Files as ROS and openssl's users name them."""
+
+_FILE: Final = re.compile(r"(?<=-in )FILE\b|(?<=new\.pem )FILE\b")
+"""In commands of openssl; others speak of files that the finding is not about."""
+
 _SIGNED: Final = re.compile(r"enclaves/(?:(?:\w+/)*(governance)|((?:\w+/)+permissions))\.(?:p7s|xml)", re.ASCII)
 _NAME: Final = "'/CN=NAME'"
 _WHICH: Final = re.compile(r", (?:DOCUMENT|NAME) being [^,;.]+")
@@ -33,7 +39,9 @@ def exact(finding: Finding) -> str:
 
 def _filled(remedy: str, finding: Finding) -> str:
     """The same of a part of the remedy."""
-    document, enclave = _named(finding)
+    document, enclave, file = _named(finding)
+    if file:
+        remedy = _FILE.sub(file, remedy)
     if document:
         remedy = _WHICH.sub("", remedy).replace("DOCUMENT", document)
     if enclave:
@@ -46,13 +54,14 @@ def _filled(remedy: str, finding: Finding) -> str:
     return remedy
 
 
-def _named(finding: Finding) -> tuple[str, str]:
-    """What DOCUMENT and ENCLAVE are in the remedy, empty where they stay."""
+def _named(finding: Finding) -> tuple[str, str, str]:
+    """What DOCUMENT, ENCLAVE and FILE are in the remedy, empty where they stay."""
     remedy, enclave = finding.remedy, finding.enclave or ""
     signed = (_SIGNED.fullmatch(place.path) for place in finding.locations)
     document = next((found[1] or found[2] for found in signed if found), "") if "DOCUMENT" in remedy else ""
     plain = "ENCLAVE" in remedy and _PLAIN.fullmatch(enclave) and not _OF_ALL.search(remedy)
-    return document, enclave if plain else ""
+    about = finding.locations[0].path if finding.locations and _FILE.search(remedy) else ""
+    return document, enclave if plain else "", about if _PATH.fullmatch(about) else ""
 
 
 class Remedies:
@@ -92,6 +101,6 @@ class Remedies:
 
 def _for(finding: Finding) -> str:
     """Whose names belong into what was given above for another."""
-    document, enclave = _named(finding)
-    name = f"enclaves/{document}" if document else enclave
+    document, enclave, file = _named(finding)
+    name = f"enclaves/{document}" if document else enclave or file
     return f", for {name}" if name else ""

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 from keystore_audit.findings import Severity
-from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.certificate import IN_DER, Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
@@ -28,6 +28,10 @@ RENEW_AUTHORITY: Final = (
     f"Renew an authority with its own key and name, in the keystore's root: {RENEW_CA}. If it is the permissions CA, "
     "also where one authority has both roles, sign governance and permissions again: signatures name the old "
     "certificate."
+)
+
+_WRITE_PEM: Final = (
+    "Write it in PEM, in the keystore's root: `openssl x509 -inform DER -in FILE -out new.pem && mv new.pem FILE`."
 )
 
 _ROLES: Final = {
@@ -94,11 +98,14 @@ def certificate_unreadable(use: CertificateUse, _context: Context) -> Iterator[V
     identity file whose first certificate can be read is none of these, since run times read no further.
     """
     if use.authority or not use.certificates.certificates:
+        found = list(of_kinds(use.certificates.defects, Kind.CERTIFICATE_UNREADABLE))
+        in_der = any(defect.detail.endswith(IN_DER) for defect in found)
         yield from defective(
-            of_kinds(use.certificates.defects, Kind.CERTIFICATE_UNREADABLE),
+            found,
             use.enclaves,
             "whose it is stays unknown.",
             undecided=True,
+            remedy=_WRITE_PEM if in_der else remedy(use),
         )
 
 
@@ -107,7 +114,7 @@ def certificate_unreadable(use: CertificateUse, _context: Context) -> Iterator[V
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.3.1; measured: of cert.pem every implementation reads the first certificate alone",
     remedy="Leave one certificate in the file, in that of an authority the one that issues or signs, and nothing else: "
-    "`openssl x509 -in FILE -out FILE.new` keeps the first.",
+    "`openssl x509 -in FILE -out new.pem`, in the keystore's root, writes the first.",
 )
 def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Iterator[Violation]:
     """The file holds more than one certificate.
@@ -135,10 +142,10 @@ def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Itera
             enclave=sole(use.enclaves),
             key=" ".join(["several", *(certificate.sha256 for certificate in certificates)]),
         )
-    extra = [*of_kinds(use.certificates.defects, Kind.CERTIFICATE_FILE_EXTRA)]
-    if certificates and not use.authority:
-        extra += of_kinds(use.certificates.defects, Kind.CERTIFICATE_UNREADABLE)
-    yield from defective(extra, use.enclaves, f"{differ}.")
+    if certificates:  # else something else stands in their place: certificate-unreadable
+        unread = () if use.authority else (Kind.CERTIFICATE_UNREADABLE,)
+        extra = of_kinds(use.certificates.defects, Kind.CERTIFICATE_FILE_EXTRA, *unread)
+        yield from defective(extra, use.enclaves, f"{differ}.")
 
 
 @rule(

@@ -114,13 +114,13 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
     "KA508",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
-    remedy="Where KA416 says that other enclaves carry another governance, begin there. Let governance and permissions "
-    f"name one domain, with ROS_DOMAIN_ID set as on the robot: {WRITE_AGAIN}",
+    remedy="Let both name one domain, that of ROS_DOMAIN_ID on the robots. If enclaves carry different governances "
+    f"(KA416), begin there. If the grant is wrong, {WRITE_AGAIN} If the governance is, set its <domains> {CORRECT}",
     applies=speaks,
     stops=True,
 )
 def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
-    """No allow rule of the enclave's grant names a domain that its governance covers: it can take part in none.
+    """No allow rule of the enclave's grant names a domain that its governance covers, so that it can take part in none.
 
     Fast DDS creates the participant all the same, and peers refuse its endpoints (measured).
     """
@@ -135,8 +135,8 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
         governed, allowed = governed_domains(file), allowed_domains(own)
         if allowed and not meet(governed, allowed):
             yield Violation(
-                message=f"The grant of {enclave.path} allows domain {describe(covered(allowed))}, its governance "
-                f"covers {describe(covered(governed))}: it can take part in none.",
+                message=f"{enclave.path} can take part in no domain: its grant allows "
+                f"{describe(covered(allowed))}, its governance covers {describe(covered(governed))}.",
                 locations=(
                     use.at(own.line),
                     Location(path=file.signed.file.place, line=file.governance.line, message="the governance"),

@@ -17,7 +17,7 @@ from cryptography.x509.oid import NameOID
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.certificate import IN_DER, Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.issuer import Issue, fit_to_sign, issued_by
 from keystore_audit.keystore.pem import MAX_BLOCKS
@@ -307,6 +307,22 @@ def test_what_else_stands_in_a_file(content: bytes, expected: list[Kind], subjec
     assert all(defect.path == "cert.pem" and defect.detail.startswith("expected") for defect in file.defects) or (
         Kind.CERTIFICATE_UNREADABLE in found
     )
+
+
+@pytest.mark.parametrize(
+    ("content", "instead"),
+    [
+        (b"\n", "nothing"),
+        (b"hello\n", "none"),
+        (LEAF.certificate.public_bytes(Encoding.DER), IN_DER),
+        (LEAF.certificate.public_bytes(Encoding.DER)[:-1], "none"),
+        (LEAF.pem.replace(b" CERTIFICATE", b" CERTIFICATE REQUEST"), "a block (CERTIFICATE REQUEST)"),
+        (LEAF.key_pem, "a private key (PRIVATE KEY)"),
+    ],
+)
+def test_what_stands_there_instead_of_a_certificate(content: bytes, instead: str) -> None:
+    (said,) = [each.detail for each in read(content).defects if each.kind is Kind.CERTIFICATE_UNREADABLE]
+    assert said == f"expected a PEM block CERTIFICATE, found {instead}"
 
 
 def test_a_private_key_in_the_file_is_named_and_never_shown() -> None:

@@ -68,6 +68,18 @@ def test_the_command_can_be_typed_as_it_stands(
     assert "create_permission KEYSTORE /talker policy.xml" in remedy
 
 
+@pytest.mark.parametrize(
+    ("path", "name"), [("enclaves/a-b/cert.pem", "enclaves/a-b/cert.pem"), ("x;y/cert.pem", "FILE"), ("-x", "FILE")]
+)
+def test_the_file_is_named_where_a_shell_reads_its_name_as_it_is(path: str, name: str) -> None:
+    assert f"`openssl x509 -in {name} -out new.pem`" in exact(about("KA202", path, None))
+    remedies = Remedies()
+    remedies.give(about("KA202", "public/ca.cert.pem", None))
+    assert remedies.give(about("KA202", path, None)).endswith("" if name == "FILE" else f", for {name}")
+    of_others = replace(about("KA741", path, None), remedy="`keystore-audit model --alloy-property FILE`")
+    assert exact(of_others) == of_others.remedy
+
+
 @pytest.mark.parametrize("enclave", ["/listener", "/arm/driver", "/a/b/c"])
 def test_a_link_leads_to_its_file_from_any_depth(enclave: str, tmp_path: Path) -> None:
     for name, target in (("governance.p7s", "enclaves"), ("identity_ca.cert.pem", "public")):

@@ -299,6 +299,19 @@ def test_an_enclave_that_was_renamed_gets_its_name_or_its_rights_back(stock: Pat
     assert codes(stock) == before | {"KA513"}
 
 
+@pytest.mark.parametrize("document", ["enclaves/governance", "enclaves/talker/permissions"])
+def test_the_document_that_names_the_wrong_domain_is_signed_again(document: str, stock: Path) -> None:
+    before = codes(stock)
+    unsigned = stock / f"{document}.xml"
+    right = unsigned.read_text()
+    (command,) = [each for each in commands("KA508") if each.count("governance") == document.count("governance") * 2]
+    for text, there in ((right.replace("<id>0</id>", "<id>7</id>"), True), (right, False)):
+        unsigned.write_text(text)
+        type_in(stock, command, {"ENCLAVE": "/talker"})
+        assert ("KA508" in codes(stock)) is there
+    assert codes(stock) == before
+
+
 def test_another_governance_gives_way_to_that_of_the_others(stock: Path) -> None:
     before = codes(stock)
     own = stock / "enclaves/talker/governance.p7s"
@@ -462,10 +475,20 @@ def test_copies_that_stand_for_each_other_are_exchanged_and_not_what_public_has(
         assert "`" not in each["remedy"], "public/ is as it ought to be"
 
 
-def test_an_identity_in_der_is_the_enclave_s_own(stock: Path) -> None:
-    own = stock / "enclaves/talker/cert.pem"
-    own.write_bytes(ssl.PEM_cert_to_DER_cert(own.read_text()))
-    assert codes(stock) & {"KA201", "KA668"} == {"KA201"}
+@pytest.mark.parametrize("name", ["enclaves/talker/cert.pem", "public/ca.cert.pem"])
+def test_a_certificate_in_der_is_written_in_pem(name: str, stock: Path) -> None:
+    """It is the enclave's own (KA668 says nothing), and nothing is issued or renewed for its form."""
+    before = codes(stock)
+    certificate = stock / name
+    certificate.write_bytes(ssl.PEM_cert_to_DER_cert(certificate.read_text()))
+    told = [each for each in found(stock) if each["code"] in ("KA201", "KA668")]
+    assert [each["code"] for each in told] == ["KA201"]
+    (command,) = typed(told[0]["remedy"])
+    type_in(stock, command, {"FILE": name})
+    assert codes(stock) == before
+    certificate.write_text("")
+    (empty,) = [each for each in found(stock) if each["code"] == "KA201"]
+    assert ("-key private/ROLE_ca.key.pem" in empty["remedy"]) is name.startswith("public/"), "an authority is renewed"
 
 
 def test_a_password_is_taken_off_where_the_key_is(stock: Path) -> None:
