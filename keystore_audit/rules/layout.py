@@ -7,37 +7,44 @@ from collections.abc import Iterator
 from itertools import zip_longest
 from typing import Final
 
+from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.rules.acceptance import FAST_DDS
-from keystore_audit.rules.commands import CREATE_ENCLAVE, MAKE_LAYOUT, SHOW_DOCUMENT, SIGN_DOCUMENT
+from keystore_audit.rules.commands import CREATE_ENCLAVE, DEEPER, MAKE_LAYOUT, SHOW_DOCUMENT, SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.missing_files import RUN_TIME_FILES, about, file_name, in_state
+from keystore_audit.rules.missing_files import RUN_TIME_FILES, about, file_name, in_state, link_of
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
 from keystore_audit.rules.wording import listed, paths, quoted, sole
 
 _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do anything"
 
+_BRING_IN: Final = (
+    "Audit the whole keystore, if this is one enclave of it; else copy the file into the keystore, or let the link end "
+    "within it."
+)
+
 
 @rule(
     "KA103",
     Severity.HIGH,
     clause=_UNREAD,
-    remedy="Audit the whole keystore, if this is one enclave of it; else copy the file into the keystore, or let the "
-    "link end within it.",
+    remedy=_BRING_IN,
 )
-def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def link_leaves_keystore(enclave: Enclave, context: Context) -> Iterator[Violation]:
     """A run-time file is a link out of the keystore.
 
     What it leads to is no part of what is audited and was not read; a robot reads it, so that the enclave may be able
     to do anything.
     """
     for file in in_state(enclave.files.for_run_time, Status.OUTSIDE):
-        yield about(enclave, file, f"{file_name(file)} {file.detail}.", undecided=True)
+        link = link_of(enclave, file) if context.keystore.layout.kind is LayoutKind.SROS2 else None
+        remedy = f"{_BRING_IN} sros2 has a link there, in the keystore's root: {link}, {DEEPER}." if link else None
+        yield replace(about(enclave, file, f"{file_name(file)} {file.detail}.", undecided=True), remedy=remedy)
 
 
 @rule(

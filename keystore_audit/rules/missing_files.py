@@ -33,10 +33,15 @@ def _link_again(link: str) -> str:
     return f"Restore the file, or make the link that sros2 has there, in the keystore's root: {link}, {DEEPER}."
 
 
+_LINKS: Final = {
+    Role.GOVERNANCE: LINK_GOVERNANCE,
+    Role.IDENTITY_CA: LINK_CA.replace("ROLE", "identity"),
+    Role.PERMISSIONS_CA: LINK_CA.replace("ROLE", "permissions"),
+}
+"""What sros2 makes instead of these files."""
+
 _FOR_WANT_OF: Final = {  # create_enclave would make it, and put permissions that allow everything over those there are
-    Role.GOVERNANCE: _link_again(LINK_GOVERNANCE),
-    Role.IDENTITY_CA: _link_again(LINK_CA.replace("ROLE", "identity")),
-    Role.PERMISSIONS_CA: _link_again(LINK_CA.replace("ROLE", "permissions")),
+    **{role: _link_again(link) for role, link in _LINKS.items()},
     Role.PERMISSIONS: f"Where permissions.xml is there, read it and sign it, in the keystore's root: "
     f"{SIGN_PERMISSIONS}. Else write a policy: {CREATE_PERMISSION}.",
     Role.CERTIFICATE: ISSUE_AGAIN,
@@ -68,6 +73,12 @@ def _how_to_make(enclave: Enclave, missing: File) -> str:
     if role is Role.GOVERNANCE and enclave.path == "/":  # what the others link to
         return f"Restore it, or sign governance.xml, in the keystore's root: {SIGN_GOVERNANCE}."
     return _FOR_WANT_OF[role] if there else _MAKE_AGAIN
+
+
+def link_of(enclave: Enclave, file: File) -> str | None:
+    """The command that makes the link which sros2 has in the file's place, where it has one."""
+    files = enclave.files.files
+    return next((link for role, link in _LINKS.items() if files[role].path == file.path and enclave.path != "/"), None)
 
 
 def in_state(files: Iterable[File], *statuses: Status) -> tuple[File, ...]:
@@ -123,6 +134,6 @@ def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """
     for file in in_state(_required(enclave), Status.DANGLING, Status.LOOP):
         message = f"{enclave.path} cannot start: {file_name(file)} is a link that leads nowhere ({file.detail})."
-        yield _absent(enclave, file, message)
+        yield replace(_absent(enclave, file, message), remedy=_how_to_make(enclave, file))
     for crl in in_state([enclave.files.files[Role.CRL]], Status.DANGLING, Status.LOOP):
         yield about(enclave, crl, f"{file_name(crl)} is a link that leads nowhere ({crl.detail}): nothing is revoked.")

@@ -134,17 +134,29 @@ def test_the_subject_is_printed_as_grants_have_it(stock: Path) -> None:
     assert "KA503" not in codes(stock)
 
 
-@pytest.mark.parametrize(("role", "name"), [("identity", "identity_ca.cert.pem"), ("permissions", "governance.p7s")])
-def test_a_dangling_link_is_made_again(role: str, name: str, stock: Path) -> None:
+@pytest.mark.parametrize("name", ["identity_ca.cert.pem", "permissions_ca.cert.pem", "governance.p7s"])
+@pytest.mark.parametrize(("target", "code"), [("../../gone", "KA102"), ("/etc/hostname", "KA103")])
+def test_a_link_that_leads_elsewhere_is_made_again(name: str, target: str, code: str, stock: Path) -> None:
     link = stock / "enclaves/talker" / name
-    meant = link.readlink()
+    meant, before = link.readlink(), codes(stock)
+    link.unlink()
+    link.symlink_to(target)
+    (said,) = [each for each in found(stock) if each["code"] == code]
+    (command,) = typed(said["remedy"])
+    type_in(stock, command, {"ENCLAVE": "/talker"})
+    assert link.readlink() == meant
+    assert codes(stock) == before
+
+
+def test_a_link_to_what_nobody_shares_is_made_a_file(stock: Path) -> None:
+    before = codes(stock)
+    link = stock / "enclaves/talker/permissions.p7s"
     link.unlink()
     link.symlink_to("../../gone")
-    assert "KA102" in codes(stock)
-    (command,) = [command for command in commands("KA102") if ("governance" in command) is ("governance" in name)]
-    type_in(stock, command, {"ENCLAVE": "/talker", "ROLE": role})
-    assert link.readlink() == meant
-    assert "KA102" not in codes(stock)
+    (said,) = [each for each in found(stock) if each["code"] == "KA102"]
+    (command,) = typed(said["remedy"])
+    type_in(stock, command, {"ENCLAVE": "/talker"})
+    assert codes(stock) == before
 
 
 def test_a_renewed_authority_goes_on_vouching(stock: Path) -> None:
