@@ -1,7 +1,7 @@
 """The findings of the report for people: by enclave, worst first, each defect's remedy in full where it comes first.
 
-What does not fail the gate and stands in many enclaves alike is shown of a few of them and counted of the rest; where
-it is the same but for the enclave's name, of one.
+What is the same in several enclaves, but for their names, is told of one and has the places of the others with it. What
+does not fail the gate and stands in many enclaves is shown of a few of them and counted of the rest.
 """
 
 from __future__ import annotations
@@ -54,26 +54,46 @@ def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
             rank = consequences.rank(finding), finding.code.startswith(OF_THE_AUDIT)
             groups.setdefault(finding.enclave, []).append((rank, finding))
     ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
+    also = _also(consequences, [finding for _, ranked in ordered for finding in _worst_first(ranked)])
     enough: Counter[str] = Counter()
-    said: set[tuple[str, Severity, tuple[str, ...], str, str]] = set()  # keys of one mode, copies of one document
     elsewhere: dict[tuple[str, str, Severity], list[str]] = {}
     remedies = Remedies()
     for enclave, ranked in ordered:
         findings = []
-        for _, finding in sorted(ranked, key=lambda entry: entry[0]):  # stable: else the report's order
+        for finding in _worst_first(ranked):
             minor = not (finding.fails(report.fail_on) or finding.severity.at_least(Severity.HIGH) or finding.undecided)
-            words = finding.code, finding.severity, finding.profiles, _of_any(finding), finding.remedy
-            known = enough[finding.code] >= MAX_EXAMPLES or words in said
-            if enclave and minor and known and not consequences.of(finding):
-                elsewhere.setdefault((finding.code, finding.name, finding.severity), []).append(enclave)
+            if finding.fingerprint not in also:
+                continue
+            if enclave and minor and enough[finding.code] >= MAX_EXAMPLES and not consequences.of(finding):
+                enclaves = [enclave, *(other.enclave or "" for other in also[finding.fingerprint])]
+                elsewhere.setdefault((finding.code, finding.name, finding.severity), []).extend(enclaves)
             else:
                 findings.append(finding)
-                said.add(words)
         enough.update({finding.code for finding in findings})
         if findings:
-            _group(page, enclave, findings, profiles, consequences, remedies)
+            _group(page, enclave, findings, profiles, consequences, remedies, also)
     _elsewhere(page, elsewhere)
     _suppressed(page, [finding for finding in shown if finding.suppressed is not None])
+
+
+def _worst_first(ranked: Sequence[_Ranked]) -> list[Finding]:
+    """Stable: else in the report's order."""
+    return [finding for _, finding in sorted(ranked, key=lambda entry: entry[0])]
+
+
+def _also(consequences: Consequences, findings: Iterable[Finding]) -> dict[str, list[Finding]]:
+    """By its fingerprint, each finding that is told, and those of enclaves that say the same of another enclave."""
+    also: dict[str, list[Finding]] = {}
+    told: dict[tuple[str, Severity, tuple[str, ...], str, str], str] = {}  # keys of one mode, copies of one document
+    for finding in findings:
+        words = finding.code, finding.severity, finding.profiles, _of_any(finding), finding.remedy
+        if finding.enclave and words in told and not consequences.of(finding):
+            also[told[words]].append(finding)
+        else:
+            also.setdefault(finding.fingerprint, [])
+            if finding.enclave:
+                told.setdefault(words, finding.fingerprint)
+    return also
 
 
 def _of_any(finding: Finding) -> str:
@@ -88,6 +108,7 @@ def _group(
     profiles: frozenset[str],
     consequences: Consequences,
     remedies: Remedies,
+    also: Mapping[str, Sequence[Finding]],
 ) -> None:
     """The findings about one enclave, or about the whole keystore."""
     page.blank()
@@ -99,7 +120,9 @@ def _group(
             continue
         page.blank()
         _finding(page, finding, profiles, example=consequences.is_example(finding))
-        _what_to_do(page, finding, remedies)
+        others = also[finding.fingerprint]
+        _of_others(page, others)
+        _what_to_do(page, finding, remedies, more=bool(others))
         _consequences(page, consequences.of(finding))
     for code, more in (told - Counter(dict.fromkeys(told, MAX_ALIKE))).items():
         page.blank()
@@ -122,11 +145,22 @@ def _finding(page: Page, finding: Finding, profiles: frozenset[str], *, example:
         page.labelled("under", ", ".join(finding.profiles), indent=4, column=12)
 
 
-def _what_to_do(page: Page, finding: Finding, remedies: Remedies) -> None:
+def _of_others(page: Page, findings: Sequence[Finding]) -> None:
+    """The enclaves of which the same is to be said, each with its first place."""
+    for number, finding in enumerate(findings[:MAX_PLACES]):
+        place = f"  ({finding.locations[0]})" if finding.locations else ""
+        page.labelled("also" if number == 0 else "", (finding.enclave or "", "bold"), (place, ""), indent=4, column=12)
+    if len(findings) > MAX_PLACES:
+        page.put(f"and {len(findings) - MAX_PLACES} more (all are in the JSON report)", indent=12)
+
+
+def _what_to_do(page: Page, finding: Finding, remedies: Remedies, *, more: bool) -> None:
     """Clause and remedy, in full where they come first: a keystore repeats a defect in many enclaves."""
     if not remedies.told(finding):
         page.labelled("clause", finding.clause, indent=4, column=12)
-    page.labelled("remedy", remedies.give(finding), indent=4, column=12)
+    remedy = remedies.give(finding)
+    likewise = f"{'' if remedy.endswith('.') else '.'} Likewise for the others." if more else ""
+    page.labelled("remedy", f"{remedy}{likewise}", indent=4, column=12)
 
 
 def _consequences(page: Page, consequences: Iterable[tuple[Finding, str]]) -> None:

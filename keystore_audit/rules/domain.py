@@ -135,7 +135,7 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
         governed, allowed = governed_domains(file), allowed_domains(own)
         if allowed and not meet(governed, allowed):
             yield Violation(
-                message=f"{enclave.path} can take part in no domain: its grant allows "
+                message=f"{enclave.path} can take part in no domain: its grant allows domain "
                 f"{describe(covered(allowed))}, its governance covers {describe(covered(governed))}.",
                 locations=(
                     use.at(own.line),

@@ -196,7 +196,9 @@ def test_a_thousand_findings_keep_their_order(make_report: MakeReport) -> None:
     report = make_report()
     finding: Finding = report.findings[2]
     high = replace(finding, severity=Severity.HIGH)  # of lesser ones the first are shown
-    many = tuple(replace(high, enclave=f"/e{n:04}", fingerprint=f"{n:064x}") for n in range(1000))
+    many = tuple(
+        replace(high, enclave=f"/e{n:04}", message=f"Number {n}.", fingerprint=f"{n:064x}") for n in range(1000)
+    )
     text = render(replace(report, findings=many))
     places = [text.index(f"\n/e{n:04}\n") for n in range(1000)]
     assert places == sorted(places)
@@ -223,17 +225,38 @@ def test_a_remedy_of_several_rules_is_given_in_full_once(make_report: MakeReport
     assert "    clause  Another clause.\n    remedy  as for KA205 above\n" in text
 
 
-def test_what_lesser_findings_say_to_the_word_is_said_once(make_report: MakeReport) -> None:
+@pytest.mark.parametrize("severity", [Severity.CRITICAL, Severity.LOW])
+def test_what_is_the_same_but_for_the_enclave_is_said_once(severity: Severity, make_report: MakeReport) -> None:
     report = make_report()
-    first = replace(report.findings[2], message="The same.", enclave="/a")
-    second = replace(first, enclave="/b", fingerprint="f" * 64)
-    once = render(replace(report, findings=(first, second)))
-    assert once.count("The same.") == once.count("One more of it, about /b.") == 1
-    high = tuple(replace(each, severity=Severity.HIGH) for each in (first, second))
-    for pair in ((first, replace(second, message="Something else.")), high):
-        both = render(replace(report, findings=pair))
-        assert sum(both.count(each) for each in {finding.message for finding in pair}) == 2
-        assert "One more of it" not in both
+    first = replace(report.findings[2], message="/e0 is the same.", enclave="/e0", severity=severity)
+    others = tuple(
+        replace(first, message=f"/e{n} is the same.", enclave=f"/e{n}", fingerprint=f"{n:064x}") for n in range(1, 9)
+    )
+    text = render(replace(report, findings=(first, *others)))
+    places = "".join(f"            /e{n}  ({first.locations[0]})\n" for n in range(2, 7))
+    also = f"    also    /e1  ({first.locations[0]})\n{places}            and 2 more (all are in the JSON report)\n"
+    assert also in text
+    assert (text.count(" is the same."), text.count("Likewise for the others.")) == (1, 1)
+    for other in (
+        replace(others[0], message="/e1 is another."),
+        replace(others[0], severity=Severity.MEDIUM),
+        replace(others[0], remedy="Something else."),
+        replace(others[0], profiles=("spec",)),
+        replace(others[0], enclave=None),
+    ):
+        both = render(replace(report, findings=(first, other)))
+        assert "    also " not in both
+        assert sum(both.count(message) for message in {first.message, other.message}) == 2
+
+
+def test_what_explains_a_property_is_told_of_each_enclave(make_report: MakeReport) -> None:
+    report = make_report()
+    cause = replace(report.findings[2], enclave="/a", message="The same.", severity=Severity.HIGH)
+    again = replace(cause, enclave="/b", fingerprint="f" * 64)
+    so = replace(report.findings[0], explained_by=(cause.fingerprint,), fingerprint="d" * 64)
+    so_too = replace(so, explained_by=(again.fingerprint,), fingerprint="e" * 64)
+    for consequences, told in ((), 1), ((so,), 1), ((so, so_too), 2):
+        assert render(replace(report, findings=(cause, again, *consequences))).count("The same.") == told
 
 
 @pytest.mark.parametrize(("more", "said"), [(1, "and 1 more place (all"), (2, "and 2 more places (all")])
