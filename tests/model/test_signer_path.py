@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -14,7 +15,8 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust.signer_path import path_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
 from tests.keystore.builder import END, START, Signed, authority, certificate
-from tests.oracles.vendors.recipes_signers import PAST, _ca
+from tests.oracles.vendors.recipe import Recipe
+from tests.oracles.vendors.recipes_signers import PAST, _ca, with_options
 
 USAGES = (
     *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
@@ -25,6 +27,15 @@ USAGE = x509.KeyUsage(*(name == "crl_sign" for name in USAGES))
 LATER = authority("p", start=START + timedelta(days=200), end=END + timedelta(days=200))
 IDLE = authority("p", key=SECOND.key, extensions=[(USAGE, True)])
 LEAF = certificate("/mallory", SECOND)
+NAMED = x509.AuthorityKeyIdentifier(
+    None, [x509.DirectoryName(FIRST.certificate.issuer)], FIRST.certificate.serial_number
+)
+CROSS = certificate("p", FIRST, ca=True, extensions=[(NAMED, False)])
+ENDLESS = [(x509.BasicConstraints(ca=True, path_length=None), True)]
+TOP = certificate("top", ca=None, extensions=ENDLESS)
+MIDDLE = certificate("middle", TOP, ca=None, extensions=ENDLESS)
+LOWER = certificate("lower", MIDDLE, ca=True)
+LOWEST = certificate("/mallory", LOWER)
 CASES = {
     "the second": (FIRST.pem + SECOND.pem, SECOND, True),
     "the first": (FIRST.pem + SECOND.pem, FIRST, False),
@@ -37,13 +48,25 @@ CASES = {
     "the second, which was there before": (LATER.pem + FIRST.pem, FIRST, True),
     "a leaf of the second, made later": (FIRST.pem + LATER.pem, certificate("/mallory", LATER), True),
     "the second, of another name": (OTHER.pem + SECOND.pem, SECOND, False),
+    "one that names another of its name as its issuer": (CROSS.pem + FIRST.pem, CROSS, False),
+    "one that names another of its name as its issuer, behind a third": (
+        CROSS.pem + SECOND.pem + FIRST.pem,
+        CROSS,
+        False,
+    ),
 }
+BETWEEN = {
+    "all in the file": (LOWER.pem + MIDDLE.pem + TOP.pem, (), False),
+    "all in the message": (TOP.pem, (LOWER, MIDDLE), False),
+    "the upper one in the file": (MIDDLE.pem + TOP.pem, (LOWER,), False),
+    "the lower one in the file": (LOWER.pem + TOP.pem, (MIDDLE,), True),
+}
+"""Authorities between a leaf that signs and the root, whether of the file or of the message."""
 
 
-def lost_to_us_and_openssl(authorities: bytes, signer: Signed, root: Path, *options: str) -> tuple[bool, bool]:
+def lost_to_us_and_openssl(recipe: Recipe, root: Path, *options: str) -> tuple[bool, bool]:
     """Whether no path is found for the signer, by us and by OpenSSL with these options."""
-    enclave = root / "enclaves/talker"
-    _ca("of the test", authorities, signer).build(enclave)
+    enclave = recipe.build(root / "enclaves/talker")
     read = read_keystore(root).enclaves[0]
     assert read.permissions is not None
     assert read.permissions_ca is not None
@@ -58,11 +81,22 @@ def lost_to_us_and_openssl(authorities: bytes, signer: Signed, root: Path, *opti
 
 @pytest.mark.parametrize(("authorities", "signer", "lost"), CASES.values(), ids=CASES.keys())
 def test_the_first_of_the_name_is_tried_alone(authorities: bytes, signer: Signed, lost: bool, tmp_path: Path) -> None:
-    assert lost_to_us_and_openssl(authorities, signer, tmp_path) == (lost, lost)
+    assert lost_to_us_and_openssl(_ca("of the test", authorities, signer), tmp_path) == (lost, lost)
 
 
 @pytest.mark.parametrize(("first", "lost"), [(OTHER, False), (FIRST, True)])
 def test_one_that_has_expired_is_found_in_its_place(first: Signed, lost: bool, tmp_path: Path) -> None:
     """That it has is refused for itself, and no reason to say that another stands there."""
-    found = lost_to_us_and_openssl(first.pem + EXPIRED.pem, EXPIRED, tmp_path, "-no_check_time")
-    assert found == (lost, lost)
+    recipe = _ca("of the test", first.pem + EXPIRED.pem, EXPIRED)
+    assert lost_to_us_and_openssl(recipe, tmp_path, "-no_check_time") == (lost, lost)
+
+
+@pytest.mark.parametrize(("authorities", "brought", "lost"), BETWEEN.values(), ids=BETWEEN.keys())
+def test_above_an_authority_of_the_file_the_message_is_not_looked_at(
+    authorities: bytes, brought: tuple[Signed, ...], lost: bool, tmp_path: Path
+) -> None:
+    along = tmp_path / "along.pem"
+    along.write_bytes(b"".join(each.pem for each in brought))
+    options = ("smime", "-text", *(("-certfile", str(along)) if brought else ()))
+    signed = replace(_ca("of the test", authorities, LOWEST), sign_permissions=with_options(options, LOWEST))
+    assert lost_to_us_and_openssl(signed, tmp_path / "keystore") == (lost, lost)

@@ -72,22 +72,25 @@ def _path_refusal(
 def _arrives(
     signer: Certificate, read: Sequence[Certificate], embedded: Sequence[Certificate], at: datetime | None
 ) -> bool:
-    pending, seen = [signer], {signer}
+    pending, seen = [(signer, False)], {signer}
     while pending:
-        below = pending.pop()
+        below, trusted = pending.pop()
         if names_itself(below):
-            if _is_found(below, read, at):
+            if trusted or _is_found(below, read, at):
                 return True
             continue
-        for above in issuers_taken(below, read, at) or issuers_taken(below, embedded, at):
+        # Above one of the CA file the message is not looked at any more.
+        found = issuers_taken(below, read, at)
+        taken = found if found or trusted else issuers_taken(below, embedded, at)
+        for above in taken:
             if above not in seen and may_have_issued(above, below) and is_authority(above) and lets_sign(above):
                 seen.add(above)
-                pending.append(above)
+                pending.append((above, bool(found)))
     return False
 
 
 def _is_found(root: Certificate, read: Sequence[Certificate], at: datetime | None) -> bool:
-    """Whether a self-signed certificate is the one of the CA file that OpenSSL finds in its place."""
+    """Whether a self-signed certificate of the message is the one of the CA file that OpenSSL finds in its place."""
     taken = next((each for each in read if each.sha256 == root.sha256 or _hides(each, root, at)), None)
     return taken is not None and taken.sha256 == root.sha256
 
