@@ -38,10 +38,12 @@ def for_layout(remedy: str, kind: LayoutKind, places: Iterable[str] = (), *, cop
 def signing(document: str) -> str:
     """The command that signs a document, which is named without its ending.
 
-    Where the key is missing, belongs to another certificate or has a password, openssl leaves an empty file.
+    Where the key is missing, belongs to another certificate or has a password, openssl leaves an empty file. A link
+    called like it would be followed, to whatever file of the user it leads, with what the document says.
     """
     return (
-        f"`openssl smime -sign -text -in {document}.xml -out signed.new -signer public/permissions_ca.cert.pem "
+        f"`rm -f signed.new && openssl smime -sign -text -in {document}.xml -out signed.new "
+        "-signer public/permissions_ca.cert.pem "
         f"-inkey private/permissions_ca.key.pem && mv signed.new {document}.p7s`"
     )
 
@@ -67,7 +69,8 @@ UNREVIEWED: Final = "This signs whatever the .xml files say: read first those th
 def _making(role: str) -> str:
     """The commands that make an authority of this role with a new key."""
     return (
-        "`openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -sha256 -days 3650 "
+        "`rm -f private/new.key.pem public/new.cert.pem && "
+        "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -sha256 -days 3650 "
         f"-subj /CN={role}CA -keyout private/new.key.pem -out public/new.cert.pem`, "
         f"`mv private/new.key.pem private/{role}_ca.key.pem`, `mv public/new.cert.pem public/{role}_ca.cert.pem`"
     )

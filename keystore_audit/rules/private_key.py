@@ -301,8 +301,8 @@ def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Viol
     "KA211",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.password); measured: ROS 2 passes none",
-    remedy="Take the password off, in the enclave's folder: `openssl pkey -in key.pem -out new.pem && "
-    "mv new.pem key.pem`, `chmod 600 key.pem`.",
+    remedy="Take the password off, in the enclave's folder: `rm -f new.pem && openssl pkey -in key.pem "
+    "-out new.pem && mv new.pem key.pem`, `chmod 600 key.pem`.",
     applies=lambda enclave, _context: enclave.key is not None,
     stops=True,
 )

@@ -42,7 +42,7 @@ def about(code: str, path: str, enclave: str | None) -> Finding:
 
 def commands(remedy: str) -> list[str]:
     """Those of openssl."""
-    return [each for each in remedy.split("`")[1::2] if each.startswith("openssl")]
+    return [each for each in remedy.split("`")[1::2] if "openssl " in each]
 
 
 @pytest.mark.parametrize(
@@ -138,7 +138,9 @@ def test_a_command_of_a_longer_remedy_is_found_there() -> None:
     remedies = Remedies()
     remedies.give(about("KA222", "public/ca.cert.pem", None))
     said = remedies.give(about("KA408", "enclaves/governance.p7s", None))
-    assert said.endswith('as for KA222 above ("openssl smime -sign -text -in enclaves/governance.xml …").')
+    assert said.endswith(
+        'as for KA222 above ("rm -f signed.new && openssl smime -sign -text -in enclaves/governance.xml …").'
+    )
     short = replace(about("KA408", "enclaves/governance.p7s", None), remedy="Run `chmod 600`.")
     assert [Remedies().give(short), remedies.give(short)] == ["Run `chmod 600`."] * 2
 
@@ -150,7 +152,9 @@ def test_the_words_that_it_begins_with_stand_above() -> None:
     signing = f"`{commands(BY_CODE['KA508'].remedy)[0]}`"
     signed = replace(about("KA510", "enclaves/listener/permissions.p7s", "/listener"), remedy=f"Sign it: {signing}.")
     said = remedies.give(signed)
-    assert said.endswith('("openssl smime -sign -text -in enclaves/talker/permissions.xml …"), for /listener.')
+    assert said.endswith(
+        '("rm -f signed.new && openssl smime -sign -text -in enclaves/talker/permissions.xml …"), for /listener.'
+    )
     assert said.split('"')[1].removesuffix(" …") in above
 
 

@@ -7,7 +7,7 @@ import re
 import shutil
 import ssl
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from tools.samples.store import copy_with_modes
 
 STOCK = "stock/talker_listener"
 ENCLAVES = ("/listener", "/talker")
-TYPED = re.compile(r"(openssl|mkdir|mv|ln|touch|printf) ")
+TYPED = re.compile(r"(openssl|mkdir|mv|ln|touch|printf|rm) ")
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ AGAIN = re.compile("ign (it|the document|the governance) again")
 
 @pytest.mark.parametrize("code", [rule.code for rule in RULES if AGAIN.search(rule.remedy)])
 def test_whoever_is_to_sign_again_is_told_by_which_command(code: str) -> None:
-    assert [each for each in commands(code) if each.startswith("openssl smime -sign -text ")]
+    assert [each for each in commands(code) if each.startswith("rm -f signed.new && openssl smime -sign -text ")]
 
 
 @pytest.mark.parametrize("code", ["KA213", "KA214", "KA229"])
@@ -417,6 +417,26 @@ def test_what_cannot_be_signed_stays_what_it_was(stock: Path, key: bytes | None)
     (sign_it,) = commands("KA408")
     assert subprocess.run(["sh", "-c", sign_it], cwd=stock, capture_output=True, check=False, timeout=60).returncode
     assert document.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("code", "folder", "names"),
+    [
+        ("KA408", "", ("signed.new",)),
+        ("KA222", "", ("signed.new", "private/new.key.pem", "public/new.cert.pem")),
+        ("KA211", "enclaves/talker", ("new.pem",)),
+    ],
+)
+def test_what_is_written_first_follows_no_link(code: str, folder: str, names: Sequence[str], stock: Path) -> None:
+    """A keystore of somebody else may hold one, to a file that runs what the document says, or that others read."""
+    mine = stock.with_name("mine")
+    mine.write_text("mine")
+    for name in names:
+        (stock / folder / name).symlink_to(mine)
+    for command in commands(code):
+        type_in(stock / folder, command, {"ENCLAVE": "/talker"})
+    assert mine.read_text() == "mine"
+    assert not [path for path in stock.rglob("*") if path.is_symlink() and path.resolve() == mine]
 
 
 def test_where_enclaves_have_copies_what_is_signed_again_has_to_get_there(stock: Path, tmp_path: Path) -> None:
