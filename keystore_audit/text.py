@@ -20,6 +20,9 @@ from typing import Final
 MAX_COMMENT_LENGTH: Final = 200
 """Characters of one name in an Alloy comment: enough for a path and a subject, and a model stays readable."""
 
+PLAIN_PATH: Final = re.compile(r"\w[\w.-]*(?:/\w[\w.-]*)*", re.ASCII)
+"""Paths in which no shell reads anything otherwise, and no program an option: those may stand in commands."""
+
 _HIDDEN_RANGES: Final = (
     # Code points that a reader cannot see or that change how the rest is shown. Fixed here, not asked of
     # `unicodedata`, whose answer changes with the Python version: same keystore, same report.

@@ -6,12 +6,10 @@ import re
 from typing import Final
 
 from keystore_audit.findings import Finding
+from keystore_audit.text import PLAIN_PATH
 
 _PLAIN: Final = re.compile(r"(?:/\w+)+", re.ASCII)
 """Enclaves as ROS names them: nothing in them that a shell would read otherwise."""
-
-_PATH: Final = re.compile(r"\w[\w.-]*(?:/\w[\w.-]*)*", re.ASCII)
-"""Files as ROS and openssl's users name them."""
 
 _FILE: Final = re.compile(r"(?<=-in )FILE\b|(?<=new\.pem )FILE\b")
 """In commands of openssl; others speak of files that the finding is not about."""
@@ -61,7 +59,7 @@ def _named(finding: Finding) -> tuple[str, str, str]:
     document = next((found[1] or found[2] for found in signed if found), "") if "DOCUMENT" in remedy else ""
     plain = "ENCLAVE" in remedy and _PLAIN.fullmatch(enclave) and not _OF_ALL.search(remedy)
     about = finding.locations[0].path if finding.locations and _FILE.search(remedy) else ""
-    return document, enclave if plain else "", about if _PATH.fullmatch(about) else ""
+    return document, enclave if plain else "", about if PLAIN_PATH.fullmatch(about) else ""
 
 
 class Remedies:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.participants.sight import REQUIRED
 from keystore_audit.rules.certificate import ISSUE_AGAIN
@@ -23,6 +23,7 @@ from keystore_audit.rules.commands import (
 )
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.text import PLAIN_PATH
 
 RUN_TIME_FILES: Final = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
 
@@ -79,6 +80,26 @@ def link_of(enclave: Enclave, file: File) -> str | None:
     """The command that makes the link which sros2 has in the file's place, where it has one."""
     files = enclave.files.files
     return next((link for role, link in _LINKS.items() if files[role].path == file.path and enclave.path != "/"), None)
+
+
+def renaming(keystore: Keystore) -> Callable[[str, Role], str]:
+    """What to do first with a file that lies in the folder of an enclave and may be what it lacks in this role:
+    `talker.crt`, `Cert.pem`, `permission.p7s`. Nothing where the enclave lacks nothing, or a shell would read the name
+    otherwise.
+    """
+    enclaves = {enclave.files.directory: enclave for enclave in keystore.enclaves}
+
+    def remedy(path: str, role: Role) -> str:
+        enclave = enclaves.get(path.rpartition("/")[0] or ".")
+        if enclave is None or enclave.files.files[role].status is not Status.MISSING or not PLAIN_PATH.fullmatch(path):
+            return ""
+        wanted = enclave.files.files[role].path
+        return (
+            f"If it is the {wanted.rpartition('/')[2]} that {enclave.path} lacks (KA101), give it that name, in the "
+            f"keystore's root: `mv {path} {wanted}`. Else: "
+        )
+
+    return remedy
 
 
 def in_state(files: Iterable[File], *statuses: Status) -> tuple[File, ...]:

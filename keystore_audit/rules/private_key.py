@@ -23,6 +23,7 @@ from keystore_audit.rules.commands import (
     UNREVIEWED,
 )
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.missing_files import renaming
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import defective, listed, located, of_kinds, quoted
 
@@ -126,12 +127,17 @@ def _keys_of(enclave: Enclave) -> Iterator[tuple[str | None, int | None]]:
         yield from lines.items()
 
 
+_TAKE_OUT: Final = (
+    "Take the key out of the file, make a new one where it belongs, and issue and sign again what it issued and "
+    "signed: whoever had the file has the key."
+)
+
+
 @rule(
     "KA118",
     Severity.CRITICAL,
     clause="ROS 2 design, ROS 2 security enclaves (a private key belongs to one enclave or to private/); CWE-522",
-    remedy="Take the key out of the file, make a new one where it belongs, and issue and sign again what it issued and "
-    "signed: whoever had the file has the key.",
+    remedy=_TAKE_OUT,
 )
 def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A private key stands in a file that enclaves carry or that lies beside them, and is not an enclave's key.pem.
@@ -146,15 +152,18 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     """
     holders = _holders(keystore)
     held = {key.file.place: key for key in (*keystore.authority_keys, *keystore.further_keys)}
+    rename = renaming(keystore)
     for file in _keys_on_robots(keystore, context):
         key = held.get(file.place)
+        own = rename(file.place, Role.KEY)
+        anew = _authority_anew(key, keystore) if key else None
         whose = _whose(key, holders) if key else ""
         yield Violation(
             message=f"A private key is in {file.place}, which goes on robots{whose}.",
             locations=(Location(path=file.place),),
             undecided=file.sha256 is None,  # which key it is: nobody accepts one and gets another
             key=f"{file.place} {file.sha256}{whose}",
-            remedy=_authority_anew(key, keystore) if key else None,
+            remedy=f"{own}{_TAKE_OUT}" if own and anew is None else anew,
         )
     for enclave in keystore.enclaves:
         if enclave.key is not None:

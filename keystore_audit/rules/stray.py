@@ -23,6 +23,7 @@ from keystore_audit.model.inventory import (
 from keystore_audit.model.participants.stray_identity import Admitted, admitted
 from keystore_audit.model.trust.verdicts import Acceptance, envelope
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.missing_files import renaming
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.signature import SIGN_AGAIN
 from keystore_audit.rules.subjects import stray_uses
@@ -41,6 +42,11 @@ _FIND_OUT: Final = (
     "Find out what it holds (`openssl pkcs12 -in FILE -nokeys`, `openssl pkey -in FILE -pubout`), and take it out of "
     "the keystore. If it is the identity of a robot, whoever has a copy goes on being that participant: revoke its "
     "certificate, or let no grant name its subject."
+)
+
+_NEEDED_OR_NOT: Final = (
+    "If a robot needs it, move its folder below enclaves/, so that it is audited with the others. If not, delete the "
+    "key, and revoke the certificate or let no grant name its subject: whoever has a copy of both is this participant."
 )
 
 _CRASHES: Final = (Kind.EMPTY_TOPIC, Kind.RULE_WITHOUT_DOMAINS, Kind.EMPTY_ELEMENT)
@@ -90,6 +96,8 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
         first, surplus = wider[0], wider[0].surplus
         right = f"{VERBS[surplus.operation]} {quoted(surplus.topic)} in {surplus.domains}" if surplus else ""
         profiles = {name for grant in wider for name in grant.profiles}
+        one = len({grant.document for grant in wider}) == 1
+        rename = renaming(keystore)(first.document, Role.PERMISSIONS) if one else ""
         yield Violation(
             message=f"{first.document} is validly signed and in force, and lets {first.enclave} {right}, which its own "
             f"permissions do not: peers take it{more_like(wider)}.",
@@ -104,6 +112,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
             ),
             # A right that is taken out of the enclaves' own grants is one more that a stray document gives.
             against=places(place for grant in wider for place in grant.against),
+            remedy=f"{rename}{_REVOKE}" if rename else None,
         )
     known = {grant.document for grant in wider}
     equal = [grant for grant in granting if grant.document not in known]
@@ -223,9 +232,7 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1.3 (whoever has the key of a certificate that the identity CA issued is a "
     "participant, with what grants give its subject)",
-    remedy="If a robot needs it, move its folder below enclaves/, so that it is audited with the others. If not, "
-    "delete the key, and revoke the certificate or let no grant name its subject: whoever has a copy of both is this "
-    "participant.",
+    remedy=_NEEDED_OR_NOT,
     applies=lambda keystore, _context: bool(
         keystore.identities.found or keystore.identities.possible or keystore.identities.unread
     ),
@@ -258,7 +265,8 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
         alike = [each for each in found if (each.enclave is not None) is same]
         if alike:
             certificates = [each.certificate for each in alike]
-            yield _started(alike, Taken(keystore, certificates, context.at).told(certificates))
+            rename = renaming(keystore)(certificates[0].path, Role.CERTIFICATE) if len(alike) == 1 else ""
+            yield _started(alike, Taken(keystore, certificates, context.at).told(certificates), rename)
     yield from _perhaps_started(admitted(keystore, identities.possible, context.profiles, context.at))
     unread = identities.unread
     if unread:
@@ -272,7 +280,7 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
         )
 
 
-def _started(found: Sequence[Admitted], taken: str) -> Violation:
+def _started(found: Sequence[Admitted], taken: str, rename: str) -> Violation:
     """Identities with their keys, all of which share their subjects with enclaves, or none. `taken`: by whom."""
     first = found[0]
     same = first.enclave is not None
@@ -283,6 +291,7 @@ def _started(found: Sequence[Admitted], taken: str) -> Violation:
         locations=places(place for each in found for place in _identity_at(each)),
         severity=Severity.MEDIUM if same else None,
         key=f"{'same' if same else 'other'} subject\n{taken}",
+        remedy=f"{rename}{_NEEDED_OR_NOT}" if rename else None,
     )
 
 

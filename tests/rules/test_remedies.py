@@ -507,6 +507,32 @@ def test_copies_that_stand_for_each_other_are_exchanged_and_not_what_public_has(
         assert "`" not in each["remedy"], "public/ is as it ought to be"
 
 
+@pytest.mark.parametrize(
+    ("name", "other", "code"),
+    [
+        ("cert.pem", "Cert.pem", "KA668"),
+        ("cert.pem", "talker.crt", "KA668"),
+        ("key.pem", "talker.key", "KA118"),
+        ("permissions.p7s", "permission.p7s", "KA660"),
+        ("key.pem", "talker key", None),
+    ],
+)
+def test_a_file_of_another_name_gets_that_under_which_it_is_looked_for(
+    name: str, other: str, code: str | None, stock: Path
+) -> None:
+    before = codes(stock)
+    folder = stock / "enclaves/talker"
+    (folder / name).rename(folder / other)
+    said = [(each["code"], typed(each["remedy"])) for each in found(stock) if "(KA101), give it" in each["remedy"]]
+    assert [each for each, _commands in said] == ([] if code is None else [code]), "or a shell would read two names"
+    for _code, (rename, *_others) in said:
+        type_in(stock, rename)
+        assert codes(stock) == before
+    if code is not None:  # the enclave lacks nothing now
+        shutil.copy(folder / name, folder / other)
+        assert not [each for each in found(stock) if "(KA101), give it" in each["remedy"]]
+
+
 @pytest.mark.parametrize("name", ["enclaves/talker/cert.pem", "public/ca.cert.pem"])
 def test_a_certificate_in_der_is_written_in_pem(name: str, stock: Path) -> None:
     """It is the enclave's own (KA668 says nothing), and nothing is issued or renewed for its form."""
