@@ -51,6 +51,7 @@ VALUES = {
     "text that is no UTF-8": tlv(0x0C, b"\xff\xfe"),
     "sequence of no elements": tlv(0x30, b"anything"),
     "octets with a context tag": tlv(0x85, b"anything"),
+    "bit string with unused bits": tlv(3, b"\x03\xa8"),
     # OpenSSL refuses them, or hashes other bytes:
     "constructed time": tlv(0x37, tlv(0x17, b"240101000000Z")),
     "constructed octets": tlv(0x24, tlv(4, b"x")),
@@ -61,6 +62,7 @@ VALUES = {
     "NULL with content": tlv(5, b"x"),
     "malformed identifier": tlv(6, b"\x80\x01"),
     "bit string of nothing": tlv(3),
+    "bit string with unused bits that are set": tlv(3, b"\x03\xac"),
     "BMPString of three bytes": tlv(0x1E, b"abc"),
     "primitive sequence": tlv(0x10, b"ab"),
 }
