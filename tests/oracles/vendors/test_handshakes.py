@@ -5,6 +5,7 @@ Keys of some kinds sign nothing in it, and permissions may be too large for its 
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -65,10 +66,23 @@ def _meet(vendor: Pairs, enclave: Enclave, directory: Path) -> bool | None:
     return None if meeting.sides[1] is None else meeting.met
 
 
+@pytest.fixture(scope="module")
+def heard(vendors: dict[str, Pairs], tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, str], bool | None]:
+    """By vendor and title; all meet at once, since they mostly wait."""
+    asked = [(name, title, tmp_path_factory.mktemp("k")) for name in vendors for title in ENCLAVES]
+    with ThreadPoolExecutor(10) as pool:
+        answers = pool.map(lambda each: _meet(vendors[each[0]], ENCLAVES[each[1]], each[2]), asked)
+        return {(name, title): answer for (name, title, _place), answer in zip(asked, answers, strict=True)}
+
+
 @pytest.mark.parametrize("title", ENCLAVES)
 @pytest.mark.parametrize("name", ["cyclone", "fastdds"])
-def test_whoever_starts_talks_as_we_say(name: str, title: str, vendors: dict[str, Pairs], tmp_path: Path) -> None:
-    heard = _meet(vendors[name], ENCLAVES[title], tmp_path / "k")
-    enclave = next(each for each in read_keystore(tmp_path / "k").enclaves if each.path == "/second")
-    assert heard in (None, talks(enclave, VARIANTS[PROFILES[name]].local))
+def test_whoever_starts_talks_as_we_say(
+    name: str, title: str, heard: dict[tuple[str, str], bool | None], vendors: dict[str, Pairs], tmp_path: Path
+) -> None:
+    ENCLAVES[title].write(tmp_path / "enclaves/second")
+    (enclave,) = read_keystore(tmp_path).enclaves
+    expected = (None, talks(enclave, VARIANTS[PROFILES[name]].local))
+    # That nothing was heard may be a busy machine.
+    assert heard[name, title] in expected or _meet(vendors[name], ENCLAVES[title], tmp_path / "again") in expected
     assert (sent(enclave) > 62_000) is ("to send" in title)
