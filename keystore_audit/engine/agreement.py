@@ -127,7 +127,6 @@ def _as_property(claim: Claim | Determinism, attacker: str) -> Property:
         statement=claim.statement,
         attacker=attacker,
         clause=f"asserted in {claim.location.path}",
-        assertion="",
         roles=(),
     )
 

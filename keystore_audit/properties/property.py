@@ -30,17 +30,20 @@ class Role(str, Enum):
 class Property:
     """One question.
 
-    `id` is also the name of its KA7 rule; `assertion` its name in `alloy/properties.als`; `roles` the
-    quantified variables of that assertion, outermost first; `attacker` who is meant to fail; `clause` what it
-    rests on.
+    `id` is also the name of its KA7 rule; `roles` the quantified variables of its assertion, outermost first;
+    `attacker` who is meant to fail; `clause` what it rests on.
     """
 
     id: str
     statement: str
     attacker: str
     clause: str
-    assertion: str
     roles: tuple[Role, ...]
+
+    @property
+    def assertion(self) -> str:
+        """The same name in `alloy/properties.als`."""
+        return "".join(word.capitalize() for word in self.id.split("-"))
 
 
 class Status(str, Enum):

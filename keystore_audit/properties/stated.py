@@ -11,7 +11,6 @@ ONLY_AUTHENTICATED_JOIN = Property(
     statement="Only participants that the identity CA vouches for join a domain.",
     attacker="unauthenticated participant",
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants)",
-    assertion="OnlyAuthenticatedParticipantsJoin",
     roles=(Role.REALM, Role.DOMAIN),
 )
 
@@ -20,7 +19,6 @@ IDENTITIES_CHAIN = Property(
     statement="Every enclave's identity certificate is vouched for by its identity CA, in force and not revoked.",
     attacker="impostor",
     clause="DDS-Security 1.1, 9.3.2.1; RFC 5280, 6.1",
-    assertion="IdentitiesChainToTheIdentityCa",
     roles=(Role.ENCLAVE,),
 )
 
@@ -29,7 +27,6 @@ DOCUMENTS_SIGNED = Property(
     statement="Every governance and permissions document is signed by the permissions CA itself.",
     attacker="compromised enclave",
     clause="DDS-Security 1.1, 9.4.1.1",
-    assertion="DocumentsSignedByThePermissionsCa",
     roles=(Role.ENCLAVE, Role.DOCUMENT),
 )
 
@@ -38,7 +35,6 @@ NO_SHARED_IDENTITY = Property(
     statement="No identity key serves two enclaves.",
     attacker="compromised enclave",
     clause="DDS-Security 1.1, 9.3.1.1",
-    assertion="NoIdentityServesTwoEnclaves",
     roles=(Role.ENCLAVE, Role.OTHER),
 )
 
@@ -47,7 +43,6 @@ NO_SELF_GRANTED_RIGHTS = Property(
     statement="No enclave can sign a permissions document that its peers accept.",
     attacker="compromised enclave",
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
-    assertion="NoEnclaveGrantsItselfRights",
     roles=(Role.REALM, Role.ENCLAVE),
 )
 
@@ -56,7 +51,6 @@ ONE_CA_FOR_ONE_ROLE = Property(
     statement="No key serves as identity CA and as permissions CA.",
     attacker="compromised enclave",
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1.1; CVE-2023-24010",
-    assertion="OneCaForOneRole",
     roles=(Role.REALM, Role.CERTIFICATE, Role.OTHER_CERTIFICATE),
 )
 
@@ -65,7 +59,6 @@ NO_SHARED_SUBJECT = Property(
     statement="No grant names the identities of two enclaves.",
     attacker="compromised enclave",
     clause="DDS-Security 1.1, 9.4.1.3.2.1 (subject_name)",
-    assertion="NoSubjectServesTwoEnclaves",
     roles=(Role.ENCLAVE, Role.OTHER),
 )
 
@@ -76,7 +69,6 @@ OUTSIDERS_CANNOT_READ = Property(
     statement="No payload is readable without a key of this keystore.",
     attacker="passive outsider",
     clause="DDS-Security 1.1, 9.4.1.2.5.5 and 9.4.1.2.6 (metadata and data protection kinds)",
-    assertion="OutsidersCannotRead",
     roles=(Role.REALM, Role.CHANNEL),
 )
 
@@ -85,7 +77,6 @@ OUTSIDERS_CANNOT_LEARN_NAMES = Property(
     statement="No topic name is readable in discovery without a key of this keystore.",
     attacker="passive outsider",
     clause="DDS-Security 1.1, 9.4.1.2.5.3 and 9.4.1.2.6.2 (discovery protection)",
-    assertion="OutsidersCannotLearnNames",
     roles=(Role.REALM, Role.CHANNEL),
 )
 
@@ -94,7 +85,6 @@ OUTSIDERS_CANNOT_INJECT = Property(
     statement="No reader takes a sample that was made without a key of this keystore.",
     attacker="active outsider",
     clause="DDS-Security 1.1, 9.4.1.2.5.5 and 9.4.1.2.6 (rtps, metadata and data protection kinds)",
-    assertion="OutsidersCannotInject",
     roles=(Role.REALM, Role.CHANNEL),
 )
 
@@ -103,7 +93,6 @@ OUTSIDERS_CANNOT_REPLAY = Property(
     statement="No reader takes a recorded sample for a new one, nor a HEARTBEAT or GAP made without a key.",
     attacker="active outsider",
     clause="DDS-Security 1.1, 9.5.3.3 and 9.4.1.2.6 (rtps and metadata protection kinds)",
-    assertion="OutsidersCannotReplay",
     roles=(Role.REALM, Role.CHANNEL),
 )
 
@@ -112,7 +101,6 @@ OUTSIDERS_CANNOT_FORGE_LIVELINESS = Property(
     statement="Nobody without a key of this keystore can assert that a writer is alive.",
     attacker="active outsider",
     clause="DDS-Security 1.1, 9.4.1.2.5.4 and 9.4.1.2.6.3 (liveliness protection)",
-    assertion="OutsidersCannotForgeLiveliness",
     roles=(Role.REALM, Role.CHANNEL),
 )
 
@@ -123,7 +111,6 @@ GRANTS_ARE_ENFORCED = Property(
     statement="Wherever a permissions document grants something, the governance makes peers ask for the grant.",
     attacker="insider without a grant",
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.2.6 (join, read and write access control)",
-    assertion="GrantsAreEnforced",
     roles=(Role.REALM, Role.CHANNEL),
 )
 
@@ -135,7 +122,6 @@ NOBODY_WRITES_WITHOUT_A_GRANT = Property(
     ),
     attacker="insider without a grant",
     clause="DDS-Security 1.1, 8.4.2.9 (check_remote_datawriter) and 9.5.3.3",
-    assertion="NobodyWritesWithoutAGrant",
     roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
 )
 
@@ -144,7 +130,6 @@ NOBODY_READS_WITHOUT_A_GRANT = Property(
     statement="No enclave reads a topic for which the permissions CA gave it no subscribe grant.",
     attacker="insider without a grant",
     clause="DDS-Security 1.1, 8.4.2.9 (check_remote_datareader) and 9.5.3.3",
-    assertion="NobodyReadsWithoutAGrant",
     roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
 )
 
@@ -153,7 +138,6 @@ READERS_CANNOT_FORGE = Property(
     statement="No enclave that may only subscribe to a topic can pass for a publisher of it.",
     attacker="insider reader",
     clause="DDS-Security 1.1, 9.5.3.3 (origin authentication)",
-    assertion="ReadersCannotForge",
     roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
 )
 
@@ -162,7 +146,6 @@ RELAYS_CANNOT_READ = Property(
     statement="No enclave that may only relay a topic can read its payload.",
     attacker="insider relay",
     clause="DDS-Security 1.1, 9.5.2.1.2 and 9.4.1.2.6 (data protection kind)",
-    assertion="RelaysCannotRead",
     roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
 )
 
@@ -173,7 +156,6 @@ NO_BRIDGES = Property(
     statement="No enclave can read in one domain and write in another that the documents tell apart from it.",
     attacker="compromised enclave",
     clause="DDS-Security 1.1, 9.4.1.2.3 and 9.4.1.3.2.3 (domains of rules)",
-    assertion="NoEnclaveBridgesDomains",
     roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL, Role.OTHER_CHANNEL),
 )
 

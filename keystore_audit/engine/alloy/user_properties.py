@@ -183,7 +183,6 @@ def _result(
             statement=asked.statement,
             attacker="as the file says",
             clause=f"asserted in {asked.location.path}",
-            assertion=asked.name,
             roles=(),
         ),
         profiles=by_profile,
