@@ -13,6 +13,7 @@ from itertools import islice
 from keystore_audit.aside import Aside
 from keystore_audit.engine.native_identities import shared_identities, shared_subjects
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal import outsiders
 from keystore_audit.model.formal.attacker import Abilities, RealmView, realm_views
 from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.formal.flow import Flows
@@ -105,7 +106,7 @@ class _Questions:
         self._decisions = decisions
         self._permissions = Permissions(system, moment, decisions)
         self._realms = realm_views(system, self._permissions)
-        self._used = [(realm, self._realms[realm]) for realm in system.realms_of_enclaves()]
+        self.used = [(realm, self._realms[realm]) for realm in system.realms_of_enclaves()]
 
     def answers(self) -> dict[str, Answer]:
         return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims() | self.determinism()
@@ -139,7 +140,7 @@ class _Questions:
 
     def unauthenticated_joins(self) -> Iterator[Witness]:
         """Domains that an unauthenticated participant can join."""
-        for realm, view in self._used:
+        for realm, view in self.used:
             for domain in members(view.protection.unauthenticated):
                 yield {Role.REALM: realm, Role.DOMAIN: domain}
 
@@ -169,7 +170,7 @@ class _Questions:
 
     def self_granted_rights(self) -> Iterator[Witness]:
         """Enclaves that peers take permissions from which the permissions CA did not sign."""
-        for realm, view in self._used:
+        for realm, view in self.used:
             foreign = view.accepted - view.genuine
             for enclave, atom in enumerate(self._system.enclaves):
                 if atom.permissions in foreign or view.self_granting(enclave):
@@ -178,7 +179,7 @@ class _Questions:
     def double_authorities(self) -> Iterator[Witness]:
         """Pairs of identity CA and permissions CA with one key; a certificate that is both is a pair with itself."""
         certificates = self._system.certificates
-        for realm, _view in self._used:
+        for realm, _view in self.used:
             atom = self._system.realms[realm]
             for one in sorted(atom.identity_ca):
                 for other in sorted(atom.permissions_ca):
@@ -189,57 +190,15 @@ class _Questions:
         """Pairs of enclaves that one grant names."""
         return shared_subjects(self._system)
 
-    def readable_outside(self) -> Iterator[Witness]:
-        """Channels whose payload is readable without any key."""
-        for realm, view in self._used:
-            yield from _channels(realm, view.readable and view.readable & self._written_at_all(view))
-
-    def names_outside(self) -> Iterator[Witness]:
-        """Channels whose topic name is readable in discovery without any key."""
-        for realm, view in self._used:
-            p = view.protection
-            clear = p.governed & ~(p.rtps_encrypts | p.discovery_hidden)
-            yield from _channels(realm, clear and clear & (self._written_at_all(view) | self._read_at_all(view)))
-
-    def injectable_outside(self) -> Iterator[Witness]:
-        """Channels on which a reader takes samples made without any key."""
-        for realm, view in self._used:
-            yield from _channels(realm, view.injectable and view.injectable & self._read_at_all(view))
-
-    def replayable_outside(self) -> Iterator[Witness]:
-        """Channels on which a reader takes old samples again from somebody without any key."""
-        for realm, view in self._used:
-            p = view.protection
-            clear = view.unauthenticated & ~p.metadata_authenticates
-            yield from _channels(realm, clear and clear & self._read_at_all(view))
-
-    def liveliness_outside(self) -> Iterator[Witness]:
-        """Channels on which somebody without any key can assert that a writer is alive."""
-        for realm, view in self._used:
-            clear = view.unauthenticated & ~view.protection.liveliness_authenticates
-            yield from _channels(realm, clear and clear & self._read_at_all(view))
-
-    def _every(self, view: RealmView) -> Iterator[Abilities]:
-        """What each enclave can do to the realm's channels."""
-        return map(view.abilities, range(len(self._system.enclaves)))
-
     def _each_enclave(self) -> Iterator[tuple[int, RealmView, int, Abilities]]:
         """In each realm, what each enclave can do."""
-        for realm, view in self._used:
-            for enclave, able in enumerate(self._every(view)):
+        for realm, view in self.used:
+            for enclave, able in enumerate(view.everybody()):
                 yield realm, view, enclave, able
-
-    def _written_at_all(self, view: RealmView) -> int:
-        """Channels with a writer, though it may be one that honest readers refuse."""
-        return union(able.writes_at_all for able in self._every(view))
-
-    def _read_at_all(self, view: RealmView) -> int:
-        """Channels with a reader, though it may be one that honest writers refuse."""
-        return union(able.reads_at_all for able in self._every(view))
 
     def unenforced_grants(self) -> Iterator[Witness]:
         """Channels with a grant that the governance does not make peers ask for."""
-        for realm, view in self._used:
+        for realm, view in self.used:
             p = view.protection
             published, subscribed = 0, 0
             for enclave in range(len(self._system.enclaves)):
@@ -267,9 +226,9 @@ class _Questions:
 
     def forging_readers(self) -> Iterator[Witness]:
         """Granted readers that can pass for a writer of the topic."""
-        for realm, view in self._used:
-            written = union(able.may_write for able in self._every(view))
-            for enclave, able in enumerate(self._every(view)):
+        for realm, view in self.used:
+            written = union(able.may_write for able in view.everybody())
+            for enclave, able in enumerate(view.everybody()):
                 forged = able.forges & view.may_be_granted(enclave, Operation.SUBSCRIBE) & written
                 yield from _channels(realm, forged & ~view.granted(enclave, Operation.PUBLISH), enclave)
 
@@ -287,10 +246,10 @@ class _Questions:
         if len(self._system.domains) < 2:
             return
         fed = [0] * len(self._system.enclaves)
-        for _realm, view in self._used:
-            fed = [each | able.may_write | able.forges for each, able in zip(fed, self._every(view), strict=True)]
+        for _realm, view in self.used:
+            fed = [each | able.may_write | able.forges for each, able in zip(fed, view.everybody(), strict=True)]
         for enclave, written in enumerate(Flows(self._system, self._realms).as_any(fed)):
-            for realm, view in self._used:
+            for realm, view in self.used:
                 read = view.abilities(enclave).knows
                 for within in self._permissions.channels_in if read and written else ():
                     elsewhere = written & ~within
@@ -331,6 +290,11 @@ def _channels(realm: int, channels: int, enclave: int | None = None) -> Iterator
         yield witness if enclave is None else {**witness, Role.ENCLAVE: enclave}
 
 
+def _outside(of: Callable[[RealmView], int]) -> Callable[[_Questions], Iterator[Witness]]:
+    """The question on which channels somebody without any key can do something."""
+    return lambda questions: (each for realm, view in questions.used for each in _channels(realm, of(view)))
+
+
 _QUESTIONS: Mapping[str, Callable[[_Questions], Iterator[Witness]]] = {
     stated.ONLY_AUTHENTICATED_JOIN.id: _Questions.unauthenticated_joins,
     stated.IDENTITIES_CHAIN.id: _Questions.unvouched_identities,
@@ -339,11 +303,11 @@ _QUESTIONS: Mapping[str, Callable[[_Questions], Iterator[Witness]]] = {
     stated.NO_SELF_GRANTED_RIGHTS.id: _Questions.self_granted_rights,
     stated.ONE_CA_FOR_ONE_ROLE.id: _Questions.double_authorities,
     stated.NO_SHARED_SUBJECT.id: _Questions.shared_subjects,
-    stated.OUTSIDERS_CANNOT_READ.id: _Questions.readable_outside,
-    stated.OUTSIDERS_CANNOT_LEARN_NAMES.id: _Questions.names_outside,
-    stated.OUTSIDERS_CANNOT_INJECT.id: _Questions.injectable_outside,
-    stated.OUTSIDERS_CANNOT_REPLAY.id: _Questions.replayable_outside,
-    stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _Questions.liveliness_outside,
+    stated.OUTSIDERS_CANNOT_READ.id: _outside(outsiders.read),
+    stated.OUTSIDERS_CANNOT_LEARN_NAMES.id: _outside(outsiders.learn_of),
+    stated.OUTSIDERS_CANNOT_INJECT.id: _outside(outsiders.inject_into),
+    stated.OUTSIDERS_CANNOT_REPLAY.id: _outside(outsiders.replay),
+    stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _outside(outsiders.assert_liveliness_of),
     stated.GRANTS_ARE_ENFORCED.id: _Questions.unenforced_grants,
     stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _Questions.ungranted_writes,
     stated.NOBODY_READS_WITHOUT_A_GRANT.id: _Questions.ungranted_reads,

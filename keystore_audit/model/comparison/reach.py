@@ -28,9 +28,9 @@ from keystore_audit.model.comparison.grants import (
 )
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
+from keystore_audit.model.formal import outsiders
 from keystore_audit.model.formal.bit_sets import members, union
 
-_LAYERS: Final = list(Layer)
 PRESENTED: Final = "right-presented"
 MAX_APART: Final = 4
 """Sets of names, each of other enclaves, that stand apart among the consequences of one change."""
@@ -304,16 +304,16 @@ def _forged(view: View, enclave: int) -> int:
     return union(realm.abilities(enclave).forges for realm in view.realms)
 
 
+_OUTSIDE: Final = {
+    "read": outsiders.read,
+    "inject samples into": outsiders.inject_into,
+    "learn the names of": outsiders.learn_of,
+    "replay": outsiders.replay,
+    "forge the liveliness of": outsiders.assert_liveliness_of,
+}
+"""What somebody without any key can do: as the properties have it."""
+
+
 def _outside(view: View) -> dict[str, int]:
-    """By verb phrase, the channels: as the properties of the engines have it (docs/model.md)."""
-    found = dict.fromkeys(("read", "inject samples into", "learn the names of", "replay", "forge the liveliness of"), 0)
-    for realm in view.realms:
-        p = realm.protection
-        every = [realm.abilities(number) for number in range(len(view.system.enclaves))]
-        written, read = union(able.writes_at_all for able in every), union(able.reads_at_all for able in every)
-        found["read"] |= realm.readable & written
-        found["inject samples into"] |= realm.injectable & read
-        found["learn the names of"] |= p.governed & ~(p.rtps_encrypts | p.discovery_hidden) & (written | read)
-        found["replay"] |= realm.unauthenticated & ~p.metadata_authenticates & read
-        found["forge the liveliness of"] |= realm.unauthenticated & ~p.liveliness_authenticates & read
-    return found
+    """By verb phrase, the channels."""
+    return {what: union(map(of, view.realms)) for what, of in _OUTSIDE.items()}

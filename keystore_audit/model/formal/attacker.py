@@ -5,7 +5,7 @@ Everything is asked of a realm: the verdict of a peer depends on nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from keystore_audit.dataclass import dataclass
@@ -274,6 +274,10 @@ class RealmView:
             alone = (bits(atom.writes_alone), bits(atom.reads_alone)) if atom.realm == self._number else (0, 0)
             self._abilities[enclave] = self._able(self.joined(enclave), rights, *alone)
         return self._abilities[enclave]
+
+    def everybody(self) -> Iterator[Abilities]:
+        """What each enclave can do."""
+        return map(self.abilities, range(len(self._system.enclaves)))
 
     @cached_property
     def elsewhere(self) -> Mapping[int, Abilities]:

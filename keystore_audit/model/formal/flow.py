@@ -157,7 +157,7 @@ class Flows:
             made = self._joined(self.as_any([self._forged(view, enclave) for enclave in everybody]), view.injectable)
             lanes.append(Lane(made, [*self.as_any(self._hears(realm)), 0]))
             shown = [*self.as_any(self._shows(realm)), 0]
-            known = self.as_any([view.abilities(enclave).knows for enclave in everybody])
+            known = self.as_any([able.knows for able in view.everybody()])
             sent = [one | other for one, other in zip(made, shown, strict=True)]
             lanes.append(Lane(sent, self._joined(known, view.readable)))
         return lanes
@@ -251,8 +251,7 @@ class Flows:
             return [*(self._realms[m].abilities(e).may_read for e, m in enumerate(self._member)), self.readable]
         taken = [0] * self.outsider
         for view in self._realms:
-            able = map(view.abilities, range(self.outsider))
-            taken = [one | each.reads_at_all | each.knows for one, each in zip(taken, able, strict=True)]
+            taken = [one | each.reads_at_all | each.knows for one, each in zip(taken, view.everybody(), strict=True)]
         return self._joined(self.as_any(taken), self.readable)
 
     def putters(self, search: Search) -> list[int]:
