@@ -34,7 +34,7 @@ def analyze_here(process: AnalyzerProcess) -> _Ended:
     system, stream = jpype.JClass("java.lang.System"), jpype.JClass("java.io.PrintStream")
     dispatcher = jpype.JClass("org.alloytools.alloy.core.infra.AlloyDispatcher")
     directory = process.directory
-    arguments = [*ARGUMENTS, str(directory / OUTPUT_DIRECTORY), str(directory / process._main)]
+    arguments = [*ARGUMENTS, str(directory / OUTPUT_DIRECTORY), str(directory / process._job.main)]
     before = system.err, system.out
     after = stream(str(directory / "diagnostics")), stream(str(directory / "messages"))
     system.setErr(after[0])

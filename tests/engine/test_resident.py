@@ -11,7 +11,7 @@ import pytest
 
 from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, commands, facts
 from keystore_audit.engine.alloy.install import Engine
-from keystore_audit.engine.alloy.process import OUTPUT_DIRECTORY, AnalyzerProcess, Limits, Output
+from keystore_audit.engine.alloy.process import OUTPUT_DIRECTORY, Analyzer, AnalyzerProcess, Job, Output
 from keystore_audit.properties import PROPERTIES
 from tests.engine.alloy_batch import engine, shipped
 from tests.engine.systems import stock
@@ -22,8 +22,9 @@ pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 def run(found: Engine, changed: dict[str, str]) -> tuple[Output, dict[str, str]]:
     """What it writes, and the instances."""
     files = shipped() | {KEYSTORE: facts(stock()), MAIN: commands(PROPERTIES, stock())} | changed
-    limits = Limits(timeout=240, memory_mb=1024, atoms=10)
-    with AnalyzerProcess(files, MAIN, java=found.java, jar=found.jar, limits=limits) as process:
+    job = Job(files=files, main=MAIN, commands=(), atoms=10)
+    analyzer = Analyzer(java=found.java, jar=found.jar, timeout=240, memory_mb=1024)
+    with AnalyzerProcess(job, analyzer) as process:
         output = None
         while output is None:
             output = process.poll(1)

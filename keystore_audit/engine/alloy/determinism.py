@@ -14,7 +14,8 @@ from lxml import etree
 
 from keystore_audit import text
 from keystore_audit.dataclass import dataclass, replace
-from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
+from keystore_audit.engine.alloy.jobs import run
+from keystore_audit.engine.alloy.process import Analyzer, Job
 from keystore_audit.engine.alloy.runner import module_texts
 from keystore_audit.engine.alloy.solution import Command, read_instances
 from keystore_audit.engine.alloy.wiring import CONFIRMED, wiring_job

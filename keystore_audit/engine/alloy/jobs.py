@@ -8,9 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final, TypeVar
 
-from keystore_audit.dataclass import dataclass
-from keystore_audit.engine.alloy.process import OUTPUT_DIRECTORY, AnalyzerProcess, Limits, Output
-from keystore_audit.engine.alloy.solution import Command, failure, verdicts
+from keystore_audit.engine.alloy.process import OUTPUT_DIRECTORY, Analyzer, AnalyzerProcess, Job, Output
+from keystore_audit.engine.alloy.solution import failure, verdicts
 
 PARALLEL: Final = 2
 """Analyzers side by side: one uses little more than one core."""
@@ -22,26 +21,6 @@ Result = TypeVar("Result")
 
 Read = Callable[[int, Mapping[str, bool], Path], Result]
 """Makes a result of a job: its number, which of its commands have an instance, and where the instances are."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Analyzer:
-    """`timeout`: seconds for each process; `memory_mb`: MiB of Java heap of each."""
-
-    java: Path
-    jar: Path
-    timeout: float
-    memory_mb: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
-    """One process. `files`: name to text; `main`: the one with `commands`; `atoms`: size of the model."""
-
-    files: Mapping[str, str]
-    main: str
-    commands: Sequence[Command]
-    atoms: int
 
 
 def run(
@@ -61,7 +40,7 @@ def run(
         while waiting or running:
             while waiting and len(running) < PARALLEL:
                 number, job = waiting.popleft()
-                running[number] = cleanup.enter_context(_process(job, analyzer))
+                running[number] = cleanup.enter_context(AnalyzerProcess(job, analyzer))
             for number, process in tuple(running.items()):
                 output = process.poll(_POLL)
                 if output is not None:
@@ -69,11 +48,6 @@ def run(
                     results[number] = read(number, found, process.directory / OUTPUT_DIRECTORY)
                     running.pop(number).close()
     return [results[number] for number in range(len(jobs))]
-
-
-def _process(job: Job, analyzer: Analyzer) -> AnalyzerProcess:
-    limits = Limits(timeout=analyzer.timeout, memory_mb=analyzer.memory_mb, atoms=job.atoms)
-    return AnalyzerProcess(job.files, job.main, java=analyzer.java, jar=analyzer.jar, limits=limits)
 
 
 def _verdicts(job: Job, output: Output, analyzer: Analyzer) -> Mapping[str, bool]:

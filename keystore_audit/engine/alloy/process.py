@@ -8,7 +8,7 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -16,6 +16,7 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.alloy.install import checked_copy
+from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.errors import EngineFailed, EngineMissing, EngineTimeout
 
 OUTPUT_DIRECTORY: Final = "solutions"
@@ -55,11 +56,22 @@ _INHERITED: Final = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """`timeout`: seconds of wall clock; `memory_mb`: MiB of Java heap; `atoms`: size of the model, for the JVM."""
+class Analyzer:
+    """`timeout`: seconds of wall clock for each process; `memory_mb`: MiB of Java heap of each."""
 
+    java: Path
+    jar: Path
     timeout: float
     memory_mb: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """What one process does. `files`: name to text; `main`: the one with `commands`; `atoms`: size of the model."""
+
+    files: Mapping[str, str]
+    main: str
+    commands: Sequence[Command]
     atoms: int
 
 
@@ -76,19 +88,18 @@ class Output:
 
 
 class AnalyzerProcess:
-    """The Analyzer at work in a directory of its own, on `files` (name to text), executing the one called `main`.
+    """The Analyzer at work on a job, in a directory of its own.
 
     A context manager: entering it starts the process, leaving it ends the process group, whatever happened, and
     removes the directory, in which everything stands that the Analyzer writes (natives that it unpacks,
     preferences, instances).
     """
 
-    def __init__(self, files: Mapping[str, str], main: str, *, java: Path, jar: Path, limits: Limits) -> None:
-        self._files = files
-        self._main = main
-        self._java = java.absolute()
-        self._jar = jar.absolute()
-        self._limits = limits
+    def __init__(self, job: Job, analyzer: Analyzer) -> None:
+        self._job = job
+        self._analyzer = analyzer
+        self._java = analyzer.java.absolute()
+        self._jar = analyzer.jar.absolute()
         self._cleanup = ExitStack()
 
     def __enter__(self) -> AnalyzerProcess:
@@ -102,8 +113,8 @@ class AnalyzerProcess:
             self._write_files()
             self._process = self._start()
             stack.callback(self._end)
-            self._deadline = time.monotonic() + self._limits.timeout
-            _limit_processor_time(self._process.pid, self._limits.timeout)
+            self._deadline = time.monotonic() + self._analyzer.timeout
+            _limit_processor_time(self._process.pid, self._analyzer.timeout)
             self._cleanup = stack.pop_all()
         return self
 
@@ -127,7 +138,7 @@ class AnalyzerProcess:
             if time.monotonic() < self._deadline:
                 return None
             raise EngineTimeout(
-                f"The Alloy Analyzer was still at work after {self._limits.timeout:g} seconds and was ended; "
+                f"The Alloy Analyzer was still at work after {self._analyzer.timeout:g} seconds and was ended; "
                 "--timeout gives it more."
             ) from None
         return Output(status=status, diagnostics=self._written(_DIAGNOSTICS), messages=self._written(_MESSAGES))
@@ -140,14 +151,14 @@ class AnalyzerProcess:
         try:
             (self.directory / _SCRATCH).mkdir()
             self._jar = checked_copy(self._jar, self.directory)
-            for name, content in self._files.items():
+            for name, content in self._job.files.items():
                 (self.directory / name).write_text(content, encoding="ascii")
         except OSError as error:
             raise EngineFailed(f"The model cannot be written: {error.strerror or error}.") from error
 
     def _start(self) -> subprocess.Popen[bytes]:
-        command = [str(self._java), *_java_options(self._limits, self.directory / _SCRATCH), "-jar", str(self._jar)]
-        command += [*ARGUMENTS, OUTPUT_DIRECTORY, self._main]
+        command = [str(self._java), *self._java_options(), "-jar", str(self._jar)]
+        command += [*ARGUMENTS, OUTPUT_DIRECTORY, self._job.main]
         try:
             with (
                 (self.directory / _DIAGNOSTICS).open("wb") as diagnostics,
@@ -165,6 +176,22 @@ class AnalyzerProcess:
         except OSError as error:
             raise EngineMissing(f"Java cannot be started at {self._java}: {error.strerror or error}.") from error
 
+    def _java_options(self) -> list[str]:
+        scratch = self.directory / _SCRATCH
+        return [
+            *(["-XX:TieredStopAtLevel=1"] if self._job.atoms <= FIRST_COMPILER_ATOMS else LATE_SECOND_COMPILER),
+            "-XX:+UseSerialGC",
+            "-XX:-UsePerfData",
+            "-XX:+ExitOnOutOfMemoryError",
+            f"-Xmx{self._analyzer.memory_mb}m",
+            f"-Xss{STACK_MB}m",
+            "-Djava.awt.headless=true",
+            f"-Djava.io.tmpdir={scratch}",
+            f"-Duser.home={scratch}",
+            f"-Djava.util.prefs.userRoot={scratch}",
+            "--enable-native-access=ALL-UNNAMED",
+        ]
+
     def _end(self) -> None:
         if self._process.poll() is not None:
             return
@@ -180,22 +207,6 @@ def _scratch_directory() -> tempfile.TemporaryDirectory[str]:
         return tempfile.TemporaryDirectory(prefix="keystore-audit-alloy-", ignore_cleanup_errors=True)
     except OSError as error:
         raise EngineFailed(f"There is no place for the model: {error.strerror or error}.") from error
-
-
-def _java_options(limits: Limits, scratch: Path) -> list[str]:
-    return [
-        *(["-XX:TieredStopAtLevel=1"] if limits.atoms <= FIRST_COMPILER_ATOMS else LATE_SECOND_COMPILER),
-        "-XX:+UseSerialGC",
-        "-XX:-UsePerfData",
-        "-XX:+ExitOnOutOfMemoryError",
-        f"-Xmx{limits.memory_mb}m",
-        f"-Xss{STACK_MB}m",
-        "-Djava.awt.headless=true",
-        f"-Djava.io.tmpdir={scratch}",
-        f"-Duser.home={scratch}",
-        f"-Djava.util.prefs.userRoot={scratch}",
-        "--enable-native-access=ALL-UNNAMED",
-    ]
 
 
 def _limit_processor_time(pid: int, timeout: float) -> None:

@@ -18,9 +18,10 @@ from keystore_audit.engine.alloy.facts import (
     fact_modules,
     facts,
 )
-from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
+from keystore_audit.engine.alloy.jobs import run
 from keystore_audit.engine.alloy.merging import Merged, merge
 from keystore_audit.engine.alloy.one_realm import with_one_realm
+from keystore_audit.engine.alloy.process import Analyzer, Job
 from keystore_audit.engine.alloy.questions import Questions, Sheet
 from keystore_audit.engine.alloy.solution import witness, witnesses
 from keystore_audit.errors import EngineFailed, EngineOutOfScale

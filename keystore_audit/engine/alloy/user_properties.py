@@ -16,8 +16,8 @@ from keystore_audit.ci import in_ci
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy import application, claims, install
 from keystore_audit.engine.alloy.facts import MODULES, fact_modules
-from keystore_audit.engine.alloy.jobs import Analyzer, Job, run
-from keystore_audit.engine.alloy.process import Output
+from keystore_audit.engine.alloy.jobs import run
+from keystore_audit.engine.alloy.process import Analyzer, Job, Output
 from keystore_audit.engine.alloy.runner import MAX_ATOMS, MEMORY_MB, count_atoms, module_texts
 from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.engine.alloy.user_counterexample import describe_instance

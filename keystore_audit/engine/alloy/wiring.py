@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.engine.alloy.atoms import Sort, name_atoms
 from keystore_audit.engine.alloy.claims import MODULES as CLAIM_MODULES
 from keystore_audit.engine.alloy.facts import MODULES, fact_modules
-from keystore_audit.engine.alloy.jobs import Job
+from keystore_audit.engine.alloy.process import Job
 from keystore_audit.engine.alloy.relations import Relations
 from keystore_audit.engine.alloy.runner import count_atoms, module_texts
 from keystore_audit.engine.alloy.solution import Command

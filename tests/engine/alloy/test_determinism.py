@@ -24,7 +24,7 @@ from keystore_audit.engine.alloy.determinism import (
     write_behaviour,
 )
 from keystore_audit.engine.alloy.install import Engine
-from keystore_audit.engine.alloy.jobs import Analyzer
+from keystore_audit.engine.alloy.process import Analyzer
 from keystore_audit.engine.native_determinism import answer, explore
 from keystore_audit.errors import EngineFailed, EngineTimeout
 from keystore_audit.findings import Location

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.engine.alloy.install import Engine
-from keystore_audit.engine.alloy.jobs import Analyzer
-from keystore_audit.engine.alloy.process import Output
+from keystore_audit.engine.alloy.process import Analyzer, Output
 from keystore_audit.engine.alloy.user_file import CONSISTENT, UserFile, read_user_file
 from keystore_audit.engine.alloy.user_properties import MAIN, _checked, ask, decide_files, job
 from keystore_audit.engine.engines import Engines

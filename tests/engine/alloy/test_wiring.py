@@ -14,7 +14,7 @@ from keystore_audit import resources
 from keystore_audit.engine.alloy import determinism, wiring
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts
 from keystore_audit.engine.alloy.install import Engine
-from keystore_audit.engine.alloy.jobs import Analyzer
+from keystore_audit.engine.alloy.process import Analyzer
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
