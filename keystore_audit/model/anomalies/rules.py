@@ -19,7 +19,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import AnomalyKind, Point, RuleAnomaly
 from keystore_audit.model.anomalies.classes import Effort, NameClass, name_classes
 from keystore_audit.model.domains import Interval, domain_bits
-from keystore_audit.model.formal.bit_sets import bits, members, union
+from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
 from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.names import AMBIENT_TOPICS
 from keystore_audit.model.semantics import DIRECTIONS, ReadRule
@@ -131,7 +131,7 @@ class _Cells:
             tuple(Operation)[operation],
             self._topics[topic].witness,
             self._partitions[partition].witness,
-            _lowest(self._domains[domain]),
+            lowest(self._domains[domain]),
         )
 
     def _spread(self, domains: tuple[Interval, ...], partitions: tuple[str, ...] | None) -> int:
@@ -163,10 +163,6 @@ def _alone(sets: Mapping[int, int], number: int) -> int:
 def _texts(rules: Iterable[ReadRule]) -> tuple[str, ...]:
     """The distinct topic expressions of all rules."""
     return tuple(dict.fromkeys(text for rule in rules for text in rule.texts()))
-
-
-def _lowest(domains: int) -> int:
-    return (domains & -domains).bit_length() - 1
 
 
 def _domain_classes(rules: Sequence[ReadRule], *, everywhere: bool) -> list[int]:

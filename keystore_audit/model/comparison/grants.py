@@ -11,7 +11,7 @@ from keystore_audit.model.comparison.change import Aspect, Direction, Layer
 from keystore_audit.model.comparison.drafts import Draft, Folds
 from keystore_audit.model.comparison.facts import Dates, other_dates, spanned
 from keystore_audit.model.comparison.sides import Pair, Sides, View, is_void
-from keystore_audit.model.formal.bit_sets import members
+from keystore_audit.model.formal.bit_sets import lowest, members
 from keystore_audit.model.formal.system import GrantAtom
 
 JOIN: Final = "join"
@@ -194,7 +194,7 @@ def deciding(view: View, grant: int | None, operation: Operation, channels: int)
     """The rule of the grant that decides about the first of the channels; where none does, the grant."""
     if grant is None:
         return None
-    channel = next(iter(members(channels)))
+    channel = lowest(channels)
     domain = view.system.channels[channel].domain
     for rule in view.decisions.rules[grant]:
         if domain in rule.domains and channel in rule.named(operation):

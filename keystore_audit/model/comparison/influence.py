@@ -11,7 +11,7 @@ from keystore_audit.model.comparison.drafts import Draft, in_order, told_beside
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
 from keystore_audit.model.formal.attacker import realm_views
-from keystore_audit.model.formal.bit_sets import bits, members, union
+from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
 from keystore_audit.model.formal.claim import Attacker, Place
 from keystore_audit.model.formal.flow import Flows, Lane, Leg, Search
 from keystore_audit.model.formal.influence import Influence
@@ -89,10 +89,10 @@ def influence_changes(sides: Sides, causes: Causes) -> list[Draft]:
 
 
 def _of_pair(sides: Sides, causes: Causes, pair: Pair) -> Iterator[tuple[Draft | None, bool, Influenced]]:
-    views = pair.old, pair.new
+    views, everything = (pair.old, pair.new), pair.old.decisions.all_channels
     kept = sides.mask & ~sides.named(AMBIENT)
     ordered = [[*sides.compared, *sides.alone(side)] for side in range(2)]
-    old, new = (_Side(view, paths, ~kept & sides.everything, kept) for view, paths in zip(views, ordered, strict=True))
+    old, new = (_Side(view, paths, everything & ~kept, kept) for view, paths in zip(views, ordered, strict=True))
     common = len(sides.compared)
     if ordered[0] == ordered[1] and old.graph.hops == new.graph.hops:
         return
@@ -185,7 +185,7 @@ def _shared(side: _Side, blames: list[_Blame], pairs: _Pairs) -> dict[Draft | No
     for blame in blames:
         ends, todo = 0, blame.receivers
         while todo:
-            reached = flows[(todo & -todo).bit_length() - 1]
+            reached = flows[lowest(todo)]
             ends |= reached
             todo &= ~reached
         for node, others in list(left.items()):
@@ -202,7 +202,7 @@ def _influenced(sides: Sides, side: _Side, pairs: _Pairs, blames: list[_Blame]) 
     """The pairs, and the way of one of them: of one that is a hop itself, if there is one."""
     direct = ((each.sender, pairs.get(each.sender, 0) & each.receivers) for each in blames)
     source, targets = next((each for each in direct if each[1]), next(iter(pairs.items())))
-    way = side.way(source, (targets & -targets).bit_length() - 1)
+    way = side.way(source, lowest(targets))
     hops = []
     for leg in way:
         name = sides.names(1 << leg.channel).shown[0]

@@ -207,11 +207,6 @@ class Sides:
         other = self.enclaves[1 - side]
         return [path for path in self.enclaves[side] if path not in other and path not in self._doubtful]
 
-    @property
-    def everything(self) -> int:
-        """All channels, those that are left out among them."""
-        return (1 << len(self.channels.channels)) - 1
-
     def named(self, topics: Sequence[str]) -> int:
         """The channels of nothing but these topics, in whatever partition and domain."""
         wanted = self._literals.intersection(topics)

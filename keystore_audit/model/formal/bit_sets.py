@@ -45,6 +45,11 @@ def members(value: int) -> Iterable[int]:
         value ^= low
 
 
+def lowest(value: int) -> int:
+    """The first number in the set, which is not empty."""
+    return (value & -value).bit_length() - 1
+
+
 def union(sets: Iterable[int]) -> int:
     """The union of these sets."""
     found = 0

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Final
 
-from keystore_audit.model.formal.bit_sets import members, union
+from keystore_audit.model.formal.bit_sets import lowest, members, union
 from keystore_audit.model.formal.flow import Lane
 
 
@@ -52,7 +52,7 @@ class Influence:
             found = within
             left &= ~found
             while left:
-                found |= reached[component_of[_lowest(left)]]
+                found |= reached[component_of[lowest(left)]]
                 left &= ~found
             reached[number] = found
         return [reached[component_of[node]] for node in range(self._number)]
@@ -79,20 +79,16 @@ class Influence:
         order: list[int] = []
         left = self._all
         while left:
-            way = [_lowest(left)]
+            way = [lowest(left)]
             left &= left - 1
             while way:
                 ahead = self.hops[way[-1]] & left
                 if ahead:
-                    way.append(_lowest(ahead))
+                    way.append(lowest(ahead))
                     left &= ~(1 << way[-1])
                 else:
                     order.append(way.pop())
         return order
-
-
-def _lowest(some: int) -> int:
-    return (some & -some).bit_length() - 1
 
 
 _FEW_SETS: Final = 64

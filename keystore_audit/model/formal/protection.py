@@ -82,19 +82,13 @@ def _apply_domain(
 def _apply_topic(result: Protection, hit: int, rule: DomainRuleAtom, topic: TopicRuleAtom) -> None:
     """Adds what the topic rule and its domain rule say of the channels `hit`."""
     result.governed |= hit
-    if topic.enable_read_access_control:
-        result.read_controlled |= hit
-    if topic.enable_write_access_control:
-        result.write_controlled |= hit
-    if topic.enable_discovery_protection and rule.discovery_protection_kind.encrypts:
-        result.discovery_hidden |= hit
-    if topic.enable_liveliness_protection and rule.liveliness_protection_kind.authenticates:
-        result.liveliness_authenticates |= hit
-    rtps, metadata, data = (
-        rule.rtps_protection_kind,
-        topic.metadata_protection_kind,
-        topic.data_protection_kind,
-    )
+    result.read_controlled |= _if(topic.enable_read_access_control, hit)
+    result.write_controlled |= _if(topic.enable_write_access_control, hit)
+    hidden = topic.enable_discovery_protection and rule.discovery_protection_kind.encrypts
+    alive = topic.enable_liveliness_protection and rule.liveliness_protection_kind.authenticates
+    result.discovery_hidden |= _if(hidden, hit)
+    result.liveliness_authenticates |= _if(alive, hit)
+    rtps, metadata, data = rule.rtps_protection_kind, topic.metadata_protection_kind, topic.data_protection_kind
     result.rtps_encrypts |= _if(rtps.encrypts, hit)
     result.rtps_authenticates |= _if(rtps.authenticates, hit)
     result.rtps_authenticates_origin |= _if(rtps.authenticates_origin, hit)
