@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ast
 import builtins
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
@@ -33,7 +34,9 @@ class Made:
     `values`: what is assigned, returned by the function, or given for the parameter; `more`: what is added to it, gone
     through by a loop, or called with it. `bound`: names that are no other module's; `aliases`: other names of
     `os.environ`. `removed`: by name of a dictionary, what the entries are called by that it loses, if not by a text
-    (None: any). `whole`: what `has_all` said of names; `own`: those that do not come from elsewhere.
+    (None: any). `through`: what is gone through by a loop, where the name stands for its texts or keys; `stored`: how
+    often the name is given anything. `whole`: what `has_all` said of names; `own`: those that do not come from
+    elsewhere.
     """
 
     values: dict[str, list[ast.AST]] = field(default_factory=dict)
@@ -41,6 +44,8 @@ class Made:
     bound: set[str] = field(default_factory=lambda: set(_BUILTIN))
     aliases: set[str] = field(default_factory=set)
     removed: dict[str, set[str | None]] = field(default_factory=dict)
+    through: dict[str, list[ast.AST]] = field(default_factory=dict)
+    stored: Counter[str] = field(default_factory=Counter)
     whole: dict[str, bool] = field(default_factory=dict)
     own: set[str] = field(default_factory=set)
 
@@ -59,9 +64,11 @@ class Made:
             elif isinstance(node, ast.FunctionDef):
                 functions[node.name] = made._define(node)
             elif isinstance(node, (ast.arg, ast.ClassDef)):
-                made.bound.add(node.arg if isinstance(node, ast.arg) else node.name)
+                made._bind(node.arg if isinstance(node, ast.arg) else node.name)
             elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
-                made.bound.add(node.id)
+                made._bind(node.id)
+            elif isinstance(node, (ast.MatchAs, ast.MatchStar)):
+                made.stored[node.name or ""] += 1
             elif isinstance(node, ast.Call):
                 calls.append(node)
             else:
@@ -69,6 +76,10 @@ class Made:
         for call in calls:
             made._call(call, functions.get(getattr(call.func, "id", "")))
         return made
+
+    def _bind(self, name: str) -> None:
+        self.bound.add(name)
+        self.stored[name] += 1
 
     def _define(self, function: ast.FunctionDef) -> list[str]:
         """The names of the parameters, which have the values that are given, or those of the definition."""
@@ -96,6 +107,9 @@ class Made:
             added = next(getattr(node, each) for each in ("iter", "value", "context_expr") if hasattr(node, each))
             for name in named_in([] if bound is None else [bound]):
                 self.more.setdefault(name, []).append(added)
+            if isinstance(node, (ast.For, ast.comprehension)):
+                key, through = _gone_through(node)
+                self.through.setdefault(key, []).append(through)
         elif isinstance(node, ast.Subscript) and isinstance(node.ctx, ast.Del):
             for name in named_in([node.value]):
                 self._remove(name, node.slice)
@@ -133,22 +147,27 @@ class Made:
             if value.id not in self.whole:
                 self.whole[value.id] = False  # until it is known: a name may be made of itself
                 made = self.values.get(value.id, ())
-                kept = bool(made) and all(map(self._is_listed, self.removed.get(value.id, ())))
+                kept = bool(made) and all(self.texts(key or "") is not None for key in self.removed.get(value.id, ()))
                 self.whole[value.id] = kept and all(self.has_all(each, depth + 1) for each in made)
             return self.whole[value.id]
         if isinstance(value, ast.IfExp):
             return self.has_all(value.body, depth + 1) and self.has_all(value.orelse, depth + 1)
         return any(self.has_all(part, depth + 1) for part in _parts(value))
 
-    def _is_listed(self, key: str | None) -> bool:
-        """Whether a name goes through texts of the file alone, which are read apart."""
-        through = self.more.get(key or "", ())
-        named = (self.values.get(each.id, [each]) if isinstance(each, ast.Name) else [each] for each in through)
-        return bool(through) and all(
-            isinstance(each, (ast.List, ast.Tuple)) and None not in map(text_of, each.elts)
-            for lists in named
-            for each in lists
-        )
+    def texts(self, name: str) -> set[str] | None:
+        """What a name stands for that goes through texts of the file, or keys of its dictionaries, alone; else None."""
+        through = self.through.get(name, ())
+        if not through or len(through) != self.stored[name]:
+            return None
+        found = set[str | None]()
+        for each in through:
+            made: Sequence[ast.AST] = [each]
+            if isinstance(each, ast.Name):
+                made = self.values.get(each.id, []) if each.id not in self.more else []
+                if not made or len(made) != self.stored[each.id]:
+                    return None
+            found.update(text_of(key) for one in made for key in _texts_of(one))
+        return None if None in found else {text for text in found if text is not None}
 
     def comes_from_elsewhere(self, value: ast.AST) -> bool:
         """Whether a dictionary or list may have names in it that this file does not say."""
@@ -173,10 +192,33 @@ class Made:
         return is_environ(node) or (isinstance(node, ast.Name) and node.id in self.aliases)
 
 
+def _gone_through(loop: ast.For | ast.comprehension) -> tuple[str, ast.AST]:
+    """The name that a loop gives each text or key, and of what; "" where there is none."""
+    target, through = loop.target, loop.iter
+    if isinstance(target, ast.Tuple) and len(target.elts) == 2 and (held := _items_of(through)) is not None:
+        target, through = target.elts[0], held
+    return (target.id if isinstance(target, ast.Name) else ""), through
+
+
+def _items_of(value: ast.AST) -> ast.expr | None:
+    """The dictionary whose entries these are."""
+    if isinstance(value, ast.Call) and isinstance(value.func, ast.Attribute) and value.func.attr == "items":
+        return value.func.value
+    return None
+
+
+def _texts_of(value: ast.AST) -> Iterable[ast.AST | None]:
+    if isinstance(value, ast.Dict):
+        return value.keys
+    return value.elts if isinstance(value, (ast.List, ast.Set, ast.Tuple)) else [None]
+
+
 def _parts(value: ast.AST) -> Iterator[ast.AST]:
     """The dictionaries that entries of a dictionary come from."""
     if isinstance(value, ast.Dict):
         yield from (each for key, each in zip(value.keys, value.values, strict=True) if key is None)
+    elif isinstance(value, ast.DictComp):
+        yield from _copied(value)
     elif isinstance(value, ast.BinOp):
         yield from (value.left, value.right)
     elif isinstance(value, ast.IfExp):
@@ -186,6 +228,14 @@ def _parts(value: ast.AST) -> Iterator[ast.AST]:
         yield from [value.func.value] if isinstance(value.func, ast.Attribute) and not value.args else []
     elif isinstance(value, (ast.Call, ast.Attribute, ast.Subscript)):
         yield value.func if isinstance(value, ast.Call) else value.value
+
+
+def _copied(copy: ast.DictComp) -> Iterator[ast.AST]:
+    """The dictionary all entries of which are copied as they are."""
+    (first, *others) = copy.generators
+    pair, held = ast.Tuple([copy.key, copy.value], ast.Store()), _items_of(first.iter)
+    if held is not None and not others and not first.ifs and ast.unparse(first.target) == ast.unparse(pair):
+        yield held
 
 
 def _names_from(value: ast.AST) -> Iterator[ast.AST]:

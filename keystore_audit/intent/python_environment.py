@@ -181,7 +181,7 @@ def _changed(
     if isinstance(node, ast.alias) and node.asname is not None and node.name in ENVIRON | _FUNCTIONS:
         yield None, None  # by another name it may be anywhere
     if name in _FUNCTIONS:
-        yield _named(str(name), parents[node]), None
+        yield _named(str(name), parents[node], made), None
     if not made.is_environ(node) or (isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)):
         return
     parent = parents[node]
@@ -189,24 +189,26 @@ def _changed(
         return  # one of the aliases, which are looked at themselves
     if isinstance(parent, ast.Subscript) and not isinstance(parent.ctx, ast.Load):
         assigned = parents[parent]
-        names = _keys(parent.slice)
+        names = _keys(parent.slice, made)
         yield names, text_of(assigned.value) if names and isinstance(assigned, ast.Assign) else None
     elif isinstance(parent, ast.Attribute) and parent.attr not in _READING:
-        yield _named(parent.attr, parents[parent]), None
+        yield _named(parent.attr, parents[parent], made), None
     elif not isinstance(parent, (ast.Subscript, ast.Attribute, *_READERS)):
         yield None, None
 
 
-def _named(function: str, call: ast.AST) -> set[str] | None:
+def _named(function: str, call: ast.AST, made: Made) -> set[str] | None:
     """The variables that a call changes, as far as its arguments say."""
     if not isinstance(call, ast.Call) or (function not in _FIRST and function != "update"):
         return None
-    parts = [_keys(each) for each in (call.args[:1] if function in _FIRST else call.args)]
+    parts = [_keys(each, made) for each in (call.args[:1] if function in _FIRST else call.args)]
     parts += [None if each.arg is None else {each.arg} for each in call.keywords if function == "update"]
     return None if None in parts or not parts else set().union(*filter(None, parts))
 
 
-def _keys(node: ast.expr) -> set[str] | None:
-    """The names that a text is, or that a dictionary has."""
+def _keys(node: ast.expr, made: Made) -> set[str] | None:
+    """The names that a text is, or that a dictionary has, or that a loop goes through."""
+    if isinstance(node, ast.Name):
+        return made.texts(node.id)
     texts = [text_of(each) for each in (node.keys if isinstance(node, ast.Dict) else [node])]
     return None if None in texts else {text for text in texts if text is not None}
