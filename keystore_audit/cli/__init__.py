@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import os
 import sys
-from typing import Final, NoReturn
+from contextlib import suppress
+from typing import Any, Final, NoReturn, TextIO
 
 from keystore_audit.errors import EXIT_INCOMPLETE
 
@@ -23,6 +25,27 @@ def not_installed(error: Exception) -> str:
     )
 
 
+class _Aside:
+    """Standard error, which may be full or closed: what is said there beside a report changes no exit code."""
+
+    def __init__(self, stream: TextIO | None) -> None:
+        self._stream = open(os.devnull, "w", encoding="utf-8") if stream is None else stream  # noqa: SIM115
+
+    def write(self, text: str) -> int:
+        """Write, if it can be."""
+        with suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush, if it can be."""
+        with suppress(OSError):
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
 def main() -> NoReturn:
     """Run `keystore-audit` with the arguments of this process and exit with its code.
 
@@ -30,6 +53,7 @@ def main() -> NoReturn:
     At its end Python would look through all of them once more for cycles, a tenth; the system takes the memory anyway.
     """
     gc.set_threshold(1_000_000, 50, 50)
+    sys.stderr = _Aside(sys.stderr)
     try:
         from keystore_audit.cli.program import run
 

@@ -209,6 +209,16 @@ class TestStreams:
         assert done.returncode == 2
         assert done.stderr == b"keystore-audit: Cannot write the report to standard output: No space left on device.\n"
 
+    @pytest.mark.parametrize("stderr", ["2>/dev/full", "2>&-"])
+    @pytest.mark.parametrize(("args", "code"), [("-v", 0), ("--no-such-option", 2), ("/none", 3)])
+    def test_a_full_or_closed_stderr_changes_no_exit_code(
+        self, stderr: str, args: str, code: int, environment: dict[str, str], healthy: Path
+    ) -> None:
+        command = f'exec "$0" -m keystore_audit "$1" {" ".join(AT)} {args} {stderr}'
+        run = ["sh", "-c", command, sys.executable, healthy]
+        done = subprocess.run(run, env=environment, stdout=subprocess.PIPE, check=False)
+        assert done.returncode == code
+
     def test_closed_stdout_is_said(self, environment: dict[str, str], stock: Path) -> None:
         command = f'exec "$0" -m keystore_audit "$1" {" ".join(AT)} >&-'
         done = subprocess.run(
