@@ -115,11 +115,11 @@ def audit(
 
 def render(report: Report, form: str = "json") -> str:
     """Return the report in a format of the command's `--format`; raise UsageError for one that there is not."""
-    from keystore_audit.report.text import View
+    from keystore_audit.report.text import PLAIN
 
     if form not in FORMATS:
         raise UsageError(f"{form!r} is no format; there are {', '.join(FORMATS)}.")
-    return _render(form, [report], View(), several=False)
+    return _render(form, [report], PLAIN, several=False)
 
 
 def _path(given: PathLike | None) -> Path | None:

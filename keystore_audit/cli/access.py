@@ -22,9 +22,7 @@ MAX_WIDTH: Final = 200
 @click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
 @opt.format_option("How the table is written.", *FORMATS)
 @opt.domain_option("In which domain (default: the lowest that a governance covers).")
-@opt.profile_option
-@opt.at_option
-@opt.time_zone_option
+@opt.reading_options
 @opt.verbose_option()
 def command(keystore: str, **given: Any) -> int:
     """Show who may do what in KEYSTORE: its enclaves and all topics, for each implementation.

@@ -15,7 +15,6 @@ from keystore_audit.errors import EXIT_INCOMPLETE, BudgetExceeded, UsageError
 from keystore_audit.options import LAST_DOMAIN
 
 if TYPE_CHECKING:
-    from keystore_audit.access import Access
     from keystore_audit.model.question import Answer, Question
 
 ROS_OPERATIONS: Final = ("publish", "subscribe", "relay", "request", "reply", "call", "execute")
@@ -32,9 +31,7 @@ EXPECTED: Final = ("allow", "deny")
 )
 @opt.domain_option("In which domain (default: 0).")
 @click.option("--partition", default="", metavar="NAME", help="In which partition (default: the one without a name).")
-@opt.profile_option
-@opt.at_option
-@opt.time_zone_option
+@opt.reading_options
 @opt.format_option("How the answer is written.", "text", "json")
 @click.option("--effective", is_flag=True, help="The exit code is about what peers accept, not about own checks.")
 @opt.choice(
@@ -85,12 +82,13 @@ def _check_batch(words: Sequence[str], given: dict[str, Any]) -> None:
 
 
 def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str, Any]) -> int:
+    from keystore_audit.access import Access
     from keystore_audit.model.domains import contains, describe
     from keystore_audit.report import answer
 
     questions = _questions(enclave, operation, name, given)
     reading = opt.reading(given)
-    access = _access(keystore, questions, reading)
+    access = Access(keystore, questions, **reading)
     governed = access.governed(enclave) if given["domain"] is None else ()
     if governed and given["expect"] == "deny" and not contains(governed, 0):
         said = f"The governance of {enclave} covers domain {describe(governed)} and not 0, which would be asked about"
@@ -135,12 +133,6 @@ def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -
     )
 
 
-def _access(keystore: str, questions: Sequence[Question], reading: dict[str, Any]) -> Access:
-    from keystore_audit.access import Access
-
-    return Access(keystore, questions, **reading)
-
-
 def _exit_code(answers: Collection[Answer], *, effective: bool, expected: str | None) -> int:
     """4 where any answer is unknown, 0 where all are `expected` (none: allow), else 1."""
     from keystore_audit.model.question import Ruling
@@ -154,12 +146,13 @@ def _exit_code(answers: Collection[Answer], *, effective: bool, expected: str | 
 
 def _batch(keystore: str, given: dict[str, Any]) -> int:
     """Answer each line of the file with one of JSON."""
+    from keystore_audit.access import Access
     from keystore_audit.report import answer
 
     lines, reading = list(_lines(given["batch"])), opt.reading(given)
     parsed = [_parse(line, given["domain"] or 0, given["partition"]) for line in lines]
     try:
-        access = _access(keystore, [each for each in parsed if not isinstance(each, str)], reading)
+        access = Access(keystore, [each for each in parsed if not isinstance(each, str)], **reading)
     except BudgetExceeded as error:
         output.write_stdout("".join(answer.error(number, error.message) for number, _ in enumerate(parsed, 1)))
         return EXIT_INCOMPLETE

@@ -43,9 +43,7 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
     help="A flow through this enclave does not count (glob; repeatable).",
 )
 @click.option("--include-ambient", is_flag=True, help="Over /rosout, /parameter_events, /clock and discovery too.")
-@opt.profile_option
-@opt.at_option
-@opt.time_zone_option
+@opt.reading_options
 @opt.choice("--engine", words=ENGINES, default="native", help="Who decides.")
 @opt.alloy_options
 @opt.format_option("How the answer is written.", "text", "json")

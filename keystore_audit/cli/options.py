@@ -166,7 +166,7 @@ def verbose_option(text: str = "Say where a fault is.", *, to_command: bool = Fa
     )
 
 
-profile_option = click.option(
+_profile = click.option(
     "--profile",
     "profiles",
     type=profile_name,
@@ -175,11 +175,11 @@ profile_option = click.option(
     help="Judge as this implementation or distribution does (repeatable; e.g. humble, fastdds, all).",
 )
 
-at_option = click.option(
+_at = click.option(
     "--at", type=instant, metavar="ISO-TIME", help="Audit as of this time instead of now; without a zone: UTC."
 )
 
-time_zone_option = click.option(
+_time_zone = click.option(
     "--time-zone",
     type=zone_name,
     metavar="NAME",
@@ -208,10 +208,13 @@ def _together(*options: Callable[[F], F]) -> Callable[[F], F]:
     return add
 
 
+reading_options: Final = _together(_profile, _at, _time_zone)
+"""Those of a single question, which is about one domain: `reading` takes them."""
+
 interpretation_options: Final = _together(
-    at_option,
-    time_zone_option,
-    profile_option,
+    _at,
+    _time_zone,
+    _profile,
     domain_option("The DDS domain the robots use (default: any of 0 to 232)."),
 )
 """Those that decide what a keystore means."""

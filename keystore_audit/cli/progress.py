@@ -29,7 +29,6 @@ class Watch:
         self._visible = visible
         self._name = READING
         self._since = time.perf_counter()
-        self._console: Console | None = None
         self._bar: Progress | None = None
         self._line: Status | None = None
 
@@ -50,7 +49,7 @@ class Watch:
         self._name = name
         self._clear()
         if self._visible:
-            self._line = self._stderr().status(f"{terminal(name)} …")
+            self._line = _stderr().status(f"{terminal(name)} …")
             self._line.start()
 
     def enclaves(self, done: int, total: int) -> None:
@@ -58,24 +57,8 @@ class Watch:
         if not self._visible or total <= BAR_FROM:
             return
         if self._bar is None:
-            self._bar = self._new_bar(total)
+            self._bar = _bar("enclaves", total)
         self._bar.update(self._bar.task_ids[0], completed=done)
-
-    def _new_bar(self, total: int) -> Progress:
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        bar = Progress(*columns, console=self._stderr(), transient=True)
-        bar.add_task("enclaves", total=total)
-        bar.start()
-        return bar
-
-    def _stderr(self) -> Console:
-        from rich.console import Console
-
-        if self._console is None:
-            self._console = Console(stderr=True, markup=False, emoji=False, highlight=False)
-        return self._console
 
     def _clear(self) -> None:
         for shown in (self._bar, self._line):
@@ -115,7 +98,7 @@ class FleetWatch:
         """Show that the step of this name is done with so many keystores."""
         if not self._visible:
             return
-        bar = self._bar = self._bar or _fleet_bar(self._total)
+        bar = self._bar = self._bar or _bar("keystores", self._total, "{task.fields[rate]}")
         if name != self._name:
             self._name, self._since = name, time.perf_counter()
             bar.reset(bar.task_ids[0], description=name)
@@ -124,19 +107,19 @@ class FleetWatch:
         bar.update(bar.task_ids[0], completed=done, rate=rate)
 
 
-def _fleet_bar(total: int) -> Progress:
-    from rich.console import Console
+def _bar(what: str, total: int, *more: str) -> Progress:
+    """A bar that is shown, with `more` columns of text."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    console = Console(stderr=True, markup=False, emoji=False, highlight=False)
-    bar = Progress(*columns, console=console, transient=True, redirect_stdout=False)
-    bar.add_task("keystores", total=total, rate="")
+    texts = map(TextColumn, more)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *texts, TimeRemainingColumn())
+    bar = Progress(*columns, console=_stderr(), transient=True, redirect_stdout=False)
+    bar.add_task(what, total=total, rate="")
     bar.start()
     return bar
+
+
+def _stderr() -> Console:
+    from rich.console import Console
+
+    return Console(stderr=True, markup=False, emoji=False, highlight=False)

@@ -14,7 +14,7 @@ from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import array, document, encoded, keys
 from keystore_audit.report.json import TOOL, counts
 from keystore_audit.report.page import Page
-from keystore_audit.report.text import MAX_PATH, View
+from keystore_audit.report.text import MAX_PATH, PLAIN, View
 from keystore_audit.text import counted, instant, shorten
 
 SCHEMA_VERSION: Final = 1
@@ -128,9 +128,8 @@ def _row(row: Row, report: str) -> dict[str, Any]:
     }
 
 
-def render_text(summary: Summary, view: View | None = None) -> str:
+def render_text(summary: Summary, view: View = PLAIN) -> str:
     """Return a page: keystores with the same findings are one entry, those that pass are counted."""
-    view = view or View()
     page = Page(width=view.width, color=view.color)
     page.put(
         (f"{TOOL} {summary.version}", "bold"),

@@ -60,9 +60,11 @@ class View:
     min_severity: Severity = Severity.INFO
 
 
-def render(report: Report, view: View | None = None) -> str:
+PLAIN: Final = View()
+
+
+def render(report: Report, view: View = PLAIN) -> str:
     """Return the report of one keystore as text that ends in a newline."""
-    view = view or View()
     page = Page(width=view.width, color=view.color)
     if view.quiet:
         put_findings(page, report, _decisive(report))
@@ -85,9 +87,8 @@ def render(report: Report, view: View | None = None) -> str:
     return page.render()
 
 
-def render_several(reports: Sequence[Report], view: View | None = None, missing: Sequence[NoReport] = ()) -> str:
+def render_several(reports: Sequence[Report], view: View = PLAIN, missing: Sequence[NoReport] = ()) -> str:
     """Return the reports in the order given, those that are `missing`, and a line that sums them up."""
-    view = view or View()
     parts = [render(report, view) for report in reports]
     verdicts = [report.verdict for report in reports]
     return "\n".join([*parts, render_total(verdicts, missing, width=view.width, color=view.color)])
