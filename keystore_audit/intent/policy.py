@@ -19,7 +19,8 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
-from keystore_audit.intent.xinclude import QUOTED, Expanded, expand, malformed, shown
+from keystore_audit.intent.source import MAX_DETAIL, malformed, shown
+from keystore_audit.intent.xinclude import Expanded, expand
 from keystore_audit.keystore.document import elements, joined
 from keystore_audit.resources import schemas
 from keystore_audit.text import shorten
@@ -208,7 +209,7 @@ def _validate(expanded: Expanded) -> None:
         return
     log: Any = schema.error_log  # the stubs do not know what is in it
     for entry in log:
-        detail = shorten(str(entry.message).rstrip("."), 4 * QUOTED)
+        detail = shorten(str(entry.message).rstrip("."), MAX_DETAIL)
         raise malformed(expanded.location(_at(expanded.root, entry.path)), f"this is no SROS2 policy: {detail}")
     raise malformed(expanded.location(expanded.root), "this is no SROS2 policy")
 

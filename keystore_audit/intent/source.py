@@ -18,6 +18,9 @@ from keystore_audit.text import percent_path, shorten
 MAX_QUOTED: Final = 80
 """Characters of a name from a file that a message quotes."""
 
+MAX_DETAIL: Final = 480
+"""Characters of what a parser says."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
@@ -47,12 +50,16 @@ class Source:
 
     def malformed(self, line: int | None, detail: str) -> UsageError:
         """The error for something that cannot be read; `detail` becomes the rest of the sentence."""
-        place = self.path if line is None else f"{self.path}:{line}"
-        return UsageError(f"{place}: {detail}.")
+        return malformed(self.location(line), detail)
 
 
 class Unreadable(Exception):
     """An included file that is not read; the message is the reason, words to go into a sentence."""
+
+
+def malformed(location: Location, detail: str) -> UsageError:
+    """The error for something at the place that cannot be read; `detail` becomes the rest of the sentence."""
+    return UsageError(f"{location}: {detail}.")
 
 
 def shown(text: str) -> str:
@@ -74,7 +81,7 @@ def read_source(path: Path) -> Source:
     except (NothingToAudit, ValueError):  # a NUL character in the path
         raise UsageError(f"{named}: there is no such file.") from None
     if file.status is not Status.PRESENT or file.content is None:
-        raise UsageError(f"{named}: {_reason(file)}.")
+        raise UsageError(f"{named}: {reason(file)}.")
     return _source(named, real, file.content)
 
 
@@ -99,15 +106,19 @@ class Directory:
             raise Unreadable(f"it is not below {percent_path(self._given or os.curdir)}, and was not read")
         file = self._root.file(below)
         if file.status is not Status.PRESENT or file.content is None:
-            raise Unreadable(_reason(file))
+            raise Unreadable(reason(file))
         named = percent_path(posixpath.join(self._given, below))
         return _source(named, os.path.join(self._real, below), file.content)
 
 
-def _reason(file: File) -> str:
-    if file.status is Status.PRESENT:
-        return "it was not read"
-    return file.detail or f"expected a file that can be read, found {file.status.value}"
+def reason(file: File) -> str:
+    """Why there is no content, in words that do not speak of a keystore."""
+    return {
+        Status.MISSING: "there is no such file",
+        Status.DANGLING: "it links to nothing",
+        Status.LOOP: "its links lead in a circle",
+        Status.OUTSIDE: "it leads out of the directory that may be read",
+    }.get(file.status, file.detail or "it cannot be read")
 
 
 def _source(named: str, real: str, content: bytes) -> Source:

@@ -20,9 +20,10 @@ from lxml import etree
 from keystore_audit.errors import NothingToAudit, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
+from keystore_audit.intent.source import MAX_DETAIL, malformed, reason, shown
 from keystore_audit.keystore.defect import Malformed
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.root import MAX_FILE_BYTES, Root
+from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.xml import parse_unsigned, source_line
 from keystore_audit.text import percent_path, shorten
 
@@ -43,19 +44,10 @@ NAMESPACES: Final = ("http://www.w3.org/2001/XInclude", "http://www.w3.org/2003/
 
 BASE: Final = "{http://www.w3.org/XML/1998/namespace}base"
 
-QUOTED: Final = 120
-"""Characters of a text from a file that a message quotes."""
-
 _POINTER: Final = re.compile(r"xpointer\(\s*((?:/(?:[A-Za-z_][\w.-]*|\*))+)\s*\)", re.ASCII)
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 _ATTRIBUTES: Final = frozenset({"href", "xpointer", "parse", BASE})
 _INCLUDES: Final = frozenset(f"{{{namespace}}}include" for namespace in NAMESPACES)
-
-
-def malformed(location: Location, detail: str) -> UsageError:
-    """The error for something at `location` that cannot be read; `detail` becomes the rest of the sentence."""
-    line = f":{location.line}" if location.line is not None else ""
-    return UsageError(f"{location.path}{line}: {detail}.")
 
 
 class Expanded:
@@ -138,12 +130,12 @@ class _Expansion:
 
     def _parsed(self, file: File, asked: Location) -> etree._Element:
         if file.status is not Status.PRESENT or file.content is None:
-            raise malformed(asked, f"{_reason(file)}")
+            raise malformed(asked, reason(file))
         self._read.append(GivenFile.of(asked.path, file.content))
         try:
             root = parse_unsigned(file.content)
         except Malformed as error:
-            raise malformed(Location(path=asked.path, line=error.line), shorten(error.detail, 4 * QUOTED)) from None
+            raise malformed(Location(path=asked.path, line=error.line), shorten(error.detail, MAX_DETAIL)) from None
         for element in root.iter(etree.Element):
             element.attrib.pop(BASE, "")  # ours says which file an element is from; theirs has no meaning to sros2
         return root
@@ -206,7 +198,7 @@ class _Expansion:
                 raise malformed(location, f"{shown(href)} leads out of {percent_path(self._inside)}; it was not read")
             file = self._root.file(below)
             if file.status is not Status.PRESENT:
-                raise malformed(location, f"{shown(href)} cannot be put in: {_reason(file)}")
+                raise malformed(location, f"{shown(href)} cannot be put in: {reason(file)}")
             asked = Location(path=self._files[self._number(relative)])
             self._documents[relative] = self._parsed(file, asked), len(file.content or b"")
         return self._documents[relative]
@@ -248,21 +240,3 @@ def _select(root: etree._Element, steps: tuple[str, ...], location: Location) ->
     if not chosen:
         raise malformed(location, f"the pointer /{'/'.join(steps)} matches nothing there")
     return chosen
-
-
-def _reason(file: File) -> str:
-    """Why there is no content, in words that do not speak of a keystore."""
-    return {
-        Status.MISSING: "there is no such file",
-        Status.DANGLING: "it links to nothing",
-        Status.LOOP: "its links lead in a circle",
-        Status.OUTSIDE: "it leads out of the directory that may be read",
-        Status.DIRECTORY: "expected a file, found a directory",
-        Status.SPECIAL: "expected a regular file",
-        Status.TOO_LARGE: f"it is larger than {MAX_FILE_BYTES} bytes",
-    }.get(file.status, file.detail or "it cannot be read")
-
-
-def shown(text: str) -> str:
-    """A text from a file as messages quote it."""
-    return f"'{shorten(text, QUOTED)}'"

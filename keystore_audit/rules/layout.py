@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from itertools import zip_longest
 from typing import Final
@@ -10,6 +9,7 @@ from typing import Final
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
+from keystore_audit.intent.ros_names import is_path
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
@@ -204,7 +204,6 @@ def incomplete_keystore(keystore: Keystore, _context: Context) -> Iterator[Viola
         )
 
 
-_NAME_TOKEN: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _MAX_NAME: Final = 255
 """rcl's limit of a fully qualified enclave name, RCL_ENCLAVE_NAME_MAX_LENGTH (rcl/validate_enclave_name.h)."""
 
@@ -221,9 +220,7 @@ def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violat
     It may be a typing error, or be there to mislead. ROS_SECURITY_ENCLAVE_OVERRIDE is not validated and reaches it, and
     DDS asks no names of enclaves: whoever has its files can use it.
     """
-    tokens = enclave.path.split("/")[1:]
-    well_formed = enclave.path == "/" or all(_NAME_TOKEN.fullmatch(token) for token in tokens)
-    if not well_formed or len(enclave.path) > _MAX_NAME:
+    if not is_path(enclave.path) or len(enclave.path) > _MAX_NAME:
         yield Violation(
             message=f"{quoted(enclave.path)} is no enclave name (expected letters, digits and underscores, no digit "
             f"first, at most {_MAX_NAME} in all): no node can ask for it by name.",

@@ -288,7 +288,7 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     refused(tmp_path, "directory")
     refused(tmp_path / "missing.xml", "no such file")
     refused(tmp_path / "no/where.xml", "directory")
-    refused(written(tmp_path, "x" * (4 * 1024 * 1024 + 1)), "larger than")
+    refused(written(tmp_path, "x" * (4 * 1024 * 1024 + 1)), "more than the limit")
     refused(written(tmp_path, ""), ":1:")
 
 
