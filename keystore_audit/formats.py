@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from keystore_audit.report.content import NoReport, Report, RuleEntry
+    from keystore_audit.report.content import NoReport, Report
     from keystore_audit.report.text import View
 
 FORMATS: Final = ("text", "json", "sarif", "junit", "markdown", "html", "statement", "svr")
@@ -28,8 +28,9 @@ def render(kind: str, reports: Sequence[Report], view: View, *, several: bool, m
         return json.render_several(reports, missing) if several else json.render(reports[0])
     if kind == "sarif":
         from keystore_audit.report import sarif
+        from keystore_audit.rules import RULES
 
-        return sarif.render(reports, rule_entries(), missing)
+        return sarif.render(reports, RULES, missing)
     if kind == "junit":
         from keystore_audit.report import junit
 
@@ -49,21 +50,3 @@ def render(kind: str, reports: Sequence[Report], view: View, *, several: bool, m
     from keystore_audit.report import text
 
     return text.render_several(reports, view, missing) if several else text.render(reports[0], view)
-
-
-def rule_entries() -> tuple[RuleEntry, ...]:
-    """Return every registered rule as reports describe it, in the order of the registry."""
-    from keystore_audit.report.content import RuleEntry
-    from keystore_audit.rules import RULES
-
-    return tuple(
-        RuleEntry(
-            code=rule.code,
-            name=rule.name,
-            severity=rule.severity,
-            clause=rule.clause,
-            remedy=rule.remedy,
-            description=rule.description,
-        )
-        for rule in RULES
-    )

@@ -119,18 +119,6 @@ class NoReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RuleEntry:
-    """A registered rule, for the formats that describe rules; `description` is Markdown-free text in paragraphs."""
-
-    code: str
-    name: str
-    severity: Severity
-    clause: str
-    remedy: str
-    description: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
     """One audited keystore (interface contract: docs/reference.md, `schemas/report.schema.json`).
 

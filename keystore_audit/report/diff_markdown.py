@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
 
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
 from keystore_audit.report.content import assumed_of
+from keystore_audit.report.markdown import MAX_LENGTH
 from keystore_audit.text import instant
 from keystore_audit.text import markdown as escaped
-
-MAX_LENGTH: Final = 60_000
-"""Characters of the whole; the comments of code hosting services take 65,536."""
 
 
 def markdown(comparison: Comparison, fail_on: FailOn) -> str:

@@ -7,16 +7,16 @@ steps, bytes) is cut from the end, since findings come worst first, and the cut 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from functools import lru_cache
-from typing import Any, Final
+from typing import Any, Final, Protocol
 from urllib.parse import quote
 
 from keystore_audit import __version__
 from keystore_audit.findings import Finding, Location, Severity, fingerprint
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineStatus, PropertyResult
-from keystore_audit.report.content import NoReport, Report, RuleEntry, Verdict
+from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.encoded import encoded
 from keystore_audit.text import markdown, percent_path, shorten
 
@@ -56,7 +56,24 @@ _UNDECIDED: Final = "KA901"
 """The rule of what is not decided."""
 
 
-def render(reports: Sequence[Report], rules: Sequence[RuleEntry], missing: Sequence[NoReport] = ()) -> str:
+class _Rule(Hashable, Protocol):
+    """What is said of a registered rule; `description` is Markdown-free text in paragraphs."""
+
+    @property
+    def code(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def severity(self) -> Severity: ...
+    @property
+    def clause(self) -> str: ...
+    @property
+    def remedy(self) -> str: ...
+    @property
+    def description(self) -> str: ...
+
+
+def render(reports: Sequence[Report], rules: Sequence[_Rule], missing: Sequence[NoReport] = ()) -> str:
     """Return the log of all reports; `rules`: every registered rule, so that each result finds its own.
 
     `missing`: keystores without a report, each a run that was not successful, with one result that says so.
@@ -67,7 +84,7 @@ def render(reports: Sequence[Report], rules: Sequence[RuleEntry], missing: Seque
     return f'{{\n  "$schema": {encoded(SCHEMA)},\n  "version": "2.1.0",\n  "runs": [\n    {runs}\n  ]\n}}\n'
 
 
-def _run(report: Report, rules: Sequence[RuleEntry], runs: int) -> str:
+def _run(report: Report, rules: Sequence[_Rule], runs: int) -> str:
     """One run of so many, a line for each rule and result."""
     index = {rule.code: number for number, rule in enumerate(rules)}
     paths = {result.prop.id: _violated(result) for result in report.properties}
@@ -94,7 +111,7 @@ def _run(report: Report, rules: Sequence[RuleEntry], runs: int) -> str:
     return _assembled(report.version, tuple(_worst(finding) for finding in report.findings), rules, head, results)
 
 
-def _no_run(each: NoReport, rules: Sequence[RuleEntry]) -> str:
+def _no_run(each: NoReport, rules: Sequence[_Rule]) -> str:
     """The run of a keystore without a report."""
     index = next(number for number, rule in enumerate(rules) if rule.code == _UNDECIDED)
     head = {
@@ -122,7 +139,7 @@ def _no_run(each: NoReport, rules: Sequence[RuleEntry]) -> str:
 def _assembled(
     version: str,
     found: Iterable[tuple[str, Severity]],
-    rules: Sequence[RuleEntry],
+    rules: Sequence[_Rule],
     head: Mapping[str, Any],
     results: Sequence[str],
 ) -> str:
@@ -232,11 +249,12 @@ def _notification(level: str, text: str) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=1_000)
-def _described(rule: RuleEntry, worst: Severity) -> str:
+def _described(rule: _Rule, worst: Severity) -> str:
     """A rule. `worst`: the severity of its worst finding in the run, or its own: services take no result's."""
-    first, _, _ = rule.description.partition("\n\n")
-    described = "\n".join(map(markdown, rule.description.split("\n")))
-    help_text = f"{rule.description}\n\nWhat to do: {rule.remedy}\n\nClause: {rule.clause}"
+    description = rule.description
+    first, _, _ = description.partition("\n\n")
+    described = "\n".join(map(markdown, description.split("\n")))
+    help_text = f"{description}\n\nWhat to do: {rule.remedy}\n\nClause: {rule.clause}"
     entry = {
         "id": rule.code,
         "name": "".join(word.capitalize() for word in rule.name.split("-")),

@@ -18,11 +18,11 @@ from junitparser import Error, Failure, JUnitXml, Skipped
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Outcome, Outcomes, Result, Severity
-from keystore_audit.formats import rule_entries
 from keystore_audit.given import GivenFile
 from keystore_audit.properties import Status
 from keystore_audit.report import junit, markdown, sarif, statement
 from keystore_audit.report.content import Report, Verdict
+from keystore_audit.rules import RULES
 from tests.report.sarif_schema import sarif_schema
 
 MakeReport = Callable[..., Report]
@@ -34,7 +34,7 @@ HOSTILE = st.text(st.characters(), max_size=20) | st.sampled_from(
 
 
 def log(report: Report) -> dict[str, Any]:
-    loaded: dict[str, Any] = json.loads(sarif.render([report], rule_entries()))
+    loaded: dict[str, Any] = json.loads(sarif.render([report], RULES))
     return loaded
 
 

@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.findings import Finding, Severity, Suppression
-from keystore_audit.formats import rule_entries
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.report import junit, markdown, sarif, text
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.findings_text import MAX_ALIKE, MAX_EXAMPLES, MAX_NAMES
+from keystore_audit.rules import RULES
 from tests.report.sarif_schema import sarif_schema
 
 MakeReport = Callable[..., Report]
@@ -28,7 +28,7 @@ COMMENT = 65_536
 
 
 def logged(*reports: Report) -> tuple[str, list[dict[str, Any]]]:
-    text = sarif.render(reports, rule_entries())
+    text = sarif.render(reports, RULES)
     return text, json.loads(text)["runs"]
 
 

@@ -16,10 +16,11 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from keystore_audit.findings import Severity
-from keystore_audit.formats import FORMATS, render, rule_entries
+from keystore_audit.formats import FORMATS, render
 from keystore_audit.report import sarif
 from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.text import View
+from keystore_audit.rules import RULES
 from tests.report.sarif_schema import sarif_schema
 
 MakeReport = Callable[..., Report]
@@ -82,7 +83,7 @@ def test_its_name_steers_nothing(kind: str, name: str, make_report: MakeReport) 
 
 
 def _log(report: Report) -> tuple[list[dict[str, Any]], dict[str, dict[str, Any]]]:
-    run = json.loads(sarif.render([report], rule_entries()))["runs"][0]
+    run = json.loads(sarif.render([report], RULES))["runs"][0]
     return run["results"], {rule["id"]: rule for rule in run["tool"]["driver"]["rules"]}
 
 

@@ -22,11 +22,12 @@ from in_toto_attestation.v1.statement import Statement
 from junitparser import Error, Failure, JUnitXml, Skipped
 
 from keystore_audit.cli import audit as command_line
-from keystore_audit.formats import FORMATS, render, rule_entries
+from keystore_audit.formats import FORMATS, render
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.sarif import _described
 from keystore_audit.report.text import View
+from keystore_audit.rules import RULES
 from tests.report.sarif_schema import sarif_schema
 from tests.schemas import schema
 from tests.test_samples import EXPECTATIONS, SAMPLES, as_built, name
@@ -109,7 +110,7 @@ def _sarif(text: str, report: Report, keystore: Path) -> None:
 
 @cache
 def _rules() -> list[dict[str, Any]]:
-    return [json.loads(_described(entry, entry.severity)) for entry in rule_entries()]
+    return [json.loads(_described(entry, entry.severity)) for entry in RULES]
 
 
 def _places(result: dict[str, Any]) -> Iterator[dict[str, Any]]:
