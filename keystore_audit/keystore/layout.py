@@ -388,13 +388,13 @@ def _expected(tree: _Tree, kind: LayoutKind) -> Iterator[str]:
     if kind is LayoutKind.SROS2:
         for name in ("identity_ca.cert.pem", "permissions_ca.cert.pem"):
             if name.encode() not in tree.names(b"public"):
-                yield f"public/{name}, the certificate that the enclaves link to"
+                yield f"public/{name}, the certificate that new enclaves link to"
         if b"governance.p7s" not in tree.names(b"enclaves"):
-            yield "enclaves/governance.p7s, the governance that the enclaves share"
+            yield "enclaves/governance.p7s, the governance that new enclaves link to"
     elif kind in (LayoutKind.FLAT, LayoutKind.ARDENT):
         if _ONE_AUTHORITY not in tree.top:
             yield "ca.cert.pem, the certificate of the authority, in the root"
         if b"governance.p7s" not in tree.top:
-            yield "governance.p7s, the governance that the enclaves copy, in the root"
+            yield "governance.p7s, the governance that new enclaves copy, in the root"
     elif kind is LayoutKind.PARTIAL:
         yield "enclaves/, where ROS 2 since Foxy looks, or the ca.cert.pem and governance.p7s of an older one"
