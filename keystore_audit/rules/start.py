@@ -7,6 +7,7 @@ from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.participants.joining import UNGRANTED
+from keystore_audit.model.participants.sight import UNLOADED
 from keystore_audit.model.participants.usability import UNGOVERNED
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY
@@ -41,11 +42,11 @@ def enclave_does_not_start(refusal: Refusal, _context: Context) -> Iterator[Viol
             enclave=refusal.enclave.path,
             profiles=names,
             key="\0".join(reasons),
-            remedy=next((_OF_DOMAINS[begins] for begins in _OF_DOMAINS if _all_begin(reasons, begins)), None),
+            remedy=next((_BY_REASON[begins] for begins in _BY_REASON if _all_begin(reasons, begins)), None),
         )
 
 
-_OF_DOMAINS: Final = {UNGOVERNED: COVER_DOMAIN, (UNGRANTED,): ALLOW_DOMAINS}
+_BY_REASON: Final = {UNGOVERNED: COVER_DOMAIN, (UNGRANTED,): ALLOW_DOMAINS, UNLOADED: RENEW_AUTHORITY}
 
 
 def _all_begin(reasons: Sequence[str], begins: tuple[str, ...]) -> bool:

@@ -123,6 +123,12 @@ def certificate_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
         yield f"it takes no identity signed with {algorithm}"
 
 
+_LOADS_NONE: Final = "it loads no CA signed with"
+_LOADS_NOT: Final = "it does not load"
+UNLOADED: Final = (_LOADS_NONE, _LOADS_NOT)
+"""How reasons begin that are in what the file of an authority is."""
+
+
 def authority_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
     """Reasons in the CA files."""
     for file in dict.fromkeys((sight.identity_ca, sight.permissions_ca)):
@@ -133,12 +139,12 @@ def authority_refusals(sight: Sight, trust: Trust) -> Iterator[str]:
         if unknown or (trust.strict_authorities and not any(each.sha256 == file.first.sha256 for each in read)):
             # Strictly, the first certificate is verified, and one that was left out has been freed before: that this
             # fails is read, and seen of the same calls on OpenSSL 3.0, not measured on Fast DDS.
-            yield f"it loads no CA signed with {file.first.signature_algorithm} ({file.file.place})"
+            yield f"{_LOADS_NONE} {file.first.signature_algorithm} ({file.file.place})"
         refusal = strict_refusal(file.first) if trust.strict_authorities else None
         if refusal is None and trust.strict_authorities and not names_itself(file.first):
             refusal = chain_refusal(file.first, file, trust)
         if refusal is not None:
-            yield f"it does not load {file.file.place}: {refusal}"
+            yield f"{_LOADS_NOT} {file.file.place}: {refusal}"
     file = sight.permissions_ca
     if file is None or file.first is None:
         return
