@@ -15,6 +15,8 @@ _FILE: Final = re.compile(r"(?<=-in )FILE\b|(?<=new\.pem )FILE\b")
 """In commands of openssl; others speak of files that the finding is not about."""
 
 _SIGNED: Final = re.compile(r"enclaves/(?:(?:\w+/)*(governance)|((?:\w+/)+permissions))\.(?:p7s|xml)", re.ASCII)
+_AUTHORITY: Final = re.compile(r"public/(identity|permissions)_ca\.cert\.pem")
+_ROLES: Final = ", ROLE being identity or permissions"
 _NAME: Final = "'/CN=NAME'"
 _WHICH: Final = re.compile(r", (?:DOCUMENT|NAME) being [^,;.]+")
 _DEEPER: Final = ", with one ../ more for every further level of the enclave's path"
@@ -40,6 +42,8 @@ def _filled(remedy: str, finding: Finding) -> str:
     document, enclave, file = _named(finding)
     if file:
         remedy = _FILE.sub(file, remedy)
+    if (authority := _AUTHORITY.fullmatch(file)) is not None:
+        remedy = remedy.replace(_ROLES, "").replace("ROLE", authority[1])
     if document:
         remedy = _WHICH.sub("", remedy).replace("DOCUMENT", document)
     if enclave:
@@ -53,13 +57,14 @@ def _filled(remedy: str, finding: Finding) -> str:
 
 
 def _named(finding: Finding) -> tuple[str, str, str]:
-    """What DOCUMENT, ENCLAVE and FILE are in the remedy, empty where they stay."""
+    """What DOCUMENT, ENCLAVE, and FILE or the file of the ROLE are in the remedy, empty where they stay."""
     remedy, enclave = finding.remedy, finding.enclave or ""
     signed = (_SIGNED.fullmatch(place.path) for place in finding.locations)
     document = next((found[1] or found[2] for found in signed if found), "") if "DOCUMENT" in remedy else ""
     plain = "ENCLAVE" in remedy and _PLAIN.fullmatch(enclave) and not _OF_ALL.search(remedy)
-    about = finding.locations[0].path if finding.locations and _FILE.search(remedy) else ""
-    return document, enclave if plain else "", about if PLAIN_PATH.fullmatch(about) else ""
+    first = finding.locations[0].path if finding.locations else ""
+    told = (_FILE.search(remedy) and PLAIN_PATH.fullmatch(first)) or (_ROLES in remedy and _AUTHORITY.fullmatch(first))
+    return document, enclave if plain else "", first if told else ""
 
 
 class Remedies:

@@ -80,6 +80,22 @@ def test_the_file_is_named_where_a_shell_reads_its_name_as_it_is(path: str, name
     assert exact(of_others) == of_others.remedy
 
 
+def test_the_authority_is_named_where_its_file_tells_which_it_is() -> None:
+    first, other, both = (
+        about("KA208", f"public/{name}ca.cert.pem", None) for name in ("identity_", "permissions_", "")
+    )
+    (renew,) = commands(exact(first))
+    assert "-key private/identity_ca.key.pem " in renew
+    assert renew.endswith("-out public/identity_ca.cert.pem")
+    assert "ROLE" not in exact(first)
+    remedies = Remedies()
+    remedies.give(first)
+    assert remedies.give(other) == "as for KA208 above, for public/permissions_ca.cert.pem"
+    assert exact(both) == both.remedy
+    of_both = about("KA115", "public/identity_ca.cert.pem", None)
+    assert exact(of_both) == of_both.remedy
+
+
 @pytest.mark.parametrize("enclave", ["/listener", "/arm/driver", "/a/b/c"])
 def test_a_link_leads_to_its_file_from_any_depth(enclave: str, tmp_path: Path) -> None:
     for name, target in (("governance.p7s", "enclaves"), ("identity_ca.cert.pem", "public")):
