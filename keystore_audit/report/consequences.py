@@ -1,12 +1,22 @@
-"""Which violated property is told under which finding: once, as what follows from its cause."""
+"""What is told where: a violated property under its cause, and of enclaves of which the same is to be said, one."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
+from typing import Final
 
-from keystore_audit.findings import Finding
+from keystore_audit.findings import Finding, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import PropertyResult
+
+_COMMON_WORD: Final = re.compile("[A-Z][a-z]* (?!DDS)")
+"""What a sentence begins with, unless it is a name such as Fast DDS or CN=/talker."""
+
+
+def within(sentence: str) -> str:
+    """The sentence as a part of another: its first word begins small, unless it is a name."""
+    return sentence[:1].lower() + sentence[1:] if _COMMON_WORD.match(sentence) else sentence
 
 
 class Consequences:
@@ -41,6 +51,29 @@ class Consequences:
         below = self._under.get(finding.fingerprint, ())
         return tuple((consequence, self._example(consequence)) for consequence in below)
 
+    def so(self, finding: Finding) -> tuple[tuple[Severity, str], ...]:
+        """The same, each in one sentence behind its severity."""
+        return tuple(
+            (each.severity, f"{each.code}: property {each.name} is violated, e.g. {within(example)}")
+            for each, example in self.of(finding)
+        )
+
+    def alike(self, findings: Iterable[Finding]) -> dict[str, list[Finding]]:
+        """By its fingerprint, each finding that is told, with those that say the same of another enclave."""
+        also: dict[str, list[Finding]] = {}
+        told: dict[
+            tuple[str, Severity, tuple[str, ...], str, str], str
+        ] = {}  # keys of one mode, copies of one document
+        for finding in findings:
+            words = finding.code, finding.severity, finding.profiles, _of_any(finding), finding.remedy
+            if finding.enclave and words in told and finding.fingerprint not in self._under:
+                also[told[words]].append(finding)
+            else:
+                also.setdefault(finding.fingerprint, [])
+                if finding.enclave:
+                    told.setdefault(words, finding.fingerprint)
+        return also
+
     def rank(self, finding: Finding) -> int:
         """How early `finding` is shown: as early as the worst that hangs under it."""
         told = [finding, *self._under.get(finding.fingerprint, [])]
@@ -59,3 +92,8 @@ class Consequences:
             if wanted and answer.status is Status.VIOLATED and answer.counterexample is not None:
                 return answer.counterexample.text
         return finding.message
+
+
+def _of_any(finding: Finding) -> str:
+    """The message, whichever enclave it is about."""
+    return finding.message.replace(finding.enclave, "ENCLAVE") if finding.enclave else finding.message

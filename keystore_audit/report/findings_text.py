@@ -6,20 +6,16 @@ does not fail the gate and stands in many enclaves is shown of a few of them and
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.findings import OF_THE_AUDIT, Finding, Severity
-from keystore_audit.report.consequences import Consequences
+from keystore_audit.report.consequences import Consequences, within
 from keystore_audit.report.content import Report
 from keystore_audit.report.page import Page, Piece
 from keystore_audit.report.remedy import Remedies
 from keystore_audit.text import counted, some
-
-_COMMON_WORD: Final = re.compile("[A-Z][a-z]* (?!DDS)")
-"""What a sentence begins with, unless it is a name such as Fast DDS or CN=/talker."""
 
 MAX_PLACES: Final = 6
 """Places shown of one finding: a defect of 1,000 files is understood from a few; JSON has them all."""
@@ -54,7 +50,7 @@ def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
             rank = consequences.rank(finding), finding.code.startswith(OF_THE_AUDIT)
             groups.setdefault(finding.enclave, []).append((rank, finding))
     ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
-    also = _also(consequences, [finding for _, ranked in ordered for finding in _worst_first(ranked)])
+    also = consequences.alike(finding for _, ranked in ordered for finding in _worst_first(ranked))
     enough: Counter[str] = Counter()
     elsewhere: dict[tuple[str, str, Severity], list[str]] = {}
     remedies = Remedies()
@@ -81,26 +77,6 @@ def _worst_first(ranked: Sequence[_Ranked]) -> list[Finding]:
     return [finding for _, finding in sorted(ranked, key=lambda entry: entry[0])]
 
 
-def _also(consequences: Consequences, findings: Iterable[Finding]) -> dict[str, list[Finding]]:
-    """By its fingerprint, each finding that is told, and those of enclaves that say the same of another enclave."""
-    also: dict[str, list[Finding]] = {}
-    told: dict[tuple[str, Severity, tuple[str, ...], str, str], str] = {}  # keys of one mode, copies of one document
-    for finding in findings:
-        words = finding.code, finding.severity, finding.profiles, _of_any(finding), finding.remedy
-        if finding.enclave and words in told and not consequences.of(finding):
-            also[told[words]].append(finding)
-        else:
-            also.setdefault(finding.fingerprint, [])
-            if finding.enclave:
-                told.setdefault(words, finding.fingerprint)
-    return also
-
-
-def _of_any(finding: Finding) -> str:
-    """The message, whichever enclave it is about."""
-    return finding.message.replace(finding.enclave, "ENCLAVE") if finding.enclave else finding.message
-
-
 def _group(
     page: Page,
     enclave: str | None,
@@ -123,7 +99,7 @@ def _group(
         others = also[finding.fingerprint]
         _of_others(page, others)
         _what_to_do(page, finding, remedies, more=bool(others))
-        _consequences(page, consequences.of(finding))
+        _consequences(page, consequences.so(finding))
     for code, more in (told - Counter(dict.fromkeys(told, MAX_ALIKE))).items():
         page.blank()
         page.put(f"and {more} more of {code} (all are in the JSON report)", indent=2)
@@ -133,7 +109,7 @@ def _finding(page: Page, finding: Finding, profiles: frozenset[str], *, example:
     """What was found, where, and for which implementations; `example`: there may be more of it."""
     severity = finding.severity
     page.put((severity.value.upper(), _SEVERITY_STYLE[severity]), f"  {finding.code} {finding.name}", indent=2)
-    page.put(f"E.g. {_within(finding.message)}" if example else finding.message, indent=4)
+    page.put(f"E.g. {within(finding.message)}" if example else finding.message, indent=4)
     for number, place in enumerate(finding.locations[:MAX_PLACES]):
         note = f"  ({place.message})" if place.message else ""
         where: tuple[Piece, ...] = ((str(place), "bold"), (note, ""))
@@ -163,20 +139,10 @@ def _what_to_do(page: Page, finding: Finding, remedies: Remedies, *, more: bool)
     page.labelled("remedy", f"{remedy}{likewise}", indent=4, column=12)
 
 
-def _consequences(page: Page, consequences: Iterable[tuple[Finding, str]]) -> None:
-    for consequence, example in consequences:
-        page.labelled(
-            "so",
-            (consequence.severity.value.upper(), _SEVERITY_STYLE[consequence.severity]),
-            f" {consequence.code}: property {consequence.name} is violated, e.g. {_within(example)}",
-            indent=4,
-            column=12,
-        )
-
-
-def _within(sentence: str) -> str:
-    """The sentence as a part of another: its first word begins small, unless it is a name."""
-    return sentence[:1].lower() + sentence[1:] if _COMMON_WORD.match(sentence) else sentence
+def _consequences(page: Page, consequences: Iterable[tuple[Severity, str]]) -> None:
+    for severity, sentence in consequences:
+        worth = severity.value.upper(), _SEVERITY_STYLE[severity]
+        page.labelled("so", worth, f" {sentence}", indent=4, column=12)
 
 
 def _elsewhere(page: Page, elsewhere: Mapping[tuple[str, str, Severity], Sequence[str]]) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from keystore_audit.findings import Finding, Location, Severity
+from keystore_audit.findings import OF_THE_AUDIT, Finding, Location, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
+from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import until
 from keystore_audit.report.remedy import Remedies
@@ -88,23 +89,29 @@ def _worst(reports: Sequence[Report], least: Severity, room: int) -> str:
 def _report(report: Report, least: Severity, budget: int) -> str:
     head, rest = [*_head(report)], [*_rest(report, budget // 4)]
     shown = [finding for finding in report.shown(least) if finding.suppressed is None]
+    consequences = Consequences(shown, report.properties)
+    causes = [finding for finding in shown if not consequences.told_elsewhere(finding)]
+    causes.sort(key=lambda finding: (consequences.rank(finding), finding.code.startswith(OF_THE_AUDIT)))
+    also = consequences.alike(causes)
     left = budget - sum(len(line) + 1 for line in (*head, *rest))
     items: list[str] = []
+    untold = len(shown)
     remedies = Remedies()
-    for finding in shown:
-        item = "\n".join(_finding(finding, remedies))
+    for finding in causes:
+        if finding.fingerprint not in also:
+            continue
+        others, so = also[finding.fingerprint], consequences.so(finding)
+        item = "\n".join(_finding(finding, others, so, remedies))
         left -= len(item) + 1
         if left < 0:
             break
         items.append(item)
+        untold -= 1 + len(others) + len(so)
     if len(items) > MAX_OPEN:
         items.insert(MAX_OPEN, "<details><summary>More findings</summary>\n")
         items.append("</details>\n")
-        told = len(items) - 2
-    else:
-        told = len(items)
-    if told < len(shown):
-        items.append(f"{len(shown) - told} more findings are in the full report.\n")
+    if untold:
+        items.append(f"{untold} more findings are in the full report.\n")
     return "\n".join([*head, *items, *rest]) + "\n"
 
 
@@ -143,11 +150,18 @@ def _counts(report: Report) -> str:
     return ", ".join([*(counts or ["no findings"]), *([f"{accepted} accepted"] if accepted else [])])
 
 
-def _finding(finding: Finding, remedies: Remedies) -> Iterator[str]:
+def _finding(
+    finding: Finding, others: Sequence[Finding], so: Iterable[tuple[Severity, str]], remedies: Remedies
+) -> Iterator[str]:
+    """`others`: those that say the same of other enclaves; `so`: what follows from it."""
     yield f"- **{finding.severity.value} {finding.code} {markdown(finding.name)}** {markdown(finding.message)}  "
     if finding.locations:
         yield f"  {_places(finding.locations)}  "
+    if others:
+        yield f"  *Also:* {_places([place for other in others for place in other.locations[:1]])}  "
     yield f"  *What to do:* {markdown(remedies.give(finding))} ({markdown(finding.clause)})"
+    for severity, sentence in so:
+        yield f"  - so {severity.value} {markdown(sentence)}"
     yield ""
 
 

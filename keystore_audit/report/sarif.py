@@ -18,6 +18,7 @@ from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineStatus, PropertyResult
 from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.encoded import encoded
+from keystore_audit.report.remedy import exact
 from keystore_audit.text import markdown, percent_path, shorten
 
 SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
@@ -314,7 +315,7 @@ def _result(finding: Finding, rule: int, base: _Base, paths: Sequence[Counterexa
 
 def _said(finding: Finding) -> str:
     about = f"{finding.enclave}: " if finding.enclave is not None and finding.enclave not in finding.message else ""
-    return f"{about}{finding.message} What to do: {finding.remedy}"
+    return f"{about}{finding.message} What to do: {exact(finding)}"
 
 
 def _location(location: Location, base: _Base) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from keystore_audit.properties import Status
 from keystore_audit.report import junit, markdown, sarif, statement
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.rules import RULES
+from keystore_audit.text import markdown as escaped
 from tests.report.sarif_schema import sarif_schema
 
 MakeReport = Callable[..., Report]
@@ -39,6 +40,12 @@ def log(report: Report) -> dict[str, Any]:
 
 
 class TestSarif:
+    def test_the_message_has_the_names_of_what_it_is_about_in_its_commands(self, make_report: MakeReport) -> None:
+        report = make_report()
+        one = replace(report.findings[0], enclave="/talker", remedy="Sign enclaves/ENCLAVE/permissions.xml.")
+        (result,) = log(replace(report, findings=(one,)))["runs"][0]["results"]
+        assert result["message"]["text"].endswith("What to do: Sign enclaves/talker/permissions.xml.")
+
     @given(name=HOSTILE)
     def test_it_is_valid_whatever_things_are_called(self, name: str, make_report: MakeReport) -> None:
         found = log(make_report(name))
@@ -173,12 +180,31 @@ class TestMarkdown:
 
     def test_long_reports_fit_into_a_comment(self, make_report: MakeReport) -> None:
         report = make_report()
-        many = make_report(findings=report.findings[:1] * 2000)
-        text = markdown.render([many], Severity.INFO)
+        finding = report.findings[0]
+        many = [replace(finding, message=f"Number {n}.", fingerprint=f"{n:064x}") for n in range(2000)]
+        text = markdown.render([make_report(findings=tuple(many))], Severity.INFO)
         assert len(text) < 65_536
         said = re.search(r"(\d+) more findings", text)
         assert said is not None
         assert int(said[1]) + text.count("critical KA302") == 2000
+
+    def test_what_follows_and_what_is_the_same_elsewhere_stands_at_its_cause(self, make_report: MakeReport) -> None:
+        """A property is not told again, and what the audit leaves open comes behind what leaves it open."""
+        report = make_report()
+        first = replace(report.findings[0], enclave="/a", message="/a is wrong.")
+        other = replace(first, enclave="/b", message="/b is wrong.", fingerprint="b" * 64)
+        so = replace(report.findings[1], explained_by=(first.fingerprint,), fingerprint="c" * 64)
+        open_ = replace(first, code="KA906", enclave=None, message="Undecided.", fingerprint="d" * 64)
+        for hidden in (False, True):
+            found = (open_, *(() if hidden else (first, other)), so)
+            text = markdown.render([replace(report, findings=found)], Severity.INFO)
+            assert text.count(f"\n- **{so.severity.value} {so.code}") == hidden, "its cause is not shown"
+            assert (f"  - so {so.severity.value} {so.code}" in text) is not hidden
+            if not hidden:
+                assert f"  *Also:* {escaped(str(first.locations[0]))}  \n" in text
+                assert "is wrong" in text.partition("Undecided")[0]
+                assert text.count("is wrong") == 1
+            assert "more findings are in the full report" not in text
 
     def test_less_severe_findings_are_counted_and_not_shown(self, make_report: MakeReport) -> None:
         text = markdown.render([make_report()], Severity.HIGH)

@@ -176,7 +176,7 @@ def _domain_classes(rules: Sequence[ReadRule], *, everywhere: bool) -> list[int]
     classes = [live] if live else []
     for cover in set(covers.values()):
         classes = [part for each in classes for part in (each & cover, each & ~cover) if part]
-    return sorted(classes, key=_lowest)
+    return sorted(classes, key=lowest)
 
 
 def _partition_classes(
