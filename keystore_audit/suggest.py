@@ -12,7 +12,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.governance import DomainRange, Text
+from keystore_audit.keystore.document import DomainRange, Text
 from keystore_audit.keystore.keystore import Enclave, Keystore, read_keystore
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
 from keystore_audit.model.access_view import AccessViews

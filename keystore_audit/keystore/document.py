@@ -9,6 +9,7 @@ from typing import Any, Final, TypeVar
 
 from lxml import etree
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.defect import Defect, Kind, first_opaque
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml, source_line
@@ -58,6 +59,23 @@ _WILDCARDS: Final = frozenset("*?[")
 
 _TOPICS: Final = ("topic", "topic_expression")
 """Elements that crash implementations when they are empty (measured: Cyclone DDS 0.10.2, Fast DDS 2.9.1)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Text:
+    """The text of an element and the line of the .p7s file where it stands (None: opaque message)."""
+
+    text: str
+    line: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DomainRange:
+    """An `<id>` (both bounds equal) or an `<id_range>`; an absent bound is None. What that means is the profile's."""
+
+    low: int | None
+    high: int | None
+    line: int | None
 
 
 class Document:
@@ -123,22 +141,29 @@ class Document:
             self.invalid(element, f"<{element.tag!s}> is empty", kind)
         return text
 
+    def leaf(self, element: etree._Element, *, may_be_empty: bool = False) -> Text:
+        """The same with its line."""
+        text = element.text
+        if not text or len(element):  # empty, or a comment in it
+            text = self.text(element, may_be_empty=may_be_empty)
+        return Text(text=text, line=self.line(element))
+
     def boolean(self, element: etree._Element) -> bool:
         """An xs:boolean."""
         return joined(element) in ("true", "1")
 
-    def domains(self, element: etree._Element) -> Iterator[tuple[int | None, int | None, int | None]]:
-        """Lower bound, upper bound and line of each `<id>` and `<id_range>` of a `<domains>`; None: no such bound."""
+    def domains(self, element: etree._Element) -> Iterator[DomainRange]:
+        """Each `<id>` and `<id_range>` of a `<domains>`."""
         for entry in elements(element):
             if entry.tag == "id":
                 number = self._domain(entry)
-                yield number, number, self.line(entry)
+                yield DomainRange(low=number, high=number, line=self.line(entry))
                 continue
             bounds = {bound.tag: self._domain(bound) for bound in elements(entry)}
             low, high = bounds.get("min"), bounds.get("max")
             if low is not None and high is not None and low > high:
                 self.invalid(entry, f"expected min <= max, found {low} > {high}: implementations read it differently")
-            yield low, high, self.line(entry)
+            yield DomainRange(low=low, high=high, line=self.line(entry))
 
     def _domain(self, element: etree._Element) -> int | None:
         text = joined(element)

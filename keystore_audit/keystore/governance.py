@@ -10,7 +10,7 @@ from lxml import etree
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
-from keystore_audit.keystore.document import Document, elements
+from keystore_audit.keystore.document import Document, DomainRange, Text, elements
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.smime import SignedDocument, read_signed
 from keystore_audit.keystore.xsd import Grammar
@@ -39,23 +39,6 @@ class ProtectionKind(str, Enum):
     def authenticates_origin(self) -> bool:
         """Whether a reader can tell the writer from other holders of the key."""
         return self.value.endswith("_WITH_ORIGIN_AUTHENTICATION")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Text:
-    """The text of an element and the line of the .p7s file where it stands (None: opaque message)."""
-
-    text: str
-    line: int | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DomainRange:
-    """An `<id>` (both bounds equal) or an `<id_range>`; an absent bound is None. What that means is the profile's."""
-
-    low: int | None
-    high: int | None
-    line: int | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,9 +115,7 @@ def _governance(document: Document, root: etree._Element) -> Governance:
 def _domain_rule(document: Document, rule: etree._Element) -> DomainRule:
     parts = {str(part.tag): part for part in elements(rule)}
     return DomainRule(
-        domains=tuple(
-            DomainRange(low=low, high=high, line=line) for low, high, line in document.domains(parts["domains"])
-        ),
+        domains=tuple(document.domains(parts["domains"])),
         allow_unauthenticated_participants=document.boolean(parts["allow_unauthenticated_participants"]),
         enable_join_access_control=document.boolean(parts["enable_join_access_control"]),
         discovery_protection_kind=_kind(document, parts["discovery_protection_kind"]),
@@ -148,10 +129,9 @@ def _domain_rule(document: Document, rule: etree._Element) -> DomainRule:
 
 def _topic_rule(document: Document, rule: etree._Element) -> TopicRule:
     parts = {str(part.tag): part for part in elements(rule)}
-    expression = parts["topic_expression"]
     liveliness = parts.get("enable_liveliness_protection")  # not in DDS-Security 1.0, where nothing was protected
     return TopicRule(
-        expression=Text(text=document.text(expression), line=document.line(expression)),
+        expression=document.leaf(parts["topic_expression"]),
         enable_discovery_protection=document.boolean(parts["enable_discovery_protection"]),
         enable_liveliness_protection=liveliness is not None and document.boolean(liveliness),
         enable_read_access_control=document.boolean(parts["enable_read_access_control"]),

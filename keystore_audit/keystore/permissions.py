@@ -12,9 +12,8 @@ from lxml import etree
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
-from keystore_audit.keystore.document import Document, elements, joined
+from keystore_audit.keystore.document import Document, DomainRange, Text, elements, joined
 from keystore_audit.keystore.files import File
-from keystore_audit.keystore.governance import DomainRange, Text
 from keystore_audit.keystore.smime import SignedDocument, read_signed
 from keystore_audit.keystore.xsd import Grammar
 
@@ -123,7 +122,7 @@ def _grant(document: Document, grant: etree._Element) -> Grant:
     not_before, not_after = elements(validity)
     return Grant(
         name=str(grant.get("name", "")),
-        subject_name=_text(document, subject_name),
+        subject_name=document.leaf(subject_name),
         not_before=_date(document, not_before),
         not_after=_date(document, not_after),
         rules=tuple(_rule(document, rule) for rule in rules),
@@ -137,7 +136,7 @@ def _rule(document: Document, rule: etree._Element) -> Rule:
     domains, *criteria = elements(rule)
     return Rule(
         allow=rule.tag == "allow_rule",
-        domains=tuple(DomainRange(low=low, high=high, line=line) for low, high, line in document.domains(domains)),
+        domains=tuple(document.domains(domains)),
         criteria=tuple(_criterion(document, criterion) for criterion in criteria),
         line=document.line(rule),
     )
@@ -148,27 +147,20 @@ def _criterion(document: Document, criterion: etree._Element) -> Criterion:
     partitions = parts.get("partitions")
     return Criterion(
         operation=_OPERATIONS[criterion.tag],
-        topics=tuple([_text(document, topic) for topic in elements(parts["topics"])]),
-        partitions=None if partitions is None else tuple(_partition(document, name) for name in elements(partitions)),
+        topics=tuple([document.leaf(topic) for topic in elements(parts["topics"])]),
+        partitions=None if partitions is None else _partitions(document, partitions),
         data_tags="data_tags" in parts,
         line=document.line(criterion),
     )
 
 
-def _text(document: Document, element: etree._Element) -> Text:
-    text = element.text
-    if not text or len(element):  # empty, or a comment in it
-        text = document.text(element)
-    return Text(text=text, line=document.line(element))
-
-
-def _partition(document: Document, element: etree._Element) -> Text:
-    """A partition expression; the empty one means the default partition, and sros2 of Crystal writes it."""
-    return Text(text=document.text(element, may_be_empty=True), line=document.line(element))
+def _partitions(document: Document, element: etree._Element) -> tuple[Text, ...]:
+    """Partition expressions; the empty one means the default partition, and sros2 of Crystal writes it."""
+    return tuple(document.leaf(name, may_be_empty=True) for name in elements(element))
 
 
 def _date(document: Document, element: etree._Element) -> Text:
-    date = _text(document, element)
+    date = document.leaf(element)
     if _FOUR_DIGIT_YEAR.match(date.text) is None:
         document.invalid(element, f"expected a date of the years 1 to 9999, found {date.text[:40]!r}")
     return date

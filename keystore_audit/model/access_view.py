@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Final
 from keystore_audit.dataclass import dataclass, fields, replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.governance import DomainRange, Governance, GovernanceFile, ProtectionKind, Text
+from keystore_audit.keystore.document import DomainRange, Text
+from keystore_audit.keystore.governance import Governance, GovernanceFile, ProtectionKind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
 from keystore_audit.model.domains import Interval

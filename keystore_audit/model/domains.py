@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from keystore_audit.keystore.document import MAX_DOMAIN
-from keystore_audit.keystore.governance import DomainRange
+from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange
 from keystore_audit.model.formal.system import DomainAtom
 from keystore_audit.model.profiles.access import OpenRange
 

@@ -11,7 +11,8 @@ from datetime import datetime
 from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.keystore.governance import DomainRule, Governance, Text, TopicRule
+from keystore_audit.keystore.document import Text
+from keystore_audit.keystore.governance import DomainRule, Governance, TopicRule
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Permissions, Rule
 from keystore_audit.model.domains import Interval, covered
 from keystore_audit.model.profiles.access import Access, PartitionReading, RelayReading

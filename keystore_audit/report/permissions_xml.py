@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from keystore_audit.keystore.governance import DomainRange, Text
+from keystore_audit.keystore.document import DomainRange, Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Rule
 from keystore_audit.text import html
 

@@ -21,8 +21,9 @@ from keystore_audit.dataclass import fields
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.crl import CrlFile, RevocationList
+from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.files import File
-from keystore_audit.keystore.governance import DomainRule, GovernanceFile, Text, TopicRule
+from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile, Rule
 from keystore_audit.keystore.private_key import PrivateKey

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.keystore.document import MAX_DOMAIN
-from keystore_audit.keystore.governance import DomainRange, GovernanceFile
+from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange
+from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.profiles import VARIANTS

@@ -9,8 +9,7 @@ from hashlib import sha256
 from typing import Final
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.document import MAX_DOMAIN
-from keystore_audit.keystore.governance import Text
+from keystore_audit.keystore.document import MAX_DOMAIN, Text
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
 from keystore_audit.model.domains import covered, domain_bits

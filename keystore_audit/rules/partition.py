@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 from keystore_audit.findings import Severity
-from keystore_audit.keystore.governance import Text
+from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation
 from keystore_audit.model.matching.coverage import has_wildcard
 from keystore_audit.model.matching.expression import Matcher, parse

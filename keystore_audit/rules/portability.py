@@ -7,7 +7,7 @@ from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.keystore.governance import Text
+from keystore_audit.keystore.document import Text
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.profiles import DateReading, Profile

@@ -13,7 +13,7 @@ import pytest
 from keystore_audit.engine import causes
 from keystore_audit.engine.alloy.merging import merge
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.keystore.governance import DomainRange, Text
+from keystore_audit.keystore.document import DomainRange, Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
 from keystore_audit.model.channels import build_channels
 from keystore_audit.model.domains import domain_classes

@@ -5,8 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from keystore_audit.keystore.document import MAX_DOMAIN
-from keystore_audit.keystore.governance import DomainRange
+from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange
 from keystore_audit.model.domains import contains, covered, describe, domain_classes, elementary
 
 BOUND = st.none() | st.integers(0, 300)

@@ -7,7 +7,7 @@ from typing import Any
 from zoneinfo import ZoneInfo
 
 from keystore_audit.findings import Finding
-from keystore_audit.keystore.governance import DomainRange
+from keystore_audit.keystore.document import DomainRange
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Criterion, Operation, Rule
 from keystore_audit.model.access_view import AccessViews

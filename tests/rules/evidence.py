@@ -23,16 +23,9 @@ from keystore_audit.findings import Finding, Result
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.document import DomainRange, Text
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.governance import (
-    DomainRange,
-    DomainRule,
-    Governance,
-    GovernanceFile,
-    ProtectionKind,
-    Text,
-    TopicRule,
-)
+from keystore_audit.keystore.governance import DomainRule, Governance, GovernanceFile, ProtectionKind, TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Permissions, PermissionsFile, Rule

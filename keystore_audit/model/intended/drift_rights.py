@@ -9,8 +9,8 @@ from typing import Final
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import IntendedRight
-from keystore_audit.keystore.document import MAX_DOMAIN
-from keystore_audit.keystore.governance import GovernanceFile, Text
+from keystore_audit.keystore.document import MAX_DOMAIN, Text
+from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, ReadRegion, build_channels

@@ -14,7 +14,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.intent.intent import Intent, Origin, SetVariable, Unresolved, UsedName
-from keystore_audit.keystore.governance import Text
+from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Grant, Operation, PermissionsFile

@@ -13,8 +13,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.intent import IntendedRight
 from keystore_audit.intent.policy import Profiles
-from keystore_audit.keystore.document import MAX_DOMAIN
-from keystore_audit.keystore.governance import DomainRange, Text
+from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
 from keystore_audit.model.names import DISCOVERY_TOPIC, dds_expressions
 from keystore_audit.model.semantics import DIRECTIONS

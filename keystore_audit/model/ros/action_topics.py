@@ -14,7 +14,7 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import Text
+from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.matching.coverage import TOPICS, allows_everything, covers, has_wildcard, may_cover

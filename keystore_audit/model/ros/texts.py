@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Final
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import Text
+from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.matching.expression import Matcher, parse

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import Text
+from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.access_view import AccessViews

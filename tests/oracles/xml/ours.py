@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from keystore_audit.keystore.governance import DomainRange, Governance, TopicRule, read_governance
+from keystore_audit.keystore.document import DomainRange
+from keystore_audit.keystore.governance import Governance, TopicRule, read_governance
 from keystore_audit.keystore.permissions import Permissions, read_permissions
 from tests.keystore.builder import present
 from tests.oracles.xml.parsers import Item
