@@ -36,7 +36,11 @@ _OLD_IS_READ: Final = {  # rules of permissions differ in the order of publish, 
 _RAISED_BY_XMLSCHEMA: Final = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError)
 """Beside its own exceptions: on xsi:type, on years of twenty digits."""
 
-_VALUE_TYPES: Final = frozenset({"xs:boolean", "xs:dateTime", "xs:nonNegativeInteger"})
+_VALUE_TYPES: Final = {
+    "xs:boolean": "true or false",
+    "xs:dateTime": "a date as 2026-01-31T00:00:00",
+    "xs:nonNegativeInteger": "a number from 0 on",
+}
 
 
 class Grammar(str, Enum):
@@ -125,7 +129,7 @@ def _explanations(root: etree._Element, grammar: Grammar) -> Iterator[tuple[int 
             continue
         found = "" if len(element) else f", found {str(element.text or '')!r}"
         expected = getattr(error.validator, "prefixed_name", None)  # of a simple type: xs:boolean, xs:dateTime
-        wanted = f"expected {expected}" if found and expected in _VALUE_TYPES else error.reason
+        wanted = f"expected {_VALUE_TYPES[expected]}" if found and expected in _VALUE_TYPES else error.reason
         if getattr(error.validator, "enumeration", None):
             wanted = f"expected {', '.join(_values(grammar, str(element.tag)))}"
         index = getattr(error, "index", len(element))  # of a child that should not be there

@@ -73,9 +73,14 @@ def test_data_has_no_origin_authentication() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "needle", "words"),
     [
-        (b"<id>0</id>", b"<id>a</id>", b"<id>a", "expected xs:nonNegativeInteger, found 'a'"),
+        (b"<id>0</id>", b"<id>a</id>", b"<id>a", "expected a number from 0 on, found 'a'"),
         (b">DENY<", b">REFUSE<", b"REFUSE", "expected ALLOW, DENY, found 'REFUSE'"),
-        (b"2024-01-01T00", b"2024-13-01T00", b"2024-13", "expected xs:dateTime, found '2024-13-01T00:00:00'"),
+        (
+            b"2024-01-01T00",
+            b"2024-13-01T00",
+            b"2024-13",
+            "expected a date as 2026-01-31T00:00:00, found '2024-13-01T00:00:00'",
+        ),
         (b"<default>DENY</default>", b"", b"<grant", "'default' expected"),
         (b"<domains><id>0</id></domains>", b"", b"<publish>", "Tag 'domains' expected"),
         (b"<topic>rt/chatter</topic>", b"", b"<publish><topics>", "Tag 'topic' expected"),
