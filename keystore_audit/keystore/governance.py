@@ -40,6 +40,11 @@ class ProtectionKind(str, Enum):
         """Whether a reader can tell the writer from other holders of the key."""
         return self.value.endswith("_WITH_ORIGIN_AUTHENTICATION")
 
+    @property
+    def without_origin(self) -> ProtectionKind:
+        """What is left of it where the origin is not authenticated."""
+        return ProtectionKind(self.value.removesuffix("_WITH_ORIGIN_AUTHENTICATION"))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TopicRule:

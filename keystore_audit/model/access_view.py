@@ -213,6 +213,7 @@ class AccessViews:
                 len(governance.domain_rules) > 1 or any(len(rule.topic_rules) > 1 for rule in governance.domain_rules)
                 for governance in self._governances
             ),
+            "authenticates_origin": lambda: any(map(_authenticates_origin, self._governances)),
         }
         return occasions
 
@@ -348,6 +349,16 @@ def _unbounded_below(ranges: Iterable[DomainRange], access: Access) -> DomainRan
 def _opens_protected_rtps(governance: Governance) -> bool:
     return any(
         rule.allow_unauthenticated_participants and rule.rtps_protection_kind is not ProtectionKind.NONE
+        for rule in governance.domain_rules
+    )
+
+
+def _authenticates_origin(governance: Governance) -> bool:
+    return any(
+        rule.discovery_protection_kind.authenticates_origin
+        or rule.liveliness_protection_kind.authenticates_origin
+        or rule.rtps_protection_kind.authenticates_origin
+        or any(topic.metadata_protection_kind.authenticates_origin for topic in rule.topic_rules)
         for rule in governance.domain_rules
     )
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import TopicRule
+from keystore_audit.keystore.governance import ProtectionKind, TopicRule
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.formal.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
@@ -47,9 +47,9 @@ class RuleAtoms:
                         domains=domains,
                         allow_unauthenticated_participants=rule.allow_unauthenticated_participants,
                         enable_join_access_control=controls_join,
-                        discovery_protection_kind=rule.discovery_protection_kind,
-                        liveliness_protection_kind=rule.liveliness_protection_kind,
-                        rtps_protection_kind=rule.rtps_protection_kind,
+                        discovery_protection_kind=_kind(rule.discovery_protection_kind, access),
+                        liveliness_protection_kind=_kind(rule.liveliness_protection_kind, access),
+                        rtps_protection_kind=_kind(rule.rtps_protection_kind, access),
                         location=Location(path=place, line=rule.line),
                     )
                 )
@@ -58,7 +58,7 @@ class RuleAtoms:
             for parent, topic, channels in self._topics(parted, access):
                 if channels not in parts:
                     parts[channels] = list(_parts(channels, loose))
-                topic_rules += [_topic_atom(topic, first + parent, place, part) for part in parts[channels]]
+                topic_rules += [_topic_atom(topic, first + parent, place, part, access) for part in parts[channels]]
         return tuple(domain_rules), tuple(topic_rules)
 
     def _topics(self, parted: Sequence[_Parted], access: Access) -> Iterator[tuple[int, TopicRule, frozenset[int]]]:
@@ -229,7 +229,12 @@ def _parts(channels: frozenset[int], loose: _Loose) -> Iterator[_Part]:
                 yield part, is_read_off, is_write_off
 
 
-def _topic_atom(topic: TopicRule, parent: int, place: str, part: _Part) -> TopicRuleAtom:
+def _kind(kind: ProtectionKind, access: Access) -> ProtectionKind:
+    """What the implementation makes of it."""
+    return kind if access.authenticates_origin else kind.without_origin
+
+
+def _topic_atom(topic: TopicRule, parent: int, place: str, part: _Part, access: Access) -> TopicRuleAtom:
     channels, is_read_off, is_write_off = part
     return TopicRuleAtom(
         domain_rule=parent,
@@ -238,7 +243,7 @@ def _topic_atom(topic: TopicRule, parent: int, place: str, part: _Part) -> Topic
         enable_liveliness_protection=topic.enable_liveliness_protection,
         enable_read_access_control=topic.enable_read_access_control and not is_read_off,
         enable_write_access_control=topic.enable_write_access_control and not is_write_off,
-        metadata_protection_kind=topic.metadata_protection_kind,
-        data_protection_kind=topic.data_protection_kind,
+        metadata_protection_kind=_kind(topic.metadata_protection_kind, access),
+        data_protection_kind=_kind(topic.data_protection_kind, access),
         location=Location(path=place, line=topic.line),
     )

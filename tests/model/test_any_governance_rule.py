@@ -125,3 +125,14 @@ def test_a_later_domain_rule_adds_topics(profile: str, expected: bool, tmp_path:
     without = Asked(governance(first, domain_rule("<id>5</id>")), tmp_path / "apart", profile, own)
     assert not without.allowed
     assert not without.conceded
+
+
+@pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("cyclonedds-11", False)])
+@pytest.mark.parametrize("layer", ["metadata", "rtps"])
+def test_no_origin_is_authenticated(layer: str, profile: str, expected: bool, tmp_path: Path) -> None:
+    """Its developer's guide, Implementation Status: so whoever reads a topic makes samples of it."""
+    kinds = {f"{layer}_protection_kind": "ENCRYPT_WITH_ORIGIN_AUTHENTICATION"}
+    topics, rest = (topic_rule(**kinds), {}) if layer == "metadata" else (topic_rule(), kinds)
+    own = permissions(grant("/e", rule(criterion("subscribe", "rt/a"))))
+    asked = Asked(governance(domain_rule(topics=topics, **rest)), tmp_path / "k", profile, own)
+    assert bool(RealmView(asked.system, 0, Permissions(asked.system)).abilities(0).forges & asked.zero) is expected

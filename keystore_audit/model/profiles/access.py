@@ -67,7 +67,7 @@ class Access:
     even where join access control is off. `joins_out_of_date`: a grant lets its holder join
     whatever its dates, which bind endpoints alone. `any_governance_rule`: access control is off where any matching rule
     of the governance has it off, not the first; topics that the first domain rule does not list are looked up in the
-    later ones of the domain.
+    later ones of the domain. `authenticates_origin`: kinds WITH_ORIGIN_AUTHENTICATION are more than those without.
     """
 
     matcher: Matcher
@@ -85,6 +85,7 @@ class Access:
     requires_grant: bool
     joins_out_of_date: bool
     any_governance_rule: bool
+    authenticates_origin: bool
 
 
 class JoinCheck(str, Enum):

@@ -101,6 +101,7 @@ _SPEC_ACCESS: Final = Access(
     requires_grant=False,
     joins_out_of_date=False,
     any_governance_rule=False,
+    authenticates_origin=True,
 )
 """DDS-Security 1.1, 9.4.1.2 and 9.4.1.3, expressions by glibc's `fnmatch` (see `Matcher`)."""
 
@@ -120,6 +121,7 @@ _FASTDDS_ACCESS: Final = Access(
     requires_grant=True,
     joins_out_of_date=False,
     any_governance_rule=False,
+    authenticates_origin=True,
 )
 _FASTDDS_OLD_ACCESS: Final = replace(_FASTDDS_ACCESS, refuses_unauthenticated_with_rtps=False)
 
@@ -139,6 +141,7 @@ _CYCLONEDDS_0_10_ACCESS: Final = Access(
     requires_grant=False,
     joins_out_of_date=False,
     any_governance_rule=False,
+    authenticates_origin=True,
 )
 
 _CYCLONEDDS_11_ACCESS: Final = replace(_CYCLONEDDS_0_10_ACCESS, first_rule_decides_topic=False)
@@ -153,6 +156,7 @@ _OPENDDS_ACCESS: Final = replace(
     skips_grants_out_of_date=False,
     joins_out_of_date=True,
     any_governance_rule=True,
+    authenticates_origin=False,
 )
 
 _SPEC_LOCAL: Final = Local(
