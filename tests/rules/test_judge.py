@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from keystore_audit.findings import Location, Result, Severity
 from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.properties import Status
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.rules import RULES
@@ -26,6 +27,7 @@ from tests.rules.evidence import (
     context,
     domain_rule,
     enclave,
+    findings,
     governance,
     grant,
     healthy,
@@ -206,6 +208,26 @@ def test_a_cause_under_other_profiles_is_none() -> None:
     )
     found = {finding.code: finding for finding in judged(one_authority(healthy()), results=(pinned,)).findings}
     assert found["KA705"].explained_by == ()
+
+
+@pytest.mark.parametrize(
+    ("under", "same"), [((), True), (("cyclonedds-11", "spec"), True), (("spec",), False), (("cyclonedds-11",), False)]
+)
+def test_a_property_without_a_cause_under_one_profile_is_another_where_the_keystore_is(
+    under: tuple[str, ...], same: bool
+) -> None:
+    violated = answer(Status.VIOLATED, example=EXAMPLE)
+    asked = result("outsiders-cannot-read", spec=violated, cyclonedds_11=violated)
+    formal = next(r for r in RULES if r.name == "outsiders-cannot-read")
+    cause = made("KA412", says(explains=frozenset({"outsiders-cannot-read"}), profiles=under))
+    wider = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/chatter", "rt/map"])))
+    chosen = (VARIANTS["spec"], VARIANTS["cyclonedds-11"])
+    judgements = (
+        judge(context(store, results=(asked,), profiles=chosen), [cause, formal])
+        for store in (healthy(), talker(permissions=wider)(healthy()))
+    )
+    before, after = (findings("KA711", each)[0] for each in judgements)
+    assert (before.fingerprint == after.fingerprint) is same
 
 
 @pytest.mark.parametrize(
