@@ -13,9 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit import toml
 from keystore_audit.baseline import create, prune, written
-from keystore_audit.cli import audit as command_line
 from keystore_audit.findings import Location, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.profiles import VARIANTS
@@ -28,8 +26,7 @@ from keystore_audit.text import terminal
 from tests.cli.keystores import answer
 from tests.schemas import schema
 from tests.settings.files import plain
-from tests.test_samples import SAMPLES, as_built, name
-from tools.samples.expectation import with_engine
+from tests.test_samples import SAMPLES, as_built, given_options, name
 
 UNTIL = date(2027, 3, 31)
 
@@ -112,12 +109,6 @@ DIVERSE = (
     "rules/KA640-policy-right-not-granted/bad",
     "rules/KA909-suppression-expired/bad",
 )
-
-
-def given_options(expectation: Path, keystore: Path) -> Options:
-    expected = toml.loads(expectation.read_text("utf-8"))
-    words = [*with_engine(expected["options"]), "--at", expected["at"], str(keystore)]
-    return command_line.chosen(command_line.command.make_context("audit", words).params, [str(keystore)])
 
 
 def made(options: Options, keystore: Path, path: Path, **more: Any) -> Baseline:

@@ -11,13 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.cli import audit as command_line
 from keystore_audit.findings import Finding
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from tests.rules.evidence import AT
-from tests.test_baseline import given_options
-from tests.test_samples import SAMPLES, as_built
+from tests.test_samples import SAMPLES, as_built, given_options, options_of
 from tools.samples.base import IDENTITY_CA, LISTENER, PERMISSIONS_CA, QUIET, TALKER, TWO
 from tools.samples.certificates import Certificate
 from tools.samples.documents import (
@@ -420,9 +418,7 @@ def test_another_value_in_the_environment_is_another_finding(tmp_path: Path) -> 
     for name in ("/nobody", "/../../tmp/evil"):
         path = tmp_path / "robot.env"
         path.write_text(f"ROS_SECURITY_ENCLAVE_OVERRIDE={name}\n", "utf-8")
-        keystore = str(tmp_path / "keystore")
-        words = ["--engine", "native", "--env", str(path), keystore]
-        options = command_line.chosen(command_line.command.make_context("audit", words).params, [keystore])
-        report = audit(keystore, replace(options, at=AT))
+        options = options_of(tmp_path / "keystore", "--engine", "native", "--env", str(path))
+        report = audit(str(tmp_path / "keystore"), replace(options, at=AT))
         found += [each.fingerprint for each in report.findings if each.code == "KA672"]
     assert len(set(found)) == len(found) == 2

@@ -12,7 +12,9 @@ from typing import Any
 import pytest
 
 from keystore_audit import toml
+from keystore_audit.cli import audit as command_line
 from keystore_audit.cli.program import run as program
+from keystore_audit.options import Options
 from tools.samples.expectation import finding_line, with_engine
 from tools.samples.store import copy_with_modes
 
@@ -30,6 +32,18 @@ def as_built(expectation: Path, target: Path) -> tuple[Path, dict[str, Any]]:
     expected = toml.loads(expectation.read_text("utf-8"))
     copy_with_modes(expectation.with_suffix(""), target, int(expected["key_mode"], 8))
     return target, expected
+
+
+def given_options(expectation: Path, keystore: Path) -> Options:
+    """The sample's own options, for the keystore there; they name files below SAMPLES."""
+    expected = toml.loads(expectation.read_text("utf-8"))
+    return options_of(keystore, *with_engine(expected["options"]), "--at", expected["at"])
+
+
+def options_of(keystore: Path, *words: str) -> Options:
+    """What the command line makes of these words."""
+    given = command_line.command.make_context("audit", [*words, str(keystore)]).params
+    return command_line.chosen(given, [str(keystore)])
 
 
 def run(keystore: Path, *options: str) -> tuple[int, dict[str, Any]]:

@@ -27,14 +27,9 @@ from keystore_audit.model.profiles import DEFAULT, VARIANTS, resolve
 from keystore_audit.model.question import Question
 from tests.cli.keystores import AT, answer, keystore, rule
 from tests.schemas import schema
+from tests.test_samples import EXPECTATIONS, SAMPLES, name
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
-EXPECTATIONS = sorted(path for path in SAMPLES.rglob("*.toml") if path.with_suffix("").is_dir())
 NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
-
-
-def name(path: Path) -> str:
-    return path.relative_to(SAMPLES).with_suffix("").as_posix()
 
 
 def instant(expectation: Path) -> str:
@@ -86,25 +81,22 @@ def test_the_table_of_a_sample_is_what_single_answers_are(expectation: Path) -> 
         for profile, single in access.answers(question).items():
             in_table = found[profile, path, operation.value, topic, partition]
             assert in_table == (single.decision.value, single.effective.value), (profile, question)
+    _assert_text_and_csv_say_it(store, at, code, document["groups"])
 
 
-@pytest.mark.parametrize("expectation", EXPECTATIONS, ids=name)
-def test_text_and_csv_of_a_sample(expectation: Path) -> None:
-    store, at = expectation.with_suffix(""), instant(expectation)
+def _assert_text_and_csv_say_it(store: Path, at: str, json_code: int, groups: list[dict[str, Any]]) -> None:
     code, text = answer("access", store, "--at", at)
     assert text.startswith("Who may do what in ")
     assert max(map(len, text.splitlines())) <= 80
     assert all(character.isprintable() or character == "\n" for character in text)
     assert "\n\n\n" not in text
     csv_code, rows = answer("access", store, "--at", at, "-f", "csv")
-    json_code, document = answer("access", store, "--at", at, "-f", "json")
     assert f", at {at} Assumed: " in " ".join(text.split())
     assert code == csv_code == json_code
     header, *table = csv.reader(StringIO(rows, newline=""))
     assert header == [
         "profiles", "enclave", "usable", "operation", "name", "topic", "partition", "decision", "effective",
     ]  # fmt: skip
-    groups = json.loads(document)["groups"]
     assert len([row for row in table if row[4] != "any other name" or row[5]]) == sum(len(g["rights"]) for g in groups)
     for profiles in (group["profiles"] for group in groups):
         assert profiles == [each for each in VARIANTS if each in profiles] != []
@@ -189,8 +181,8 @@ def test_names_that_are_the_same_when_cut_stand_in_full(tmp_path: Path) -> None:
     code, out = answer("access", keystore(tmp_path / "k", {"/eyes": (rule(tuple(long)),)}), "--at", AT)
     lines = out.splitlines()
     assert code == 0
-    for name in long:
-        assert lines[lines.index(f"  {name[2:]}") + 1].split() == ["pub"]
+    for each in long:
+        assert lines[lines.index(f"  {each[2:]}") + 1].split() == ["pub"]
     _code, out = answer("access", keystore(tmp_path / "one", {"/eyes": (rule(tuple(long[:1])),)}), "--at", AT)
     assert "…" in out
 

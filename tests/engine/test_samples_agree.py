@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
 
 import pytest
 
@@ -26,17 +25,15 @@ from keystore_audit.model.profiles import resolve
 from keystore_audit.properties import PROPERTIES
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding
+from tests.test_samples import EXPECTATIONS, name
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 _WORDS = re.compile(r"label=(?:'[^']*'|\"[^\"]*\")|location=Location\([^)]*\)|topic='[^']*'")
 
 
 def systems() -> Iterator[tuple[str, System]]:
     """The systems of all samples that differ by more than names and places."""
     seen: set[str] = set()
-    for description in sorted(SAMPLES.rglob("*.toml")):
-        if not description.with_suffix("").is_dir():
-            continue  # settings
+    for description in EXPECTATIONS:
         at = datetime.fromisoformat(toml.loads(description.read_text())["at"].replace("Z", "+00:00"))
         try:
             keystore = read_keystore(description.with_suffix(""))
@@ -48,7 +45,7 @@ def systems() -> Iterator[tuple[str, System]]:
             key = _WORDS.sub("", repr(replace(system, profiles=())))
             if key not in seen:
                 seen.add(key)
-                yield description.relative_to(SAMPLES).as_posix(), system
+                yield name(description), system
 
 
 @pytest.mark.alloy

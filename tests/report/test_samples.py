@@ -21,7 +21,6 @@ from in_toto_attestation.v1 import statement_pb2
 from in_toto_attestation.v1.statement import Statement
 from junitparser import Error, Failure, JUnitXml, Skipped
 
-from keystore_audit.cli import audit as command_line
 from keystore_audit.formats import FORMATS, render
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report, Verdict
@@ -30,8 +29,7 @@ from keystore_audit.report.text import View
 from keystore_audit.rules import RULES
 from tests.report.sarif_schema import sarif_schema
 from tests.schemas import schema
-from tests.test_samples import EXPECTATIONS, SAMPLES, as_built, name
-from tools.samples.expectation import with_engine
+from tests.test_samples import EXPECTATIONS, SAMPLES, as_built, given_options, name
 
 Audited = tuple[Report, Path]
 
@@ -40,10 +38,8 @@ Audited = tuple[Report, Path]
 def audited(expectation: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, resident_analyzer: None) -> Audited:  # noqa: ARG001
     """The sample's report by its own options, made in this process, and where its files are."""
     monkeypatch.chdir(SAMPLES)
-    keystore, expected = as_built(expectation, tmp_path / "keystore")
-    words = [*with_engine(expected["options"]), "--at", expected["at"], str(keystore)]
-    given = command_line.command.make_context("audit", words).params
-    return audit(str(keystore), command_line.chosen(given, [str(keystore)])), keystore
+    keystore, _expected = as_built(expectation, tmp_path / "keystore")
+    return audit(str(keystore), given_options(expectation, keystore)), keystore
 
 
 def shown(kind: str, report: Report) -> str:

@@ -6,7 +6,7 @@ documents, in domain 0 and at the time of the clock; identities are asked about 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from datetime import datetime, timezone
 from pathlib import Path
@@ -19,20 +19,12 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import VARIANTS
-from tests.oracles.xml.parsers import require_measured_versions
-from tests.oracles.xml.plugins import Plugin, both
+from tests.oracles.xml.plugins import Plugin
 
 pytestmark = pytest.mark.xdist_group("xml-oracle")
 
 ASKED_ELSEWHERE = ("identity", "private key", "key of kind", "signed with", "revocation list")
 """Words of reasons that this plugin has no part in."""
-
-
-@pytest.fixture(scope="module")
-def cyclone(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plugin]:
-    require_measured_versions(oracle)
-    with both(oracle, tmp_path_factory.mktemp("plugins")) as running:
-        yield running["cyclone"]
 
 
 def samples(repository: Path) -> Iterator[tuple[str, Path, Keystore]]:
@@ -43,14 +35,14 @@ def samples(repository: Path) -> Iterator[tuple[str, Path, Keystore]]:
                 yield str(store.relative_to(root)), store, read_keystore(store)
 
 
-def test_what_is_usable_starts_and_what_is_refused_does_not(cyclone: Plugin, repository: Path) -> None:
+def test_what_is_usable_starts_and_what_is_refused_does_not(plugins: dict[str, Plugin], repository: Path) -> None:
     now = datetime.now(timezone.utc)
     optimistic, pessimistic, compared = {}, {}, 0
     for name, store, keystore in samples(repository):
         usabilities = Usabilities(0, AccessViews(documents_of(keystore), now, None))
         for enclave in keystore.enclaves:
             try:
-                refused = cyclone.ask_enclave(store / enclave.files.directory).refused
+                refused = plugins["cyclone"].ask_enclave(store / enclave.files.directory).refused
             except OSError:  # a file is missing, which is a reason of its own
                 continue
             compared += 1
