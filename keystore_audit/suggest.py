@@ -99,8 +99,7 @@ class Suggester:
     def _domains(self, enclave: Enclave) -> tuple[DomainRange, ...]:
         if self._domain is not None:
             return (DomainRange(low=self._domain, high=self._domain, line=None),)
-        rules = enclave.governance.domain_rules if enclave.governance else ()
-        ranges = [each for rule in rules for each in rule.domains]
+        ranges = enclave.governance.domains if enclave.governance else []
         highest = max((each.high for each in ranges if each.high is not None), default=0)
         last = max(LAST_DOMAIN, highest)
         return tuple(DomainRange(low=low, high=min(high, last), line=None) for low, high in covered(ranges))

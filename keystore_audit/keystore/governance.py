@@ -98,6 +98,11 @@ class GovernanceFile:
         """Those of the content, none where it has no single meaning."""
         return self.governance.domain_rules if self.governance is not None else ()
 
+    @property
+    def domains(self) -> list[DomainRange]:
+        """What its domain rules name."""
+        return [domains for rule in self.domain_rules for domains in rule.domains]
+
 
 def read_governance(file: File, candidates: Sequence[Certificate]) -> GovernanceFile:
     """Read a governance document and find who signed it (`smime.read_signed`).

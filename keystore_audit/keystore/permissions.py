@@ -67,6 +67,11 @@ class Grant:
     line: int | None
 
     @property
+    def allowed_domains(self) -> list[DomainRange]:
+        """What its allow rules name."""
+        return [domains for rule in self.rules if rule.allow for domains in rule.domains]
+
+    @property
     def allowed(self) -> Iterator[Criterion]:
         """What its allow rules are about, in order."""
         return (criterion for rule in self.rules if rule.allow for criterion in rule.criteria)

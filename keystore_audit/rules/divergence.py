@@ -20,7 +20,7 @@ from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.domain import allowed_domains, governed_domains, meet
+from keystore_audit.rules.domain import meet
 from keystore_audit.rules.governance import CORRECT, COVER_DOMAIN
 from keystore_audit.rules.permissions import ALLOW_DOMAINS, WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
@@ -162,8 +162,8 @@ def _without_a_domain(context: Context) -> Iterator[str]:
             continue
         own = next((grant for grant in permissions.grants if grant.subject_name.text == first.subject), None)
         if own is not None:
-            allowed = allowed_domains(own)
-            if not allowed or not (own.default_allow or meet(allowed, governed_domains(governance))):
+            allowed = own.allowed_domains
+            if not allowed or not (own.default_allow or meet(allowed, governance.domains)):
                 yield enclave.path
 
 

@@ -7,7 +7,6 @@ from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.profiles import VARIANTS
@@ -18,16 +17,6 @@ from keystore_audit.rules.permissions import WRITE_AGAIN, about
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
 from keystore_audit.rules.wording import sole
-
-
-def governed_domains(file: GovernanceFile) -> list[DomainRange]:
-    """What the domain rules of a governance name."""
-    return [domains for domain_rule in file.domain_rules for domains in domain_rule.domains]
-
-
-def allowed_domains(grant: Grant) -> list[DomainRange]:
-    """What the allow rules of a grant name."""
-    return [domains for permission_rule in grant.rules if permission_rule.allow for domains in permission_rule.domains]
 
 
 def meet(some: Iterable[DomainRange], others: Iterable[DomainRange]) -> bool:
@@ -56,7 +45,7 @@ def _open_range(domains: DomainRange) -> str | None:
 )
 def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
     """An <id_range> lacks <min> or <max>, and implementations read different domains in it (measured)."""
-    for domains in governed_domains(use.document):
+    for domains in use.document.domains:
         why = _open_range(domains)
         if why is not None:
             yield Violation(
@@ -103,7 +92,7 @@ def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
 def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
     """Every range of domains of the document."""
     if isinstance(use, GovernanceUse):
-        yield from governed_domains(use.document)
+        yield from use.document.domains
     if isinstance(use, PermissionsUse):
         for grant in use.document.grants:
             for permission_rule in grant.rules:
@@ -132,7 +121,7 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
         own = grants.get(first.subject) if first is not None else None
         if file is None or file.governance is None or own is None or own.default_allow:
             continue
-        governed, allowed = governed_domains(file), allowed_domains(own)
+        governed, allowed = file.domains, own.allowed_domains
         if allowed and not meet(governed, allowed):
             yield Violation(
                 message=f"{enclave.path} can take part in no domain: its grant allows domain "

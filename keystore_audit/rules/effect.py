@@ -122,11 +122,10 @@ class Effects:
         """The domains in which it allows anything, as a bit set."""
         if grant.default_allow:
             return domain_bits([(0, MAX_DOMAIN)])
-        return union(domain_bits(covered(rule.domains)) for rule in grant.rules if rule.allow)
+        return domain_bits(covered(grant.allowed_domains))
 
     @cached_property
     def _governed(self) -> int:
         """The domains that a governance covers which an enclave carries and somebody may take."""
         taken = (use.document for use in governance_uses(self._keystore) if use.may_be_taken)
-        rules = (rule for document in taken for rule in document.domain_rules)
-        return union(domain_bits(covered(rule.domains)) for rule in rules)
+        return union(domain_bits(covered(document.domains)) for document in taken)
