@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import usability_by_profile
@@ -56,8 +56,8 @@ def horizon(
         if count == MAX_MOMENTS:
             return Horizon(instant=earliest, why="later dates were not looked at")
         touched = usabilities.touched(at, instant)
-        asked = (enclave for enclave in keystore.enclaves if enclave.files.directory in touched)
-        why = _usability_change(usable, usability_by_profile(asked, kinds, instant, usabilities))
+        asked = [enclave for enclave in keystore.enclaves if enclave.files.directory in touched]
+        why = _usability_change(asked, usable, usability_by_profile(asked, kinds, instant, usabilities))
         if not why:
             changes = map(_status_change, native.answers, native.statuses(moment))
             why = next((change for change in changes if change), "")
@@ -118,10 +118,13 @@ def _moments(
     return sorted(moments, key=lambda each: (each[2], each[1]))
 
 
-def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mapping[tuple[str, str], Usability]) -> str:
+def _usability_change(
+    asked: Iterable[Enclave], before: Mapping[tuple[str, str], Usability], after: Mapping[tuple[str, str], Usability]
+) -> str:
     changed = sorted({directory for (directory, profile), now in after.items() if before[directory, profile] != now})
     if not changed:
         return ""
+    names = {enclave.files.directory: enclave.path for enclave in asked}
     fresh = (
         reason
         for key, now in after.items()
@@ -130,7 +133,7 @@ def _usability_change(before: Mapping[tuple[str, str], Usability], after: Mappin
         if reason not in before[key].reasons
     )
     reason = next(fresh, "it can start")
-    return f"{some(changed, 1)}: {reason}"
+    return f"{some([names[directory] for directory in changed], 1)}: {reason}"
 
 
 def _status_change(before: Mapping[str, Answer], after: Mapping[str, Status]) -> str:

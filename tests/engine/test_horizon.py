@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -138,3 +139,12 @@ def test_whoever_is_revoked_later_changes_what_holds_then() -> None:
     changing = [replace(realm, revoked_later=((then, frozenset({identity})),)) for realm in system.realms]
     native = NativeEngine([replace(system, realms=tuple(changing))])
     assert native.statuses(then) != native.statuses(2 * system.now) == NativeEngine([system]).statuses(then)
+
+
+def test_whoever_starts_no_longer_is_named_as_an_enclave(repository: Path, tmp_path: Path) -> None:
+    """Also where an enclave's folder is the keystore, and has no other name than `.`."""
+    keystore, one = repository / "sample_keystores/stock/turtlesim", tmp_path / "one"
+    shutil.copytree(keystore / "enclaves/keyboard", one)
+    options = Options(at=datetime.fromisoformat("2026-11-21T12:00:00+00:00"), engine="native", profiles=("spec",))
+    for folder, said in ((keystore, "/keyboard and 3 more: "), (one, "/keyboard: ")):
+        assert audit(folder, options).safe_until_why.startswith(said)
