@@ -8,7 +8,7 @@ from datetime import datetime
 from zoneinfo import ZoneInfo
 
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.claims.claims import Globs
+from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.comparison.change import Comparison
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.profiles import Profile

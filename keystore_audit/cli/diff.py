@@ -12,7 +12,7 @@ from keystore_audit.cli import options as opt
 from keystore_audit.errors import EXIT_INCOMPLETE
 
 if TYPE_CHECKING:
-    from keystore_audit.model.claims.claims import Globs
+    from keystore_audit.model.claims.globs import Globs
     from keystore_audit.model.comparison.change import Comparison, FailOn
 
 EXIT_CHANGED: Final = 1

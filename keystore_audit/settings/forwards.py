@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Final
 
 from keystore_audit.findings import Severity
-from keystore_audit.model.claims.claims import Globs
 from keystore_audit.model.claims.forwards import Determinism, Forward, leading_to
+from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.formal.behaviour import Scheduler
 from keystore_audit.model.matching.coverage import has_wildcard
 from keystore_audit.settings.table import Table

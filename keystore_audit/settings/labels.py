@@ -6,7 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from keystore_audit.model.claims.claims import Claim, Globs
+from keystore_audit.model.claims.claims import Claim
+from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.labels import (
     CyclicOrder,
     Declassifier,

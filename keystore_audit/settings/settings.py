@@ -9,8 +9,9 @@ from typing import Any, Final
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import UsageError
 from keystore_audit.given import GivenFile
-from keystore_audit.model.claims.claims import Claim, Globs
+from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.forwards import Declared, Determinism, Forward
+from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.labels import Labelling
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.matching.coverage import has_wildcard

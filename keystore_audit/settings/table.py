@@ -15,7 +15,7 @@ from keystore_audit import toml
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.given import GivenFile, check_beside, read_given
-from keystore_audit.model.claims.claims import Globs
+from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.settings.positions import Path as KeyPath
 from keystore_audit.settings.positions import Position, positions

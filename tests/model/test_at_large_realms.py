@@ -13,7 +13,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.claims.claims import Globs
+from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.formal.effective import EffectiveRights

@@ -15,8 +15,8 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.claims.claims import IN_DEFAULT_PARTITION, Claim, Globs, named
-from keystore_audit.model.claims.globs import matching
+from keystore_audit.model.claims.claims import Claim
+from keystore_audit.model.claims.globs import IN_DEFAULT_PARTITION, Globs, matching, region_of
 from keystore_audit.model.claims.named_enclaves import left_out
 from keystore_audit.model.decision import illegal_names
 from keystore_audit.model.domains import contains
@@ -51,7 +51,7 @@ def pairs(
         found = [Place(enclaves=frozenset({number[path]})) for path in listed if path in number]
         if left_out(system, globs.enclaves, paths):
             found.append(Place())
-        topics = (channels.regions[named((topic,))] for topic in globs.topics)
+        topics = (channels.regions[region_of((topic,))] for topic in globs.topics)
         found += [Place(channels=each - unusable) for each in topics]
         return [*found, Place(outsider=True)] if globs.outsider else found
 

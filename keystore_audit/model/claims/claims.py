@@ -14,14 +14,20 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, ReadRegion
-from keystore_audit.model.claims.globs import all_matching, at, named_paths
+from keystore_audit.model.claims.globs import (
+    IN_DEFAULT_PARTITION,
+    Globs,
+    all_matching,
+    at,
+    named_paths,
+    region_of,
+    topic_regions,
+)
 from keystore_audit.model.claims.named_enclaves import at_large, named_enclaves, with_all_certificates
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import Reading, System, apart, together
-from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import AMBIENT
-from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 
 if TYPE_CHECKING:
@@ -33,18 +39,6 @@ RESTING_ON_STARTS: Final = frozenset({ClaimKind.ABLE, ClaimKind.SEPARATE_DOMAINS
 
 RESTING_ON_SUBJECTS: Final = frozenset({ClaimKind.ONLY_PUBLISH, ClaimKind.ENCRYPTED})
 """Kinds of claims that ask whom grants name that is no enclave here."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Globs:
-    """A place as a user names it: globs on enclave paths, or on DDS topic names, or the outsider.
-
-    Globs are POSIX expressions, as in permissions: `*` also matches `/`.
-    """
-
-    enclaves: tuple[str, ...] = ()
-    topics: tuple[str, ...] = ()
-    outsider: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,7 +125,7 @@ def claim_regions(claims: Iterable[Claim]) -> tuple[ReadRegion, ...]:
             if globs.topics:
                 regions.update(dict.fromkeys(topic_regions(globs.topics)))
         if not claim.include_ambient:
-            regions[named(AMBIENT)] = None
+            regions[region_of(AMBIENT)] = None
         if claim.kind is ClaimKind.ABLE:
             regions[IN_DEFAULT_PARTITION] = None
     for labelling in _labellings(claims):
@@ -146,28 +140,9 @@ def _labellings(claims: Iterable[Claim]) -> list[Labelling]:
     return list({id(claim.labels.labelling): claim.labels.labelling for claim in claims if claim.labels}.values())
 
 
-def named(topics: tuple[str, ...]) -> ReadRegion:
-    """The region of globs on DDS topics, in every partition."""
-    return Matcher.POSIX, (Area(topics=topics, partitions=None),)
-
-
-def by_default(topic: str) -> ReadRegion:
-    """The topic in the default partition, where the nodes of ROS 2 are."""
-    return Matcher.POSIX, (Area(topics=(topic,), partitions=DEFAULT_PARTITION),)
-
-
-IN_DEFAULT_PARTITION: Final = by_default("*")
-"""Every topic there."""
-
-
-def topic_regions(topics: tuple[str, ...]) -> tuple[ReadRegion, ...]:
-    """The region of the globs, and those of each by itself, so that it is known which of them find nothing."""
-    return (named(topics), *(named((glob,)) for glob in topics))
-
-
 def check_granted(topic: str, channels: Channels, used: frozenset[int], place: str) -> None:
     """Raises errors.UsageError for a glob that matches no channel `used`: misspelt, so that everything would hold."""
-    if not channels.regions[named((topic,))] & used:
+    if not channels.regions[region_of((topic,))] & used:
         raise UsageError(f"{at(place)}no permissions document grants anything on the DDS topic {topic!r}.")
 
 
@@ -333,7 +308,7 @@ class _Resolution:
         able = claim.kind is ClaimKind.ABLE
         now, later = self._away(claim.until) if able else (frozenset[int](), frozenset[int]())
         away = now | later  # these are no places and no ways
-        left_out = frozenset() if claim.include_ambient else self._channels.regions[named(AMBIENT)]
+        left_out = frozenset() if claim.include_ambient else self._channels.regions[region_of(AMBIENT)]
         return ClaimAtom(
             id=claim.id,
             kind=claim.kind,
@@ -374,7 +349,7 @@ class _Resolution:
         return permitted(self._system, claim.source.enclaves, self._known, asked)
 
     def _place(self, claim: Claim, globs: Globs, away: frozenset[int]) -> Place:
-        channels = self._channels.regions[named(globs.topics)] if globs.topics else frozenset()
+        channels = self._channels.regions[region_of(globs.topics)] if globs.topics else frozenset()
         enclaves = self._enclaves(globs.enclaves, unread=True) - away
         if claim.kind is ClaimKind.SEPARATE_DOMAINS:  # who may be together somewhere, by whatever certificate
             enclaves = with_all_certificates(self._system, enclaves)

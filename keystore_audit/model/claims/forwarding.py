@@ -7,9 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.claims.claims import by_default, named
 from keystore_audit.model.claims.forwards import Declared, Determinism, Forward
-from keystore_audit.model.claims.globs import matching
+from keystore_audit.model.claims.globs import by_default, matching, region_of
 from keystore_audit.model.claims.named_enclaves import means_everybody
 from keystore_audit.model.domains import contains
 from keystore_audit.model.formal.attacker import realm_views
@@ -72,9 +71,9 @@ class Forwarding:
         regions = channels.regions
         topics = {t for f in declared.forwards for t in (*f.sources, *f.targets)}
         topics |= {t for claim in declared.claims for t in (*claim.low, *claim.high.topics)}
-        self._anywhere = {topic: bits(regions[named((topic,))]) for topic in topics}
+        self._anywhere = {topic: bits(regions[region_of((topic,))]) for topic in topics}
         self._by_default = {topic: bits(regions[by_default(topic)]) for topic in topics}
-        self._ambient = bits(regions[named(AMBIENT)])
+        self._ambient = bits(regions[region_of(AMBIENT)])
 
     def atom(self, claim: Determinism) -> DeterminismAtom:
         """The claim as facts."""

@@ -11,16 +11,8 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, ReadRegion
-from keystore_audit.model.claims.claims import (
-    Globs,
-    Marks,
-    by_default,
-    check_granted,
-    granted_channels,
-    marked,
-    named,
-)
-from keystore_audit.model.claims.globs import named_paths, nearest
+from keystore_audit.model.claims.claims import Marks, check_granted, granted_channels, marked
+from keystore_audit.model.claims.globs import Globs, by_default, named_paths, nearest, region_of
 from keystore_audit.model.formal.behaviour import Scheduler
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.meaning import Usability
@@ -89,7 +81,10 @@ class Declared:
             topics.update(dict.fromkeys((*claim.low, *claim.high.topics)))
         if not self.claims:
             return ()
-        return (named(AMBIENT), *(region for topic in topics for region in (named((topic,)), by_default(topic))))
+        return (
+            region_of(AMBIENT),
+            *(region for topic in topics for region in (region_of((topic,)), by_default(topic))),
+        )
 
 
 def leading_to(low: Iterable[str], forwards: Sequence[Forward]) -> tuple[Forward, ...]:

@@ -15,8 +15,8 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.channels import Channels, ReadRegion
-from keystore_audit.model.claims.claims import Claim, Globs, LabelPair, Marks, check_granted, marked, named
-from keystore_audit.model.claims.globs import named_paths
+from keystore_audit.model.claims.claims import Claim, LabelPair, Marks, check_granted, marked
+from keystore_audit.model.claims.globs import Globs, named_paths, region_of
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 
 MAX_CLAIMS: Final = 400
@@ -217,7 +217,7 @@ def label_regions(labelling: Labelling) -> Iterator[ReadRegion]:
     """The names of each glob by itself, so that it is known which overlap."""
     for one in labelling.labelled:
         for glob in one.topics:
-            yield named((glob,))
+            yield region_of((glob,))
 
 
 def check_labels(labelling: Labelling, paths: Sequence[str], channels: Channels, used: frozenset[int]) -> None:
@@ -236,7 +236,7 @@ def check_labels(labelling: Labelling, paths: Sequence[str], channels: Channels,
             if other != label:
                 raise _overlap("the enclave", enclave, (other, before), (label, place))
     regions = [
-        (one.label, glob, marked(one, glob), channels.regions[named((glob,))])
+        (one.label, glob, marked(one, glob), channels.regions[region_of((glob,))])
         for one in labelling.labelled
         for glob in one.topics
     ]

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, ReadRegion
-from keystore_audit.model.claims.claims import Globs, check_granted, granted_channels, named, topic_regions
-from keystore_audit.model.claims.globs import named_paths
+from keystore_audit.model.claims.claims import check_granted, granted_channels
+from keystore_audit.model.claims.globs import Globs, named_paths, region_of, topic_regions
 from keystore_audit.model.claims.named_enclaves import at_large, means_everybody, named_enclaves, nameless
 from keystore_audit.model.formal.claim import PlaceAtom
 from keystore_audit.model.formal.system import System
@@ -65,6 +65,6 @@ def _atom(place: NamedPlace, system: System, channels: Channels, known: set[str]
     return PlaceAtom(
         name=place.name,
         enclaves=enclaves if globs else None,
-        channels=channels.regions[named(place.globs.topics)] if place.globs.topics else None,
+        channels=channels.regions[region_of(place.globs.topics)] if place.globs.topics else None,
         unread=bool(globs) and bool(nameless(system, known)),
     )

@@ -8,7 +8,7 @@ from typing import Final
 from zoneinfo import ZoneInfo
 
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.claims.claims import Globs
+from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.comparison.again import signed_again
 from keystore_audit.model.comparison.causes import Causes
 from keystore_audit.model.comparison.change import ORDER, Comparison, Layer

@@ -7,8 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.claims.claims import Globs
-from keystore_audit.model.claims.globs import matching
+from keystore_audit.model.claims.globs import Globs, matching
 from keystore_audit.model.claims.labels import Labelling
 from keystore_audit.model.comparison.change import Influenced, Layer
 from keystore_audit.model.comparison.drafts import Draft

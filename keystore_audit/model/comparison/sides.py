@@ -14,7 +14,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
-from keystore_audit.model.claims.claims import named
+from keystore_audit.model.claims.globs import region_of
 from keystore_audit.model.comparison.change import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains, merged
 from keystore_audit.model.formal.bit_sets import bits, members, union
@@ -113,7 +113,7 @@ class Sides:
         documents = (*system_documents(old), *system_documents(new))
         self.accesses = AccessViews(documents, at, zone)
         read = self.accesses.by_row(profiles, (document.file for document in documents))
-        self.channels = document_channels(read, claimed=[named((glob,)) for glob in topics], ungoverned=True)
+        self.channels = document_channels(read, claimed=[region_of((glob,)) for glob in topics], ungoverned=True)
         self.enclaves = (_by_path(old), _by_path(new))
         self.usability = tuple(
             usability_by_profile(keystore.enclaves, profiles, at, Usabilities(domain, self.accesses))
@@ -218,7 +218,7 @@ class Sides:
 
     def claimed(self, topic: str) -> int:
         """The channels of one of the globs that are told apart."""
-        return bits(self.channels.regions[named((topic,))])
+        return bits(self.channels.regions[region_of((topic,))])
 
     def names(self, channels: int) -> Names:
         """The names of a set of channels, by witnesses."""

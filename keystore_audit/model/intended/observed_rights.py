@@ -18,7 +18,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels
-from keystore_audit.model.claims.claims import named
+from keystore_audit.model.claims.globs import region_of
 from keystore_audit.model.decision import WILDCARDS, LocalRights
 from keystore_audit.model.domains import contains
 from keystore_audit.model.formal.bit_sets import bits, members, union
@@ -154,7 +154,7 @@ class PointRights:
     def _classes(self) -> tuple[Channels, LocalRights]:
         """All names, in classes; the points are told apart."""
         claimed = {topic for topic, _partition in self._points if WILDCARDS.isdisjoint(topic)}
-        channels = self._of_own_documents(None, [named((topic,)) for topic in sorted(claimed)])
+        channels = self._of_own_documents(None, [region_of((topic,)) for topic in sorted(claimed)])
         return channels, LocalRights(self._deciders.accesses, channels, self._deciders.at)
 
     def _of_own_documents(self, points: Sequence[Point] | None, claimed: Sequence[ReadRegion] = ()) -> Channels:

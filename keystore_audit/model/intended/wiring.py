@@ -11,7 +11,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.channels import Channels, ReadRegion
-from keystore_audit.model.claims.claims import named
+from keystore_audit.model.claims.globs import region_of
 from keystore_audit.model.formal.system import NodeAtom, System
 from keystore_audit.model.intended.observed_needs import DISCOVERY, Usual, in_layout, missing_usual
 from keystore_audit.model.names import Use, dds_channels, dds_expressions
@@ -65,7 +65,7 @@ def wiring(intents: Sequence[Intent], kind: LayoutKind) -> tuple[WiredNode, ...]
 def wiring_regions(nodes: Iterable[WiredNode]) -> tuple[ReadRegion, ...]:
     """The topics that nodes use: they take part in the classes, so that wires are exact."""
     points = {topic: None for node in nodes for _operation, topic in sorted({*node.uses, *node.denied})}
-    return tuple(named((topic,)) for topic in points)
+    return tuple(region_of((topic,)) for topic in points)
 
 
 def with_nodes(
@@ -85,7 +85,7 @@ def _topics(nodes: Iterable[WiredNode]) -> set[str]:
 
 def _in_default_partition(channels: Channels, topic: str) -> frozenset[int]:
     """The channels of the topic whose class of partitions has the default one: it is the witness of such a class."""
-    return frozenset(n for n in channels.regions[named((topic,))] if channels.channels[n].partition == "")
+    return frozenset(n for n in channels.regions[region_of((topic,))] if channels.channels[n].partition == "")
 
 
 def _atoms(
