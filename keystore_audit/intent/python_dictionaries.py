@@ -22,6 +22,7 @@ _EMPTYING: Final = frozenset({"clear", "popitem"})
 _KEEPING: Final = frozenset({"pop", "setdefault", *LOOKING})
 """What changes nothing that it is called with."""
 
+_WRITING: Final = frozenset({"copy", "deepcopy", "dump", "dumps", "join", "pformat", "pprint", "update"})
 _READS: Final = frozenset({"__import__", "eval", "exec", "getattr", "globals", "input", "open", "vars"})
 _BUILTIN: Final = frozenset(dir(builtins)) - _READS
 """What brings nothing from elsewhere."""
@@ -35,8 +36,8 @@ class Made:
     through by a loop, or called with it. `bound`: names that are no other module's; `aliases`: other names of
     `os.environ`. `removed`: by name of a dictionary, what the entries are called by that it loses, if not by a text
     (None: any). `through`: what is gone through by a loop, where the name stands for its texts or keys; `stored`: how
-    often the name is given anything. `whole`: what `has_all` said of names; `own`: those that do not come from
-    elsewhere.
+    often the name is given anything. `foreign`: parameters without a default of functions that nothing here
+    calls. `whole`: what `has_all` said of names; `own`: those that do not come from elsewhere.
     """
 
     values: dict[str, list[ast.AST]] = field(default_factory=dict)
@@ -46,6 +47,7 @@ class Made:
     removed: dict[str, set[str | None]] = field(default_factory=dict)
     through: dict[str, list[ast.AST]] = field(default_factory=dict)
     stored: Counter[str] = field(default_factory=Counter)
+    foreign: set[str] = field(default_factory=set)
     whole: dict[str, bool] = field(default_factory=dict)
     own: set[str] = field(default_factory=set)
 
@@ -55,6 +57,7 @@ class Made:
         made = Made()
         within: dict[ast.AST, str] = {}
         functions: dict[str, list[str]] = {}
+        parameters: dict[str, list[str]] = {}
         calls: list[ast.Call] = []
         for node in nodes:
             outer = parents.get(node, node)
@@ -73,8 +76,12 @@ class Made:
                 calls.append(node)
             else:
                 made._note(node)
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
+                parameters.setdefault(getattr(node, "name", ""), []).extend(_without_default(node.args))
         for call in calls:
             made._call(call, functions.get(getattr(call.func, "id", "")))
+            parameters.pop(getattr(call.func, "id", None) or "-", None)
+        made.foreign.update(each for names in parameters.values() for each in names)
         return made
 
     def _bind(self, name: str) -> None:
@@ -125,6 +132,7 @@ class Made:
             for name, value in given:
                 if name in parameters:
                     self.values.setdefault(str(name), []).append(value)
+                    self.aliases.update([str(name)] if is_environ(value) else [])
         elif not method[:1].isupper() and method not in _KEEPING:
             for each in named_in(each for each in call.args if isinstance(each, ast.Name)):
                 self.more.setdefault(each, []).append(call.func)
@@ -178,7 +186,7 @@ class Made:
                 continue
             if not isinstance(value, ast.Name):
                 waiting += _names_from(value)
-            elif value.id not in self.bound:
+            elif value.id not in self.bound or value.id in self.foreign:
                 self.bound.discard(asked)
                 return True
             elif value.id not in seen and value.id not in self.own:
@@ -187,9 +195,22 @@ class Made:
         self.own.update(seen)
         return False
 
+    def only_reads(self, function: ast.AST) -> bool:
+        """Whether what is called changes no dictionary that it is given, or is of this file and looked at itself."""
+        name = called(function) or ""
+        return name in _WRITING or name[:1].isupper() or (isinstance(function, ast.Name) and name in self.bound)
+
     def is_environ(self, node: ast.AST) -> bool:
         """Whether it is `os.environ`, or a name for it."""
         return is_environ(node) or (isinstance(node, ast.Name) and node.id in self.aliases)
+
+
+def _without_default(told: ast.arguments) -> list[str]:
+    """The parameters that have a value only if a call gives it."""
+    plain = [*told.posonlyargs, *told.args]
+    named = [each for each, value in zip(told.kwonlyargs, told.kw_defaults, strict=True) if value is None]
+    further = filter(None, (told.vararg, told.kwarg))
+    return [each.arg for each in (*plain[: len(plain) - len(told.defaults)], *named, *further)]
 
 
 def _gone_through(loop: ast.For | ast.comprehension) -> tuple[str, ast.AST]:

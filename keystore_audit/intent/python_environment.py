@@ -15,7 +15,7 @@ from keystore_audit.intent.launch_actions import AssignEnvironment, LaunchAction
 from keystore_audit.intent.launch_environment import NAMES, PREFIX, is_itself, set_by_prefix, touched
 from keystore_audit.intent.python_dictionaries import ENVIRON, LOOKING, Made, called, is_environ, named_in, text_of
 
-_FUNCTIONS: Final = frozenset({"load_dotenv", "putenv", "unsetenv"})
+_FUNCTIONS: Final = frozenset({"clearenv", "load_dotenv", "putenv", "setenv", "unsetenv"})
 _READING: Final = frozenset({"copy", "get", "items", "keys", "values"})
 _READERS: Final = (
     ast.BinOp,
@@ -28,7 +28,10 @@ _READERS: Final = (
     ast.keyword,
 )
 """What takes all of the variables and changes none: `dict(os.environ)`, `{**os.environ}`, `"X" in os.environ`."""
-_FIRST: Final = frozenset({"__delitem__", "__setitem__", "pop", "putenv", "setdefault", "unsetenv"})
+_SPOKEN: Final = frozenset({*ENVIRON, "os.environ"})
+"""What `getattr`, and what replaces it for a time, calls it by."""
+
+_FIRST: Final = frozenset({"__delitem__", "__setitem__", "pop", "putenv", "setdefault", "setenv", "unsetenv"})
 """What is called with the name of a variable first."""
 
 _SETTERS: Final = frozenset({"AppendEnvironmentVariable", "SetEnvironmentVariable", "UnsetEnvironmentVariable"})
@@ -107,8 +110,12 @@ def _given(node: ast.AST, made: Made, unread: Collection[ast.AST]) -> Iterable[s
         given = [(node.arg, node.value)]
     elif isinstance(node, ast.Dict):  # of arguments, perhaps
         given = [(text_of(key), value) for key, value in zip(node.keys, node.values, strict=True)]
+    elif isinstance(node, ast.Assign):
+        given = [(text_of(each.slice), node.value) for each in node.targets if isinstance(each, ast.Subscript)]
     elif isinstance(node, ast.Call) and called(node.func) == _REPLACING:
         given = [("env", value) for value in (*node.args, *(each.value for each in node.keywords))]
+    elif isinstance(node, ast.Call) and len(node.args) == 2:  # setdefault
+        given = [(text_of(node.args[0]), node.args[1])]
     for name, value in given:
         if name in _GIVING and value in unread and made.comes_from_elsewhere(value):
             yield from NAMES
@@ -154,7 +161,7 @@ def _is_itself(name: str, value: ast.AST | None) -> bool:
 
 def _named_later(call: ast.Call, made: Made) -> bool:
     """Whether the variable that an action sets is neither a text nor a name, whose text is read apart."""
-    given = [*call.args[:1], *(each.value for each in call.keywords if each.arg == "name")]
+    given = [*call.args[:1], *(each.value for each in call.keywords if each.arg in ("name", None))]
     plain = all(isinstance(each, (ast.Constant, ast.Name)) for each in given)
     return not plain or any(made.comes_from_elsewhere(each) for each in given)
 
@@ -182,6 +189,8 @@ def _changed(
         yield None, None  # by another name it may be anywhere
     if name in _FUNCTIONS:
         yield _named(str(name), parents[node], made), None
+    if text_of(node) in _SPOKEN and isinstance(parents[node], ast.Call):
+        yield None, None
     if not made.is_environ(node) or (isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)):
         return
     parent = parents[node]
@@ -193,6 +202,9 @@ def _changed(
         yield names, text_of(assigned.value) if names and isinstance(assigned, ast.Assign) else None
     elif isinstance(parent, ast.Attribute) and parent.attr not in _READING:
         yield _named(parent.attr, parents[parent], made), None
+    elif isinstance(parent, ast.Call) and node in parent.args:
+        if not made.only_reads(parent.func):
+            yield None, None
     elif not isinstance(parent, (ast.Subscript, ast.Attribute, *_READERS)):
         yield None, None
 
