@@ -210,7 +210,6 @@ class _Run:
             Task(
                 root=path,
                 options=self.options,
-                beside=None,
                 explain=explain,
                 make=Make(
                     path=path,

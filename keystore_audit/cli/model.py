@@ -39,13 +39,13 @@ def command(keystore: str, directory: Path, **given: Any) -> int:
 
     With --graph, --launch or --policy it has the nodes and their wiring too.
     """
-    from keystore_audit.engine.alloy.user_file import read_user_files
     from keystore_audit.export import export_model
     from keystore_audit.intent.observed import read_observed
+    from keystore_audit.options import user_files
 
     opt.check_launch_arguments(given["launch_arguments"], given["launches"])
     output.check_outside(directory, (keystore,))
-    files = read_user_files(given["alloy_properties"], keystores=(keystore,))
+    files = user_files(given["alloy_properties"], None, (keystore,))
     arguments = dict(given["launch_arguments"])
     intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"])
     try:

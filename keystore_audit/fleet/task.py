@@ -15,7 +15,7 @@ from keystore_audit import __version__
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import EXIT_INCOMPLETE, AuditError
 from keystore_audit.keystore.identity import Beside, Compared, read_identities
-from keystore_audit.options import Options, Progress
+from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 
@@ -38,10 +38,9 @@ class Task:
 
     root: str
     options: Options
-    beside: Beside | None
     make: Callable[[Report], Any]
     explain: Callable[[Exception], str]
-    progress: Progress | None = None
+    beside: Beside | None = None
     version: str = field(default_factory=lambda: __version__)
 
 
@@ -92,7 +91,7 @@ def carry_out(task: Task) -> Audited:
     try:
         with _ALONE:
             _forget_now_and_then()
-            report = audit(task.root, task.options, progress=task.progress, beside=task.beside)
+            report = audit(task.root, task.options, beside=task.beside)
             return Audited(exit_code=report.exit_code, made=task.make(report))
     except AuditError as error:
         return Audited(exit_code=error.exit_code, error=error.message)

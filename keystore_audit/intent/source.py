@@ -44,7 +44,7 @@ class Source:
         """The directory that it is in, absolute."""
         return os.path.dirname(self.real)
 
-    def location(self, line: int | None = None) -> Location:
+    def location(self, line: int | None) -> Location:
         """A place in it."""
         return Location(path=self.path, line=line)
 

@@ -94,9 +94,7 @@ def render_several(reports: Sequence[Report], view: View = PLAIN, missing: Seque
     return "\n".join([*parts, render_total(verdicts, missing, width=view.width, color=view.color)])
 
 
-def render_total(
-    verdicts: Sequence[Verdict], missing: Sequence[NoReport] = (), *, width: int, color: bool = False
-) -> str:
+def render_total(verdicts: Sequence[Verdict], missing: Sequence[NoReport], *, width: int, color: bool) -> str:
     """Return the line that sums up several reports, after one for each keystore that has none."""
     counts = Counter(verdicts)
     page = Page(width=width, color=color)

@@ -62,7 +62,7 @@ class Baseline:
     acceptances: tuple[Acceptance, ...] = ()
 
 
-def read_settings(path: Path, keystores: Iterable[str | Path] = ()) -> Settings:
+def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
     """The settings in the file at `path`.
 
     Raises errors.UsageError, with line and column, for what is no settings file; and for one that lies in one of the
@@ -83,7 +83,7 @@ def read_settings(path: Path, keystores: Iterable[str | Path] = ()) -> Settings:
     )
 
 
-def read_baseline(path: Path, keystores: Iterable[str | Path] = ()) -> Baseline:
+def read_baseline(path: Path, keystores: Iterable[str | Path]) -> Baseline:
     """The baseline in the file at `path`; raises errors.UsageError as `read_settings` does."""
     file = read_table(path, keystores, MAX_BASELINE_BYTES)
     root = file.root

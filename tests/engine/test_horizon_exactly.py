@@ -125,7 +125,7 @@ def test_nothing_changes_before_safe_until(start: int, tmp_path: Path) -> None:
     """Who starts, and what each property is, under profiles and in zones at random."""
     settings_file = tmp_path / "keystore-audit.toml"
     settings_file.write_text(CLAIMS)
-    settings = read_settings(settings_file)
+    settings = read_settings(settings_file, ())
     asked = 0
     for seed in range(start, start + 10):
         chance = random.Random(seed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from operator import methodcaller
 from pathlib import Path
 
@@ -21,14 +21,14 @@ def file(folder: Path, text: str | bytes, name: str = "keystore-audit.toml") -> 
 
 
 def read(folder: Path, text: str) -> Settings:
-    return read_settings(file(folder, text))
+    return read_settings(file(folder, text), ())
 
 
-def wrong(folder: Path, text: str | bytes, reader: Callable[[Path], object] = read_settings) -> str:
+def wrong(folder: Path, text: str | bytes, reader: Callable[[Path, Iterable[str]], object] = read_settings) -> str:
     """What is said, after the file's path."""
     path = file(folder, text)
     with pytest.raises(UsageError) as caught:
-        reader(path)
+        reader(path, ())
     assert caught.value.message.startswith(str(path))
     return caught.value.message.removeprefix(str(path))
 

@@ -123,7 +123,7 @@ def test_bytes_that_are_no_text_and_files_that_are_no_settings(tmp_path: Path) -
     assert "larger" in wrong(tmp_path, b"#" * 1_000_001)
     assert "this is not TOML" in wrong(tmp_path, "x = " + "[" * 100_000)
     with pytest.raises(UsageError, match="cannot be read"):
-        read_settings(tmp_path / "none.toml")
+        read_settings(tmp_path / "none.toml", ())
 
 
 def test_settings_inside_of_the_keystore_are_refused_also_over_a_link(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ def test_settings_inside_of_the_keystore_are_refused_also_over_a_link(tmp_path: 
 def test_the_schema_takes_what_is_taken_and_refuses_what_is_refused(tmp_path: Path) -> None:
     validator = schema("settings")
     for file in sorted((SAMPLES / "settings").glob("*.toml")):
-        settings = read_settings(file)
+        settings = read_settings(file, ())
         assert settings.claims or settings.declared.claims
         assert [error.message for error in validator.iter_errors(plain(file.read_text()))] == []
     for text in (

@@ -83,7 +83,7 @@ def system_of(name: str, tmp_path: Path) -> System:
     file.write_text(text)
     keystore = read_keystore(SAMPLES / "flows" / name)
     accesses = AccessViews(documents_of(keystore), AT, None)
-    declared = read_settings(file).declared
+    declared = read_settings(file, ()).declared
     usabilities = Usabilities(None, accesses)
     meaning = interpret(keystore, resolve((profile,)), AT, accesses, usabilities, declared=declared)
     (system,) = meaning.systems
