@@ -12,14 +12,12 @@ from __future__ import annotations
 
 import json
 import random
-import resource
-import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 from benchmarks.keystores import ROOT, build, build_with, wired_permissions
+from benchmarks.program import run
 
 SAMPLES = {"turtlesim": "healthy/turtlesim", "sample-policy": "stock/sample_policy"}
 """Rows about keystores of sample_keystores/."""
@@ -82,15 +80,9 @@ def keystore(row: str) -> tuple[Path, str]:
 
 def audit(store: Path, settings: Path, engine: str) -> tuple[float, float, dict[str, Any]]:
     """Seconds of one audit, CPU seconds of it and its children, and its report."""
-    command = [sys.executable, "-m", "keystore_audit", "audit", "--engine", engine, "--format", "json"]
-    command += ["--timeout", "600", "--settings", str(settings), str(store)]
-    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    done = subprocess.run(command, capture_output=True, check=False)
-    wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
-    if done.returncode not in (0, 1, 4):
-        raise SystemExit(f"audit ended with {done.returncode}: {done.stderr.decode()[:500]}")
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return wall, cpu, json.loads(done.stdout)
+    options = ("--format", "json", "--timeout", "600", "--settings", str(settings))
+    done = run("audit", "--engine", engine, *options, str(store), incomplete=True)
+    return done.clock, done.cpu, json.loads(done.output)
 
 
 def main() -> None:

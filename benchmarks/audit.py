@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import statistics
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +12,7 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, padding
 
 from benchmarks import keystores
+from benchmarks.program import run
 
 LOOP = r"""
 set -eu
@@ -39,10 +39,7 @@ def seconds(work: Callable[[], object], repeat: int) -> float:
 
 def audit(store: Path) -> None:
     """One whole audit in a process of its own."""
-    command = [sys.executable, "-m", "keystore_audit", "audit", "--engine", "native", "--format", "json"]
-    done = subprocess.run([*command, str(store)], capture_output=True, check=False)
-    if done.returncode not in (0, 1):
-        raise SystemExit(f"audit ended with {done.returncode}: {done.stderr.decode()[:500]}")
+    run("audit", "--engine", "native", "--format", "json", str(store))
 
 
 def raw_verification(kind: str) -> float:
@@ -73,7 +70,7 @@ def row(kind: str, size: int, raw: float) -> str:
 
 def start_up() -> None:
     """A process that does nothing: what every audit pays once."""
-    subprocess.run([sys.executable, "-m", "keystore_audit", "--help"], capture_output=True, check=True)
+    run("--help")
 
 
 def main() -> None:

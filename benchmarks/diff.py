@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-import resource
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks import keystores
-
-
-def cpu_seconds(*arguments: str) -> float:
-    """CPU time of the program in a process of its own."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    done = subprocess.run([sys.executable, "-m", "keystore_audit", *arguments], capture_output=True, check=False)
-    if done.returncode not in (0, 1):
-        raise SystemExit(f"{arguments[0]} ended with {done.returncode}: {done.stderr.decode()[:500]}")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+from benchmarks.program import run
 
 
 def others(root: Path, paths: list[str]) -> Iterator[tuple[str, Path]]:
@@ -50,12 +39,12 @@ def main() -> None:
     enclaves = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
     old = keystores.build(keystores.ROOT, enclaves, "ec")
     paths = [f"/robot{number // 10}/node{number % 10}" for number in range(enclaves)]
-    audit = cpu_seconds("audit", "--engine", "native", "--format", "json", str(old))
+    audit = run("audit", "--engine", "native", "--format", "json", str(old)).cpu
     sys.stdout.write(
         f"{enclaves} enclaves; audit: {audit:.1f} s CPU\n\n| other | diff (s CPU) | diff / audit |\n|---|---|---|\n"
     )
     for words, new in [("nothing", old), *others(keystores.ROOT / str(enclaves), paths)]:
-        taken = cpu_seconds("diff", str(old), str(new))
+        taken = run("diff", str(old), str(new)).cpu
         sys.stdout.write(f"| {words} | {taken:.1f} | {taken / audit:.1f} |\n")
         sys.stdout.flush()
 
