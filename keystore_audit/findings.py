@@ -7,7 +7,7 @@ else in the program exists to produce them.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from enum import Enum
 from itertools import chain, repeat, starmap
 from typing import Final, NamedTuple
@@ -148,11 +148,6 @@ class Outcomes:
     """The answers of every rule about every subject: 80,000 for a thousand enclaves, nearly all alike."""
 
     rows: tuple[Row, ...]
-
-    @classmethod
-    def of(cls, outcomes: Iterable[Outcome]) -> Outcomes:
-        """These, each by itself."""
-        return cls(rows=tuple(Row(rule, (subject,), ((result, 1),)) for rule, subject, result in outcomes))
 
     def __iter__(self) -> Iterator[Outcome]:
         """Each answer."""

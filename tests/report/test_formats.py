@@ -17,13 +17,14 @@ from in_toto_attestation.v1.statement import Statement
 from junitparser import Error, Failure, JUnitXml, Skipped
 
 from keystore_audit.dataclass import replace
-from keystore_audit.findings import Location, Outcome, Outcomes, Result, Severity
+from keystore_audit.findings import Location, Outcome, Result, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.properties import Status
 from keystore_audit.report import junit, markdown, sarif, statement
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.rules import RULES
 from keystore_audit.text import markdown as escaped
+from tests.report.outcomes import outcomes_of
 from tests.report.sarif_schema import sarif_schema
 
 MakeReport = Callable[..., Report]
@@ -147,12 +148,12 @@ class TestJunit:
         whole = make_report().findings[0]
         low = replace(whole, severity=Severity.LOW, enclave=None, locations=(Location(path=path, line=1),))
         outcomes = (Outcome(rule=whole.code, subject="keystore", outcome=Result.FAIL),)
-        report = make_report(findings=(whole, low), outcomes=Outcomes.of(outcomes))
+        report = make_report(findings=(whole, low), outcomes=outcomes_of(outcomes))
         found = cases(junit.render([report]))
         assert isinstance(found[whole.code, "keystore"][0], Failure)
         assert isinstance(found["keystore-audit", "no finding decides"][0], Failure)
         fine = cases(
-            junit.render([make_report(findings=(low,), outcomes=Outcomes.of(()), verdict=Verdict.PASS, exit_code=0)])
+            junit.render([make_report(findings=(low,), outcomes=outcomes_of(()), verdict=Verdict.PASS, exit_code=0)])
         )
         assert fine["keystore-audit", "no finding decides"] == []
 
@@ -162,7 +163,7 @@ class TestJunit:
             Outcome(rule="KA205", subject="x", outcome=Result.NOT_APPLICABLE),
             Outcome(rule="KA420", subject="enclaves/governance.p7s", outcome=Result.FAIL),
         )
-        report = make_report(outcomes=Outcomes.of(outcomes), verdict=Verdict.INCOMPLETE, exit_code=4)
+        report = make_report(outcomes=outcomes_of(outcomes), verdict=Verdict.INCOMPLETE, exit_code=4)
         found = cases(junit.render([report]))
         assert isinstance(found["KA906", "outsiders-cannot-read"][0], Error)
         assert isinstance(found["KA205", "x"][0], Skipped)
@@ -226,7 +227,7 @@ def sound(make_report: MakeReport, **changes: object) -> Report:
         "exit_code": 0,
         "weakened": (),
         "findings": (),
-        "outcomes": Outcomes.of(()),
+        "outcomes": outcomes_of(()),
         "files": FILES,
     }
     return make_report(**{**given, **changes})
@@ -256,7 +257,7 @@ class TestStatements:
         assert results(sound(make_report, verdict=Verdict.INCOMPLETE, exit_code=4)) == ("FAILED", False)
         assert results(sound(make_report, verdict=Verdict.FAIL, exit_code=1)) == ("FAILED", False)
         low = (Outcome(rule="KA205", subject="x", outcome=Result.FAIL),)
-        assert results(sound(make_report, outcomes=Outcomes.of(low))) == ("WARNED", True)
+        assert results(sound(make_report, outcomes=outcomes_of(low))) == ("WARNED", True)
 
     def test_properties_are_those_that_hold(self, make_report: MakeReport) -> None:
         report = sound(make_report)

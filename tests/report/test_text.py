@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
 
-from keystore_audit.findings import Finding, Location, Outcome, Outcomes, Result, Severity
+from keystore_audit.findings import Finding, Location, Outcome, Result, Severity
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
@@ -23,6 +23,7 @@ from keystore_audit.report.findings_text import MAX_PLACES
 from keystore_audit.report.html import page as html_page
 from keystore_audit.report.next_step import next_step
 from keystore_audit.report.text import View, render, render_several
+from tests.report.outcomes import outcomes_of
 
 MakeReport = Callable[..., Report]
 
@@ -135,7 +136,7 @@ def test_engines_that_disagree_are_shown_with_what_each_says(make_report: MakeRe
 
 def test_incomplete_is_never_read_as_a_pass(make_report: MakeReport) -> None:
     open_question = Outcome(rule="KA501", subject="enclaves/talker/permissions.p7s", outcome=Result.OPEN)
-    report = make_report(verdict=Verdict.INCOMPLETE, exit_code=4, findings=(), outcomes=Outcomes.of([open_question]))
+    report = make_report(verdict=Verdict.INCOMPLETE, exit_code=4, findings=(), outcomes=outcomes_of([open_question]))
     for view in (View(), View(quiet=True)):
         last = flat(render(report, view).split("\n\n")[-1])
         assert last.startswith("INCOMPLETE ./keys/talker: 0 critical")
@@ -153,7 +154,7 @@ def test_quiet_shows_what_decided_and_nothing_else(make_report: MakeReport) -> N
 
 def test_quiet_shows_milder_findings_that_leave_a_question_open(make_report: MakeReport) -> None:
     open_question = Outcome(rule="KA205", subject="x", outcome=Result.OPEN)
-    text = render(make_report(outcomes=Outcomes.of([open_question]), verdict=Verdict.INCOMPLETE), View(quiet=True))
+    text = render(make_report(outcomes=outcomes_of([open_question]), verdict=Verdict.INCOMPLETE), View(quiet=True))
     assert "KA205" in text
 
 
