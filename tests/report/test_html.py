@@ -21,7 +21,7 @@ from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.html import element as html
-from keystore_audit.report.html import render
+from keystore_audit.report.html.page import render
 from tests.cli.keystores import AT, answer, keystore, rule
 from tests.report.attacks import PAYLOADS, attacks
 from tests.report.robots import robots
