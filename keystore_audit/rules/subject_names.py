@@ -98,7 +98,8 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
     "KA520",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 2253; measured",
-    remedy=SAFE_FORM,
+    remedy=f"Write <subject_name> as the message writes the identity's subject. Where that is read differently too: "
+    f"{SAFE_FORM}",
     stops=True,
 )
 def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[Violation]:

@@ -142,6 +142,10 @@ def test_a_subject_that_is_no_text_of_a_grant_has_one_finding_of_who_does_not_fi
     assert (found.code, found.severity) == (code, Severity.HIGH)
     assert set(found.profiles or VARIANTS) == set(VARIANTS) - finding_it
     assert code == "KA520" or f"got '{named}', expected 'CN=/talker'" in found.message
+    if code == "KA520":
+        assert found.remedy.startswith("Write <subject_name> as the message writes the identity's subject.")
+        meant = found.message.partition("the identity '")[2].partition("'")[0]
+        assert becomes(granted(grant("/talker", subject_name=text(meant, 39)))) == []
 
 
 def test_a_grant_that_the_chosen_implementation_takes_for_its_own_is_a_low_finding() -> None:
