@@ -212,10 +212,11 @@ def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Itera
     """The identity's common name is not the enclave's path, as sros2 writes it.
 
     It works, but whoever reads grants and logs looks for an enclave that is not there. Run times compare the subject
-    with the grant only.
+    with the grant only. Where grants name somebody else alone, no-grant-for-certificate says what both should be.
     """
     for enclave, certificate in _carriers(use):
-        if not has_usual_subject(certificate, enclave, context.keystore):
+        named = {grant.subject_name.text for grant in enclave.grants} or {certificate.subject}
+        if certificate.subject in named and not has_usual_subject(certificate, enclave, context.keystore):
             yield Violation(
                 message=f"The identity of {enclave.path} has the subject {quoted(certificate.subject)}, expected "
                 f"{quoted(usual_subject(enclave, context.keystore))}.",
