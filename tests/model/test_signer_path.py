@@ -36,6 +36,7 @@ TOP = certificate("top", ca=None, extensions=ENDLESS)
 MIDDLE = certificate("middle", TOP, ca=None, extensions=ENDLESS)
 LOWER = certificate("lower", MIDDLE, ca=True)
 LOWEST = certificate("/mallory", LOWER)
+SHORT = certificate("top", key=TOP.key, ca=None, extensions=[(x509.BasicConstraints(ca=True, path_length=0), True)])
 CASES = {
     "the second": (FIRST.pem + SECOND.pem, SECOND, True),
     "the first": (FIRST.pem + SECOND.pem, FIRST, False),
@@ -60,6 +61,8 @@ BETWEEN = {
     "all in the message": (TOP.pem, (LOWER, MIDDLE), False),
     "the upper one in the file": (MIDDLE.pem + TOP.pem, (LOWER,), False),
     "the lower one in the file": (LOWER.pem + TOP.pem, (MIDDLE,), True),
+    "the root behind itself as it was, for fewer below it": (SHORT.pem + TOP.pem, (LOWER, MIDDLE), True),
+    "the root before itself as it was, for fewer below it": (TOP.pem + SHORT.pem, (LOWER, MIDDLE), False),
 }
 """Authorities between a leaf that signs and the root, whether of the file or of the message."""
 
@@ -92,7 +95,7 @@ def test_one_that_has_expired_is_found_in_its_place(first: Signed, lost: bool, t
 
 
 @pytest.mark.parametrize(("authorities", "brought", "lost"), BETWEEN.values(), ids=BETWEEN.keys())
-def test_above_an_authority_of_the_file_the_message_is_not_looked_at(
+def test_above_an_authority_of_the_file_its_issuer_is_looked_for_there_alone(
     authorities: bytes, brought: tuple[Signed, ...], lost: bool, tmp_path: Path
 ) -> None:
     along = tmp_path / "along.pem"

@@ -66,7 +66,7 @@ def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust,
             refusals.append(f"no certificate in {place} has the issuer's name and key identifier")
         for above in taken:
             root = names_itself(above)
-            refusal = _step_refusal(above, below, between, root=root, signed=trust.checks_root_signature)
+            refusal = step_refusal(above, below, between, root=root, signed=trust.checks_root_signature)
             if refusal is not None:
                 refusals.append(f"the first certificate in {place} of the issuer's name {refusal}")
             elif root:
@@ -79,7 +79,9 @@ def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust,
     return refusals[0] if refusals else f"no path over {place} has an end"
 
 
-def _step_refusal(above: Certificate, below: Certificate, between: int, *, root: bool, signed: bool) -> str | None:
+def step_refusal(
+    above: Certificate, below: Certificate, between: int, *, root: bool, signed: bool = False
+) -> str | None:
     """What is wrong with a certificate that OpenSSL takes for the issuer of another; no other one is tried."""
     if issue(above, below) is Issue.SIGNATURE_INVALID:
         return "is another authority's; no other is tried"

@@ -11,13 +11,13 @@ from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.issuer import fit_to_sign, key_identifier_fits, lets_sign, names_itself, suits_key
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.profiles import Trust
+from keystore_audit.model.trust.chain import step_refusal
 from keystore_audit.model.trust.verdicts import (
+    MAX_AUTHORITIES,
     authorities_read,
     document_alike,
-    is_authority,
     is_first_embedded,
     issuers_taken,
-    may_have_issued,
     may_sign,
     not_read,
     signers_taken,
@@ -63,34 +63,49 @@ def path_refusal(
 def _path_refusal(
     signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust, at: datetime | None
 ) -> str | None:
-    read = authorities_read(permissions_ca, trust)
-    if all(_arrives(signer, read, signed.embedded, at) for signer in signers_taken(signed, trust)):
-        return None
-    return f"of {permissions_ca.file.place} the first certificate of the signer's or issuer's name is another"
+    place, read = permissions_ca.file.place, authorities_read(permissions_ca, trust)
+    lost = (_lost(signer, place, read, signed.embedded, at) for signer in signers_taken(signed, trust))
+    return next(filter(None, lost), None)
 
 
-def _arrives(
-    signer: Certificate, read: Sequence[Certificate], embedded: Sequence[Certificate], at: datetime | None
-) -> bool:
-    pending, seen = [(signer, False)], {signer}
+def _lost(
+    signer: Certificate,
+    place: str,
+    read: Sequence[Certificate],
+    embedded: Sequence[Certificate],
+    at: datetime | None,
+) -> str | None:
+    """Why no path from the signer arrives at a self-signed certificate of the CA file; None where one does."""
+    if names_itself(signer):
+        lost = not _is_found(signer, read, at)
+        return f"of {place} the first certificate of the signer's name is another" if lost else None
+    refusals: list[str] = []
+    # A certificate, whether it is of the CA file, and the number of authorities below it that are not self-issued.
+    pending = [(signer, False, 0)]
+    seen = {*pending}
     while pending:
-        below, trusted = pending.pop()
-        if names_itself(below):
-            if trusted or _is_found(below, read, at):
-                return True
-            continue
-        # Above one of the CA file the message is not looked at any more.
+        below, trusted, between = pending.pop()
         found = issuers_taken(below, read, at)
-        taken = found if found or trusted else issuers_taken(below, embedded, at)
-        for above in taken:
-            if above not in seen and may_have_issued(above, below) and is_authority(above) and lets_sign(above):
-                seen.add(above)
-                pending.append((above, bool(found)))
-    return False
+        # Above one of the CA file the message is not looked at any more.
+        for above in found if found or trusted else issuers_taken(below, embedded, at):
+            root = names_itself(above)
+            refusal = step_refusal(above, below, between, root=root)
+            if refusal is None and not lets_sign(above):
+                refusal = "does not admit S/MIME signing; no other is tried"
+            step = (above, bool(found), between + (above.subject_der != above.issuer_der))
+            if refusal is not None:
+                refusals.append(refusal)
+            elif root and found:
+                return None
+            elif not root and step not in seen and step[2] < MAX_AUTHORITIES:
+                seen.add(step)
+                pending.append(step)
+    first = f"the first certificate of the issuer's name, of {place} before those of the message,"
+    return f"{first} {refusals[0]}" if refusals else f"no path over {place} and the message has an end"
 
 
 def _is_found(root: Certificate, read: Sequence[Certificate], at: datetime | None) -> bool:
-    """Whether a self-signed certificate of the message is the one of the CA file that OpenSSL finds in its place."""
+    """Whether a self-signed signer is the one of the CA file that OpenSSL finds in its place."""
     taken = next((each for each in read if each.sha256 == root.sha256 or _hides(each, root, at)), None)
     return taken is not None and taken.sha256 == root.sha256
 
