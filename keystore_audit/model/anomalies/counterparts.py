@@ -12,12 +12,11 @@ from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.domains import domain_bits
 from keystore_audit.model.matching.coverage import has_wildcard
 from keystore_audit.model.matching.expression import Matcher, Pattern, any_matches, parse
-from keystore_audit.model.names import AMBIENT, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX, Use
+from keystore_audit.model.names import ACTION_PART, AMBIENT, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX, Use
 from keystore_audit.model.semantics import ReadGrant, ReadRule, is_controlled
 
 _OF_SERVICES: Final = (f"{REQUEST_PREFIX}/", f"{REPLY_PREFIX}/", f"{SERVICE_PREFIX}/")
-_OF_ACTIONS: Final = "/_action/"
-"""Services and actions are looked at as a whole elsewhere, and offered to tools without anybody in the keystore."""
+"""Services, and actions, are looked at as a whole elsewhere, and offered to tools without anybody in the keystore."""
 
 _COUNTERPART: Final = {
     Operation.PUBLISH: (Operation.SUBSCRIBE, Operation.RELAY),
@@ -169,4 +168,4 @@ def _open(governances: Iterable[GovernanceFile], operation: Operation) -> tuple[
 
 def _is_usual(topic: str) -> bool:
     """Whether nodes have it whether or not anybody is at the other end; Dashing has /rosout in a node's namespace."""
-    return topic in AMBIENT or topic.endswith("/rosout") or topic.startswith(_OF_SERVICES) or _OF_ACTIONS in topic
+    return topic in AMBIENT or topic.endswith("/rosout") or topic.startswith(_OF_SERVICES) or ACTION_PART in topic

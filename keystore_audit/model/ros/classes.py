@@ -55,6 +55,11 @@ class Affix(NamedTuple):
         name = topic[len(self.prefix) : end] if end >= len(self.prefix) else ""
         return name if is_ros_name(name) else None
 
+    def between(self, texts: Iterable[str]) -> set[str]:
+        """What stands between the two in these expressions, from the slash on, whether or not it is a name."""
+        begin, end = f"{self.prefix}/", -len(self.suffix)
+        return {text[len(self.prefix) : end] for text in texts if text.startswith(begin) and text.endswith(self.suffix)}
+
 
 REQUEST: Final = Affix(REQUEST_PREFIX, REQUEST_SUFFIX)
 REPLY: Final = Affix(REPLY_PREFIX, REPLY_SUFFIX)

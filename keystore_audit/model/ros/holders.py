@@ -15,6 +15,7 @@ from keystore_audit.model.formal.system import EnclaveAtom, System
 from keystore_audit.model.matching.coverage import allows_everything, has_wildcard
 from keystore_audit.model.matching.expression import Matcher, any_matches
 from keystore_audit.model.profiles import Access
+from keystore_audit.model.ros.classes import REPLY, REQUEST
 from keystore_audit.model.ros.texts import Lines
 from keystore_audit.model.semantics import Area, ReadGrant
 
@@ -30,8 +31,8 @@ class Placed:
         self.grant = grant
         self.lines = Lines(grant.grant)
         texts = [text for rule in grant.rules if rule.allow for text in rule.texts(Operation.PUBLISH)]
-        self.requests = {text[2:-7] for text in texts if text[:3] == "rq/" and text[-7:] == "Request"}
-        self.replies = {text[2:-5] for text in texts if text[:3] == "rr/" and text[-5:] == "Reply"}
+        self.requests = REQUEST.between(texts)
+        self.replies = REPLY.between(texts)
         self.certain = _certain(grant)
         self.wild: tuple[str, ...] = ()
         self.everything = grant.default_allow

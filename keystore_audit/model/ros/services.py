@@ -296,7 +296,7 @@ class _Answers:
 
 def _affixes(service: str) -> tuple[Affix, Affix]:
     """Of the requests and replies of a service below the name of its node."""
-    return Affix("rq", f"/{service}Request"), Affix("rr", f"/{service}Reply")
+    return Affix(REQUEST.prefix, f"/{service}{REQUEST.suffix}"), Affix(REPLY.prefix, f"/{service}{REPLY.suffix}")
 
 
 class _Pair(NamedTuple):

@@ -12,6 +12,7 @@ from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.matching.expression import Matcher, parse
 from keystore_audit.model.matching.pattern_index import PatternIndex
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
+from keystore_audit.model.ros.classes import REPLY, REQUEST
 
 _ENDS: Final = tuple(ACTION_PART + service for service in ACTION_SERVICES)
 
@@ -81,9 +82,8 @@ def is_surely_whole(grant: Grant, *, rewinds: bool) -> bool:
         return False
     if "*" in everything and not (rewinds and all(map(_is_of_one_kind, published | subscribed))):
         return False
-    client = _names(published, "rq/", "Request")
-    server = _names(published, "rr/", "Reply")
-    if client != _names(subscribed, "rr/", "Reply") or server != _names(subscribed, "rq/", "Request"):
+    client, server = REQUEST.between(published), REPLY.between(published)
+    if client != REPLY.between(subscribed) or server != REQUEST.between(subscribed):
         return False
     if ACTION_PART not in everything and "*" not in everything:
         return True
@@ -98,12 +98,6 @@ def _is_of_one_kind(text: str) -> bool:
 
 
 _PREFIXES: Final = frozenset(("rq/", "rr/"))
-
-
-def _names(texts: set[str], prefix: str, suffix: str) -> set[str]:
-    """What stands between, with the slash."""
-    end = -len(suffix)
-    return {text[2:end] for text in texts if text[:3] == prefix and text[end:] == suffix}
 
 
 def _whole_actions(services: set[str], listed: set[str]) -> bool:
