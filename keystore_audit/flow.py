@@ -23,7 +23,7 @@ from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
-from keystore_audit.settings.settings import place
+from keystore_audit.settings.claims import place
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
