@@ -27,7 +27,7 @@ STORES = sorted(
         for path in (SAMPLES / "rules").glob(f"{pattern}/*")
         if path.is_dir()
     }
-    | {SAMPLES / "healthy/turtlesim", SAMPLES / "stock/talker_listener"}
+    | {SAMPLES / name for name in ("healthy/turtlesim", "stock/talker_listener", "flows/chatter_written_elsewhere")}
 )
 
 
