@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from subprocess import CompletedProcess
 from typing import Any
+from unittest.mock import patch
 
 from keystore_audit.cli.program import run
 from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, signed_document
@@ -86,16 +90,35 @@ def write_enclave(
         (directory / name).write_bytes(content)
 
 
+@contextmanager
+def _caught(name: str) -> Iterator[Callable[[], str]]:
+    """What is written to that standard stream."""
+    written = io.BytesIO()
+    stream, kept = io.TextIOWrapper(written, encoding="utf-8", write_through=True), getattr(sys, name)
+    setattr(sys, name, stream)
+    try:
+        yield lambda: written.getvalue().decode()
+    finally:
+        setattr(sys, name, kept)
+
+
 def answer(*args: str | Path) -> tuple[int, str]:
     """The exit code and what is written to standard output."""
-    stream, kept = io.TextIOWrapper(io.BytesIO(), encoding="utf-8"), sys.stdout
-    sys.stdout = stream
+    with _caught("stdout") as out:
+        return run([str(arg) for arg in args]), out()
+
+
+def run_at(folder: Path, *args: str, **environment: str) -> CompletedProcess[str]:
+    """As a process started there, with these variables and without CI, is run; but it is this one."""
+    kept = os.getcwd()
+    os.chdir(folder)
     try:
-        code = run([str(arg) for arg in args])
+        with patch.dict(os.environ, environment), _caught("stdout") as out, _caught("stderr") as err:
+            if "CI" not in environment:
+                os.environ.pop("CI", None)
+            return CompletedProcess(args, run(list(args)), out(), err())
     finally:
-        sys.stdout = kept
-    stream.flush()
-    return code, stream.buffer.getvalue().decode()
+        os.chdir(kept)
 
 
 def properties(root: Path, settings: str, *options: str | Path) -> dict[str, dict[str, Any]]:

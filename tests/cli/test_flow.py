@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.cli.keystores import run_at
 from tests.schemas import schema
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
@@ -19,9 +18,7 @@ AT = ("--at", "2026-11-21T12:00:00Z")
 
 
 def run(*arguments: str, at: Path = SAMPLES, **environment: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "keystore_audit", *arguments]
-    variables = {key: value for key, value in os.environ.items() if key != "CI"} | environment
-    return subprocess.run(command, cwd=at, env=variables, capture_output=True, text=True, timeout=120)
+    return run_at(at, *arguments, **environment)
 
 
 def flow(sample: str, *arguments: str) -> tuple[int, dict[str, Any]]:
