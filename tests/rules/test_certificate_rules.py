@@ -451,6 +451,21 @@ def test_rsa_is_weak_below_2048_bits(bits: int) -> None:
 
 
 @pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (talker(certificate=certificates(CERT, pem("/talker"), BROKEN)), "KA202"),
+        (both(identity_ca=certificates("public/identity_ca.cert.pem", IDENTITY_CA, BROKEN)), "KA201"),
+    ],
+)
+def test_what_cannot_be_read_behind_a_certificate_may_be_anybody_in_a_file_of_authorities(
+    change: Change, code: str
+) -> None:
+    """In an identity's own file nobody reads on."""
+    assert becomes(change) == [code]
+    assert open_codes(change(healthy())) == {code} - {"KA202"}
+
+
+@pytest.mark.parametrize(
     ("kind", "expected"),
     [
         ("EC secp256r1", []),
