@@ -16,8 +16,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.inventory import Document, Typed
-from keystore_audit.model.matching.coverage import has_wildcard
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import Matcher, has_wildcard, parse
 from keystore_audit.model.profiles import SPEC, Access, DateReading, OpenRange, Profile
 from keystore_audit.model.semantics import (
     ReadDomainRule,

@@ -22,12 +22,9 @@ from keystore_audit.model.channels import Channels, Point
 from keystore_audit.model.domains import describe
 from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.permission import allowing
-from keystore_audit.model.matching.expression import any_matches, parse
+from keystore_audit.model.matching.expression import FASTDDS_WILDCARDS, any_matches, parse
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding, is_controlled
-
-WILDCARDS: Final = frozenset("*?[")
-"""What makes an expression of a name on Fast DDS."""
 
 DONE: Final = {
     Operation.PUBLISH: ("publish", "publishing"),
@@ -296,7 +293,7 @@ class LocalRights:
 
 def wildcard_names(channels: Channels) -> list[int]:
     """The channels of one name that is an expression on Fast DDS."""
-    odd = {topic for topic in {each.topic for each in channels.channels} if not WILDCARDS.isdisjoint(topic)}
+    odd = {topic for topic in {each.topic for each in channels.channels} if not FASTDDS_WILDCARDS.isdisjoint(topic)}
     return [n for n, each in enumerate(channels.channels) if each.topic in odd and not each.infinite] if odd else []
 
 

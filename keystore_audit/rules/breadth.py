@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.matching.coverage import TOPICS, WILDCARDS, allows_everything, covering, has_wildcard
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.coverage import TOPICS, allows_everything, covering
+from keystore_audit.model.matching.expression import WILDCARDS, Matcher, has_wildcard, parse
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about

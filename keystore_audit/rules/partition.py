@@ -10,8 +10,7 @@ from typing import Final, NamedTuple
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation
-from keystore_audit.model.matching.coverage import has_wildcard
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import Matcher, has_wildcard, parse
 from keystore_audit.model.matching.partition_patterns import EVERY_PARTITION
 from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
 from keystore_audit.model.profiles import VARIANTS

@@ -10,7 +10,7 @@ from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.forwards import Declared, Determinism, Forward
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
-from keystore_audit.model.matching.coverage import has_wildcard
+from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.properties import BY_ID
 from keystore_audit.settings.forwards import FORM, read_determinism, read_forwards
 from keystore_audit.settings.table import OUTSIDER, WORD, Table, globs

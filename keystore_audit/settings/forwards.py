@@ -9,7 +9,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.model.claims.forwards import Determinism, Forward, leading_to
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.formal.behaviour import Scheduler
-from keystore_audit.model.matching.coverage import has_wildcard
+from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.settings.table import Table
 
 FORM: Final = "deterministic"

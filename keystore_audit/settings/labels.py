@@ -19,7 +19,7 @@ from keystore_audit.model.claims.labels import (
     powerset,
 )
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
-from keystore_audit.model.matching.coverage import has_wildcard
+from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.settings.table import WORD, Table, dds_topic
 
 KEYS: Final = ("lattice", "label", "declassifier", "endorser", "single_writer")

@@ -10,7 +10,7 @@ from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Rule
 from keystore_audit.model.interpret import interpret
-from keystore_audit.model.matching.coverage import has_wildcard
+from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.model.names import PARAMETER_SERVICES
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.ros import usual_topics

@@ -18,8 +18,7 @@ from keystore_audit.model.domains import Interval, contains, domain_classes
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.permission import allowing
 from keystore_audit.model.intended.policy_grant import PolicyGrant
-from keystore_audit.model.matching.coverage import has_wildcard
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import Matcher, has_wildcard, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import DEFAULT_PARTITION, DIRECTIONS, Area, ReadGrant, ReadRule, Region, read_grant

@@ -13,9 +13,8 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.intent.intent import Action, Intent, Origin, UsedName
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
-from keystore_audit.model.decision import WILDCARDS
 from keystore_audit.model.intended.observed_needs import Usual, in_layout, missing_usual, usual_rights
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import FASTDDS_WILDCARDS, Matcher, parse
 from keystore_audit.model.names import Use, dds_expressions
 
 UNNAMED: Final = "/node"
@@ -109,7 +108,7 @@ class _Draft:
             for path, nodes in sorted(self._allowed.items())
         )
         names = (right.name for enclave in enclaves for right in enclave.rights if right.allow)
-        wildcards = tuple(dict.fromkeys(name for name in names if not WILDCARDS.isdisjoint(name)))
+        wildcards = tuple(dict.fromkeys(name for name in names if not FASTDDS_WILDCARDS.isdisjoint(name)))
         return LeastPolicy(enclaves=enclaves, doubts=tuple(self._doubts), wildcards=wildcards)
 
     def _of(self, enclave: str, node: str) -> dict[tuple[Action, str], None]:

@@ -22,7 +22,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
 from keystore_audit.model.intended.observed_needs import Need, in_layout, needs, nodes_of, usages, usual_channels
 from keystore_audit.model.intended.observed_rights import Deciders, JointRuling, PointRights
-from keystore_audit.model.matching.coverage import has_wildcard
+from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.model.names import Use
 from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling

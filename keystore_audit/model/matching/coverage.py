@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.matching.atoms import classify
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import WILDCARDS, Matcher, has_wildcard, parse
 
 TOPICS: Final = "rt/*"
 """Every ROS 2 topic (ROS 2 design, topic and service names: the prefix of topics)."""
@@ -27,9 +27,6 @@ MAX_PARSED: Final = 64
 MAX_CANDIDATES: Final = 16
 """Expressions of one grant and operation that are looked at, and that are decided over all names, the shortest first:
 deciding takes some milliseconds, and what covers everything is short unless it was made to cost time."""
-
-WILDCARDS: Final = frozenset("*?[\\")
-"""What an expression that is no plain name has at least one of."""
 
 _BUDGET: Final = 2_000
 """States for the expressions: those that people write need some dozens."""
@@ -93,11 +90,6 @@ def _least(expressions: tuple[str, ...], wanted: str) -> tuple[str, ...]:
         if rest and _cover(rest, wanted):
             needed = rest
     return needed
-
-
-def has_wildcard(text: str) -> bool:
-    """Whether the expression may match more than one name."""
-    return "*" in text or "?" in text or "[" in text or "\\" in text
 
 
 def allows_everything(grant: Grant) -> bool:

@@ -32,6 +32,12 @@ from keystore_audit.model.matching.tokens import (
     split_at_stars,
 )
 
+WILDCARDS: Final = frozenset("*?[\\")
+"""What an expression that is no plain name has at least one of, whatever its matcher."""
+
+FASTDDS_WILDCARDS: Final = WILDCARDS - {"\\"}
+"""The same on Fast DDS, which also takes the names of endpoints that have one for expressions."""
+
 
 class Matcher(str, Enum):
     """A pattern language: which names a text matches.
@@ -150,6 +156,11 @@ def parse(text: str, matcher: Matcher) -> Pattern:
         pieces=pieces(reading.tokens) if rewinds else searched,
         rewinds=rewinds,
     )
+
+
+def has_wildcard(text: str) -> bool:
+    """Whether the expression may match more than one name."""
+    return "*" in text or "?" in text or "[" in text or "\\" in text
 
 
 def any_matches(texts: Iterable[str], name: str, matcher: Matcher) -> bool:

@@ -16,8 +16,7 @@ from typing import Final
 from keystore_audit.model.matching.alphabet import Alphabet, Budget
 from keystore_audit.model.matching.atoms import TopicClass
 from keystore_audit.model.matching.automaton import Automaton
-from keystore_audit.model.matching.coverage import has_wildcard
-from keystore_audit.model.matching.expression import Pattern
+from keystore_audit.model.matching.expression import Pattern, has_wildcard
 from keystore_audit.model.matching.tokens import ANY_CHARACTER, CharSet
 
 EVERY_PARTITION: Final = "*"

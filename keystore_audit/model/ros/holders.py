@@ -12,8 +12,8 @@ from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.formal.attacker import RealmView, enclaves_views
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import EnclaveAtom, System
-from keystore_audit.model.matching.coverage import allows_everything, has_wildcard
-from keystore_audit.model.matching.expression import Matcher, any_matches
+from keystore_audit.model.matching.coverage import allows_everything
+from keystore_audit.model.matching.expression import Matcher, any_matches, has_wildcard
 from keystore_audit.model.profiles import Access
 from keystore_audit.model.ros.classes import REPLY, REQUEST
 from keystore_audit.model.ros.texts import Lines

@@ -22,8 +22,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.intended.observed_needs import DISCOVERY, TYPE_DESCRIPTION
-from keystore_audit.model.matching.coverage import WILDCARDS, has_wildcard
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import WILDCARDS, Matcher, has_wildcard, parse
 from keystore_audit.model.names import (
     DISCOVERY_TOPIC,
     PARAMETER_SERVICES,
