@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from keystore_audit.intent.launch_actions import Part, Reference, Text, Unknown, Variable
-from keystore_audit.intent.python_actions import CLASSES, RUN, Call
+from keystore_audit.intent.python_actions import CLASSES, RUN
+from keystore_audit.intent.python_calls import Call
 from keystore_audit.intent.python_values import (
     Growing,
     Imported,
