@@ -36,8 +36,8 @@ class Made:
     through by a loop, or called with it. `bound`: names that are no other module's; `aliases`: other names of
     `os.environ`. `removed`: by name of a dictionary, what the entries are called by that it loses, if not by a text
     (None: any). `through`: what is gone through by a loop, where the name stands for its texts or keys; `stored`: how
-    often the name is given anything. `foreign`: parameters without a default of functions that nothing here
-    calls. `whole`: what `has_all` said of names; `own`: those that do not come from elsewhere.
+    often the name is given anything. `foreign`: parameters without a default of functions that nothing here calls.
+    `whole`: what `has_all` said of names, `listed`: what `texts` did; `own`: those that do not come from elsewhere.
     """
 
     values: dict[str, list[ast.AST]] = field(default_factory=dict)
@@ -49,6 +49,7 @@ class Made:
     stored: Counter[str] = field(default_factory=Counter)
     foreign: set[str] = field(default_factory=set)
     whole: dict[str, bool] = field(default_factory=dict)
+    listed: dict[str, set[str] | None] = field(default_factory=dict)
     own: set[str] = field(default_factory=set)
 
     @staticmethod
@@ -164,6 +165,11 @@ class Made:
 
     def texts(self, name: str) -> set[str] | None:
         """What a name stands for that goes through texts of the file, or keys of its dictionaries, alone; else None."""
+        if name not in self.listed:
+            self.listed[name] = self._listed(name)
+        return self.listed[name]
+
+    def _listed(self, name: str) -> set[str] | None:
         through = self.through.get(name, ())
         if not through or len(through) != self.stored[name]:
             return None
