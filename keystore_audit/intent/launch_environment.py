@@ -84,7 +84,7 @@ _HARMLESS: Final = re.compile(
 """What may stand before a program in a shell, and the path of a program; of the values of `NAMES` is asked apart."""
 
 _READ_FIRST: Final = re.compile(
-    r"\beval\s|\bBASH_ENV=|(?:^|[\s;&|(])(?:source|\.)\s+"
+    r"\beval\s|\bBASH_ENV=|(?:\bsource|(?:^|[;&|(\n]|\s-[a-z]*c\s|\b(?:do|else|then)\s)[ \t]*\.)\s+"
     r"(?!(?:\S*/)?(?:(?:local_)?setup\.[a-z]+|\.bashrc|\.profile|activate)(?:[\s;&|]|$))"
 )
 """What brings variables into a shell that a command line does not say. Files of ROS 2 set none of security, and what a

@@ -350,6 +350,9 @@ def test_what_is_not_read_starts_with_what_is_set_before_it(unread: str, tmp_pat
         ("sleep 5; nice -n 5 /opt/ros/humble/bin/ros2 run p e", {}),
         ("bash -lc 'cd /ws; . install/setup.bash; A=b exec ros2 run p e'", {}),
         ("bash -c 'cd /ws; . install/robot.bash; ros2 run p e'", OPEN),
+        ("bash -c 'cd /ws; . robot.bash; ros2 run p e'", OPEN),
+        ("bash -c '. robot.bash; ros2 run p e'", OPEN),
+        ("bash -c 'cd .; source ../install/local_setup.bash; find . -name x; ros2 run p e'", {}),
         ("bash -c 'eval $X; ros2 run p e'", OPEN),
         ("BASH_ENV=robot.bash bash -c 'ros2 run p e'", OPEN),
         ("bash -c 'unset ${!ROS_SECURITY*}; ros2 run p e'", OPEN),
@@ -645,7 +648,7 @@ def test_long_commands_are_looked_through_once(word: str) -> None:
     assert time.process_time() - begin < 5
 
 
-@pytest.mark.parametrize("word", ["sudo -E ", "ros2 ", ". setup.sh ", "export ", "a/", "x;"])
+@pytest.mark.parametrize("word", ["sudo -E ", "ros2 ", ". setup.sh ", "export ", "a/", "x;", "\n"])
 def test_long_commands_of_ros_are_looked_through_once(word: str) -> None:
     command = f"{word * 20_000} ros2 "
     assert bool(changed_before(command)) is (word in ("sudo -E ", ". setup.sh ", "export "))
