@@ -13,6 +13,9 @@ from keystore_audit.properties.result import PropertyResult
 _COMMON_WORD: Final = re.compile("[A-Z][a-z]* (?!DDS)")
 """What a sentence begins with, unless it is a name such as Fast DDS or CN=/talker."""
 
+_Words = tuple[str, Severity, tuple[str, ...], tuple[str, ...], str]
+"""What is told of a finding but its places: of private keys of one mode and copies of one document the same."""
+
 
 def within(sentence: str) -> str:
     """The sentence as a part of another: its first word begins small, unless it is a name."""
@@ -61,9 +64,7 @@ class Consequences:
     def alike(self, findings: Iterable[Finding]) -> dict[str, list[Finding]]:
         """By its fingerprint, each finding that is told, with those that say the same of another enclave."""
         also: dict[str, list[Finding]] = {}
-        told: dict[
-            tuple[str, Severity, tuple[str, ...], str, str], str
-        ] = {}  # keys of one mode, copies of one document
+        told: dict[_Words, str] = {}
         for finding in findings:
             words = finding.code, finding.severity, finding.profiles, _of_any(finding), finding.remedy
             if finding.enclave and words in told and finding.fingerprint not in self._under:
@@ -94,6 +95,6 @@ class Consequences:
         return finding.message
 
 
-def _of_any(finding: Finding) -> str:
-    """The message, whichever enclave it is about."""
-    return finding.message.replace(finding.enclave, "ENCLAVE") if finding.enclave else finding.message
+def _of_any(finding: Finding) -> tuple[str, ...]:
+    """The message around the enclave's name: a word in its place might be a name, too."""
+    return tuple(finding.message.split(finding.enclave)) if finding.enclave else (finding.message,)

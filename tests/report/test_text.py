@@ -240,6 +240,7 @@ def test_what_is_the_same_but_for_the_enclave_is_said_once(severity: Severity, m
     assert (text.count(" is the same."), text.count("Likewise for the others.")) == (1, 1)
     for other in (
         replace(others[0], message="/e1 is another."),
+        replace(others[0], message="ENCLAVE is the same."),
         replace(others[0], severity=Severity.MEDIUM),
         replace(others[0], remedy="Something else."),
         replace(others[0], profiles=("spec",)),
