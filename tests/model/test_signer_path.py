@@ -36,6 +36,7 @@ TOP = certificate("top", ca=None, extensions=ENDLESS)
 MIDDLE = certificate("middle", TOP, ca=None, extensions=ENDLESS)
 LOWER = certificate("lower", MIDDLE, ca=True)
 LOWEST = certificate("/mallory", LOWER)
+GONE = certificate("middle", TOP, key=MIDDLE.key, ca=None, extensions=ENDLESS, end=START + timedelta(days=30))
 SHORT = certificate("top", key=TOP.key, ca=None, extensions=[(x509.BasicConstraints(ca=True, path_length=0), True)])
 CASES = {
     "the second": (FIRST.pem + SECOND.pem, SECOND, True),
@@ -63,6 +64,8 @@ BETWEEN = {
     "the lower one in the file": (LOWER.pem + TOP.pem, (MIDDLE,), True),
     "the root behind itself as it was, for fewer below it": (SHORT.pem + TOP.pem, (LOWER, MIDDLE), True),
     "the root before itself as it was, for fewer below it": (TOP.pem + SHORT.pem, (LOWER, MIDDLE), False),
+    "one in the file that is over, and in the message": (GONE.pem + TOP.pem, (LOWER, MIDDLE), True),
+    "one in the file that is over, and its renewal": (GONE.pem + MIDDLE.pem + TOP.pem, (LOWER,), False),
 }
 """Authorities between a leaf that signs and the root, whether of the file or of the message."""
 

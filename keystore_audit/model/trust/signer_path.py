@@ -22,6 +22,7 @@ from keystore_audit.model.trust.verdicts import (
     not_read,
     signers_taken,
 )
+from keystore_audit.model.validity import in_force
 
 
 def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> str | None:
@@ -64,8 +65,13 @@ def _path_refusal(
     signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust, at: datetime | None
 ) -> str | None:
     place, read = permissions_ca.file.place, authorities_read(permissions_ca, trust)
-    lost = (_lost(signer, place, read, signed.embedded, at) for signer in signers_taken(signed, trust))
-    return next(filter(None, lost), None)
+    for signer in signers_taken(signed, trust):
+        if at is not None and not names_itself(signer) and not may_sign(signer, signed, permissions_ca, trust, at):
+            continue  # no path at all is in force, which is a reason by itself
+        lost = _lost(signer, place, read, signed.embedded, at)
+        if lost is not None:
+            return lost
+    return None
 
 
 def _lost(
@@ -92,6 +98,8 @@ def _lost(
             refusal = step_refusal(above, below, between, root=root)
             if refusal is None and not lets_sign(above):
                 refusal = "does not admit S/MIME signing; no other is tried"
+            if refusal is None and at is not None and not in_force(above, at):
+                refusal = "is outside its validity; no other is tried"
             step = (above, bool(found), between + (above.subject_der != above.issuer_der))
             if refusal is not None:
                 refusals.append(refusal)
