@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import datetime
 from functools import lru_cache
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
-from keystore_audit.keystore.issuer import Issue, names_itself
+from keystore_audit.keystore.distinguished_name import same_name
+from keystore_audit.keystore.issuer import Issue, key_identifier_fits, names_itself, suits_key
 from keystore_audit.model.profiles import Trust
 from keystore_audit.model.trust.verdicts import (
     MAX_AUTHORITIES,
@@ -55,6 +57,8 @@ def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust
 def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None) -> str | None:
     """Why no path that OpenSSL builds holds `at` the instant, or at any; None where one does."""
     place, authorities = file.file.place, authorities_read(file, trust)
+    if names_itself(certificate) and not is_found(certificate, authorities, at):
+        return f"the first certificate in {place} of its own name is another; no other is tried"
     refusals: list[str] = []
     # A certificate with the number of authorities below it that are not self-issued; each pair is looked at once.
     pending = [(certificate, 0)]
@@ -90,3 +94,21 @@ def step_refusal(
     if above.path_length is not None and between > above.path_length:
         return "allows no path of this length"
     return "did not sign itself" if root and signed and not may_have_issued(above, above) else None
+
+
+def is_found(root: Certificate, read: Sequence[Certificate], at: datetime | None) -> bool:
+    """Whether a self-signed certificate that is shown is the one of the CA file that OpenSSL finds in its place."""
+    taken = next((each for each in read if each.sha256 == root.sha256 or _hides(each, root, at)), None)
+    return taken is not None and taken.sha256 == root.sha256
+
+
+def _hides(other: Certificate, root: Certificate, at: datetime | None) -> bool:
+    """Whether OpenSSL takes the other for the issuer of the root, `at` None: whenever that is in force."""
+    first, last = (root.not_before, root.not_after) if at is None else (at, at)
+    return (
+        same_name(other.subject_name, root.issuer_name)
+        and suits_key(root, other)
+        and other.not_before <= first
+        and last <= other.not_after
+        and key_identifier_fits(root, other)
+    )

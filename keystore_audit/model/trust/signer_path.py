@@ -7,11 +7,10 @@ from datetime import datetime
 from functools import lru_cache
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
-from keystore_audit.keystore.distinguished_name import same_name
-from keystore_audit.keystore.issuer import fit_to_sign, key_identifier_fits, lets_sign, names_itself, suits_key
+from keystore_audit.keystore.issuer import fit_to_sign, lets_sign, names_itself
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.profiles import Trust
-from keystore_audit.model.trust.chain import step_refusal
+from keystore_audit.model.trust.chain import is_found, step_refusal
 from keystore_audit.model.trust.verdicts import (
     MAX_AUTHORITIES,
     authorities_read,
@@ -83,7 +82,7 @@ def _lost(
 ) -> str | None:
     """Why no path from the signer arrives at a self-signed certificate of the CA file; None where one does."""
     if names_itself(signer):
-        lost = not _is_found(signer, read, at)
+        lost = not is_found(signer, read, at)
         return f"of {place} the first certificate of the signer's name is another" if lost else None
     refusals: list[str] = []
     # A certificate, whether it is of the CA file, and the number of authorities below it that are not self-issued.
@@ -110,21 +109,3 @@ def _lost(
                 pending.append(step)
     first = f"the first certificate of the issuer's name, of {place} before those of the message,"
     return f"{first} {refusals[0]}" if refusals else f"no path over {place} and the message has an end"
-
-
-def _is_found(root: Certificate, read: Sequence[Certificate], at: datetime | None) -> bool:
-    """Whether a self-signed signer is the one of the CA file that OpenSSL finds in its place."""
-    taken = next((each for each in read if each.sha256 == root.sha256 or _hides(each, root, at)), None)
-    return taken is not None and taken.sha256 == root.sha256
-
-
-def _hides(other: Certificate, root: Certificate, at: datetime | None) -> bool:
-    """Whether OpenSSL takes the other for the issuer of the root, `at` None: whenever that is in force."""
-    first, last = (root.not_before, root.not_after) if at is None else (at, at)
-    return (
-        same_name(other.subject_name, root.issuer_name)
-        and suits_key(root, other)
-        and other.not_before <= first
-        and last <= other.not_after
-        and key_identifier_fits(root, other)
-    )

@@ -151,6 +151,8 @@ def combinations(pool: Pool, number: int, seed: int) -> Iterator[Combination]:
         yield from (Combination(alone, identity, revocations) for revocations in pool.lists)
     for before in ("may not sign", "no authority", "expired root"):  # not the first, which Fast DDS looks at by itself
         yield Combination(("short root", before, "root"), "of root", None)
+    for both in (("root", "other root"), ("other root", "root"), ("expired root", "root"), ("root", "expired root")):
+        yield Combination(both, "root itself", None)
     for revocations in ("empty", "of next root"):
         yield Combination(("root", "next root"), "of root", revocations)
         yield Combination(("next root", "root"), "of next root", revocations)
