@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.counterexample import describe
@@ -18,6 +18,9 @@ from keystore_audit.properties import PROPERTIES, Answer, Status
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property
 from keystore_audit.properties.result import ANYBODY, AssertedResult, ProfileResult, PropertyResult
+
+if TYPE_CHECKING:
+    from keystore_audit.engine.kept import KeptFlows
 
 Tell = Callable[[int, Answer], Counterexample]
 """Says what an answer about the system of this number means."""
@@ -54,25 +57,46 @@ def combine_claims(
 ) -> tuple[AssertedResult, ...]:
     """The result of every claim under every profile, as for properties."""
     asked = _Asked(systems, engines, profiles)
-    return tuple(_asserted(number, claim, asked) for number, claim in enumerate(claims))
+    kept: dict[int, KeptFlows] = {}
+    return tuple(_asserted(number, claim, asked, kept) for number, claim in enumerate(claims))
 
 
-def _asserted(number: int, claim: Claim, asked: _Asked) -> AssertedResult:
+def _asserted(number: int, claim: Claim, asked: _Asked, kept: dict[int, KeptFlows]) -> AssertedResult:
     systems, prop = asked.systems, _as_property(claim, claim.attacker.value)
 
     def tell(at: int, answer: Answer) -> Counterexample:
         return describe_claim(systems[at], systems[at].claims[number], answer)
 
     only = claim.kind is ClaimKind.ONLY_PUBLISH
+    results = asked.by_profile(prop, tell)
+    if claim.kind is ClaimKind.NO_FLOW and claim.until is not None:
+        kinds = {asked.kind(profile): result for profile, result in results.items() if result.status is Status.HOLDS}
+        over = {kind: _over_time(number, kind, result, asked.systems, kept) for kind, result in kinds.items()}
+        results = {profile: over.get(asked.kind(profile), result) for profile, result in results.items()}
     return AssertedResult(
         prop=prop,
-        profiles=asked.by_profile(prop, tell),
+        profiles=results,
         severity=claim.severity,
         location=claim.location,
         meaning=claim.meaning,
         forgers=_forgers(number, systems) if only else None,
         also_named=_also_named(number, systems) if only else None,
     )
+
+
+def _over_time(
+    number: int, kind: tuple[int, ...], result: ProfileResult, systems: Sequence[System], kept: dict[int, KeptFlows]
+) -> ProfileResult:
+    """Of what holds at each moment, whether it does over all of them, since who gets something may keep it."""
+    from keystore_audit.engine.kept import KeptFlows, describe_kept, kept_status  # few claims are about a time
+
+    kept.update({at: KeptFlows(systems[at]) for at in kind if at not in kept})
+    flows = {at: kept[at].flow(systems[at].claims[number]) for at in kind}
+    for at, stages in flows.items():
+        if stages is not None:
+            status, example = kept_status(flows), describe_kept(systems[at], systems[at].claims[number], stages)
+            return ProfileResult(status=status, engines=dict.fromkeys(result.engines, status), counterexample=example)
+    return result
 
 
 def _forgers(number: int, systems: Sequence[System]) -> tuple[str, ...]:

@@ -6,11 +6,13 @@ infotainment system may, so a fingerprint holds all that violates the claim, as 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import islice, product
 from typing import Final
 
 from keystore_audit.dataclass import replace
+from keystore_audit.engine.kept import KeptFlows
 from keystore_audit.engine.native_claims import Claims, claims_at
 from keystore_audit.model.formal.claim import ATTACKERS, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.permission import Decisions
@@ -90,7 +92,8 @@ def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str
     def at(moment: int, claim: ClaimAtom) -> Iterator[str]:
         asked = claims_at(system, moment, decisions)
         if claim.kind is ClaimKind.NO_FLOW:
-            yield from _flows(system, asked, claim, names, product(sources, targets))
+            flows = partial(_is_violated, asked)
+            yield from _flows(system, flows, claim, names, product(sources, targets))
         elif claim.kind is ClaimKind.ABLE and claim.pairs:
             places = (claim.pairs[number] for number in asked.cut_off(claim))
             yield from (f"{_named(system, names, one)} -> {_named(system, names, other)}" for one, other in places)
@@ -103,6 +106,9 @@ def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str
     yield from now
     for moment in range(first + 1, last + 1):
         yield from (f"later: {each}" for each in at(moment, claim) if each not in now)
+    if claim.kind is ClaimKind.NO_FLOW and claim.until is not None:
+        kept = _flows(system, KeptFlows(system).takes_time, claim, names, product(sources, targets))
+        yield from (f"kept: {each}" for each in kept)
 
 
 def _each(system: System, names: _Names, place: Place) -> list[Place]:
@@ -115,15 +121,23 @@ def _each(system: System, names: _Names, place: Place) -> list[Place]:
     return [*found, Place(outsider=True)] if place.outsider else found
 
 
+def _is_violated(asked: Claims, claim: ClaimAtom) -> bool:
+    return asked.violation(claim) is not None
+
+
 def _flows(
-    system: System, asked: Claims, claim: ClaimAtom, names: _Names, pairs: Iterable[tuple[Place, Place]]
+    system: System,
+    flows: Callable[[ClaimAtom], bool],
+    claim: ClaimAtom,
+    names: _Names,
+    pairs: Iterable[tuple[Place, Place]],
 ) -> Iterator[str]:
     """Between which of them there is a flow, and the least attacker who makes one."""
     attackers = ATTACKERS[: ATTACKERS.index(claim.attacker) + 1]
     for source, target in pairs:
         for attacker in attackers:
             one = replace(claim, source=source, target=target, attacker=attacker)
-            if asked.violation(one) is not None:
+            if flows(one):
                 yield f"{attacker.value}: {_named(system, names, source)} -> {_named(system, names, target)}"
                 break
 

@@ -26,7 +26,7 @@ from keystore_audit.properties.property import Answer, Hop, Role
 from keystore_audit.properties.result import ANYBODY
 from keystore_audit.text import instant, shorten, some
 
-_UNDER: Final = {
+UNDER: Final = {
     Attacker.HONEST: "even if nobody attacks",
     Attacker.SOURCE: "if it attacks",
     Attacker.RELAYS: "if some of those named attack",
@@ -35,16 +35,16 @@ _UNDER: Final = {
 
 def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Counterexample:
     """The violation of a claim that an engine found, in the user's names."""
-    when, system = _then(system, answer)
+    when, system = then_at(system, answer)
     if claim.kind is ClaimKind.ABLE:
         return _nothing_gets_there(system, claim, answer, when)
     if answer.path:
         ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
         reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(way.why for way in ways if way.why))
-        attacker = Attacker.HONEST if _by_right(system, claim, answer.path) else claim.attacker
+        attacker = Attacker.HONEST if by_right(system, claim, answer.path) else claim.attacker
         signing = attacker is Attacker.HONEST and any(SELF_SIGNED in way.why for way in ways)
-        under = _UNDER[attacker] + (" other than by signing itself permissions" if signing else "")
-        text = f"{_route(system, claim, answer.path)} ({under}{when}).{reasons}"
+        under = UNDER[attacker] + (" other than by signing itself permissions" if signing else "")
+        text = f"{route(system, claim, answer.path)} ({under}{when}).{reasons}"
         return Counterexample(text=text, steps=tuple(dict.fromkeys(step for way in ways for step in way.steps)))
     witness = answer.witnesses[0] if answer.witnesses else {}
     if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
@@ -237,7 +237,7 @@ def _who_has(case: Case, certificate: int) -> str:
     return f"{who}, which is no enclave {'that could be read' if unknown else 'of this keystore'},"
 
 
-def _then(system: System, answer: Answer) -> tuple[str, System]:
+def then_at(system: System, answer: Answer) -> tuple[str, System]:
     """Since when it is so, where that is not now, and the system as it is then."""
     moment = answer.moment
     if moment is None:
@@ -263,7 +263,7 @@ def _just_after(system: System, instant: int) -> System:
     )
 
 
-def _route(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> str:
+def route(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> str:
     """`/random -> /low_priority -> /multiplexer -> ...`: participants and topics in turn."""
     words = [] if claim.source.channels else [_who(system, path[0].sender)]
     for number, hop in enumerate(path):
@@ -285,7 +285,7 @@ def _case(system: System, hop: Hop) -> Case:
     return Case(system=system, witness=witness if enclave is None else {**witness, Role.ENCLAVE: enclave})
 
 
-def _by_right(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> bool:
+def by_right(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> bool:
     """Whether it needs no attack: at each hop, within one realm, who sends may write there and who gets it may read."""
     for number, hop in enumerate(path):
         view, realms = _case(system, hop).view, set()

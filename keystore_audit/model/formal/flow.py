@@ -62,7 +62,8 @@ class Lane:
 class Search:
     """What a flow is asked for. `through`: enclaves that it may not pass. `left_out`: channels that no hop takes.
 
-    `own`: every enclave uses its own permissions document alone (attacker HONEST only).
+    `own`: every enclave uses its own permissions document alone (attacker HONEST only). `keeping`: participants who
+    got it before and may have kept it, so that it goes on from them too (`engine/kept.py`).
     """
 
     attacker: Attacker
@@ -71,6 +72,7 @@ class Search:
     through: frozenset[int] = frozenset()
     left_out: frozenset[int] = frozenset()
     own: bool = False
+    keeping: frozenset[int] = frozenset()
 
 
 def search_of(claim: ClaimAtom) -> Search:
@@ -103,6 +105,10 @@ class Flows:
     def reached(self, search: Search) -> frozenset[int]:
         """The participants that data gets to from the source, its own enclaves among them, whatever the target is."""
         return _Walk(self, self._system, replace(search, target=Place())).reached()
+
+    def nodes(self, place: Place) -> set[int]:
+        """The participants of a place."""
+        return {*place.enclaves, *([self.outsider] if place.outsider else [])}
 
     def lanes(self, search: Search) -> list[Lane]:
         """The ways in which hops are possible under the attacker."""
@@ -286,7 +292,7 @@ class _Walk:
         self._left_out = bits(search.left_out)
         self._lanes = flows.lanes(search)
         self._seen = [0] * len(self._lanes)
-        self._ends = {*search.target.enclaves, *([flows.outsider] if search.target.outsider else [])}
+        self._ends = flows.nodes(search.target)
         self._layers: list[list[int]] = []
 
     def shortest(self) -> tuple[Leg, ...] | None:
@@ -294,7 +300,7 @@ class _Walk:
         source = self._search.source
         if source.channels:
             return self._from_channels(bits(source.channels))
-        first = sorted({*source.enclaves, *([self._flows.outsider] if source.outsider else [])})
+        first = sorted({*self._flows.nodes(source), *self._search.keeping})
         return self._spread(first, looping=self._ends.intersection(first))
 
     def reached(self) -> frozenset[int]:
@@ -310,10 +316,12 @@ class _Walk:
             if node in self._ends:
                 return (Leg(None, self._one(got[node] & channels), self._name(node)),)
         first = [node for node in getting if node not in self._search.through]
-        found = self._spread(first, looping=set())
+        found = self._spread(sorted({*first, *self._search.keeping}), looping=set())
         if found is None:
             return None
         begun = self._flows.outsider if found[0].sender is None else found[0].sender
+        if begun not in getting:
+            return found
         return (Leg(None, self._one(got[begun] & channels), self._name(begun)), *found)
 
     def _spread(self, first: list[int], looping: set[int]) -> tuple[Leg, ...] | None:

@@ -1,0 +1,118 @@
+"""Flows over time: what somebody got at one moment it may keep, and pass on at a later one (docs/model.md, Claims).
+
+Each engine decides each moment by itself. This is worked out natively alone, and only where no moment violates a claim
+that must hold until a date: so it can make nothing hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from keystore_audit.dataclass import replace
+from keystore_audit.engine.counterexample_claims import UNDER, by_right, hop_ways, route, then_at
+from keystore_audit.model.attacker import realm_views
+from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.flow import Flows, Leg, Search, search_of
+from keystore_audit.model.permission import Decisions, Permissions
+from keystore_audit.model.system import System
+from keystore_audit.properties.counterexample import Counterexample, Step
+from keystore_audit.properties.property import Answer, Hop, Status
+
+
+class Stage(NamedTuple):
+    """The hops of a flow that are taken at one moment (as `Permissions` takes it)."""
+
+    moment: int
+    legs: tuple[Leg, ...]
+
+
+class KeptFlows:
+    """Flows of one system from the audit on, over moments in order."""
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._decisions = Decisions(system)
+        self._at: dict[int, Flows] = {}
+
+    def flow(self, claim: ClaimAtom) -> tuple[Stage, ...] | None:
+        """A flow that the claim excludes, however many moments it takes until the claim's end; None: there is none."""
+        if claim.kind is not ClaimKind.NO_FLOW or claim.until is None:
+            return None
+        search, kept = search_of(claim), list[frozenset[int]]()
+        moments = self._moments(claim.until)
+        keeping: frozenset[int] = frozenset()
+        for place, moment in enumerate(moments):
+            flows, asked = self._flows(moment), replace(search, keeping=keeping)
+            kept.append(keeping)
+            found = flows.shortest(asked)
+            if found is not None:
+                return (*self._before(search, moments, kept, found), Stage(moment, found))
+            if place < len(moments) - 1:
+                keeping = flows.reached(asked) - flows.nodes(search.source)
+        return None
+
+    def takes_time(self, claim: ClaimAtom) -> bool:
+        """Whether there is such a flow, and none as soon at one moment alone."""
+        return len(self.flow(claim) or ()) > 1
+
+    def _before(
+        self, search: Search, moments: Sequence[int], kept: Sequence[frozenset[int]], found: tuple[Leg, ...]
+    ) -> tuple[Stage, ...]:
+        """How the participant with whom a stage begins came to have it, if that was earlier; `kept`: until that."""
+        outsider = len(self._system.enclaves)
+        begun = outsider if found[0].sender is None else found[0].sender
+        first = next((place for place, keeping in enumerate(kept) if begun in keeping), None)
+        if first is None or found[0].channel in search.source.channels:
+            return ()
+        target = Place(outsider=True) if begun == outsider else Place(enclaves=frozenset({begun}))
+        flows, moment = self._flows(moments[first - 1]), moments[first - 1]
+        legs = flows.shortest(replace(search, target=target, keeping=kept[first - 1]))
+        if legs is None:
+            raise AssertionError("what was kept came from nowhere")
+        return (*self._before(search, moments, kept[:first], legs), Stage(moment, legs))
+
+    def _moments(self, until: int) -> list[int]:
+        """Those until an instant at which grants are in force, or people refused, that were not just before."""
+        found: list[int] = []
+        before: object = None
+        for moment in range(2 * self._system.now, max(2 * until, 2 * self._system.now) + 1):
+            grants = self._system.grants
+            counting = [2 * grant.not_before <= moment <= 2 * grant.not_after for grant in grants]
+            realms = [realm.at(moment) for realm in self._system.realms]
+            now = counting, [(realm.revoked, realm.refuses) for realm in realms]
+            if now != before:
+                found.append(moment)
+            before = now
+        return found
+
+    def _flows(self, moment: int) -> Flows:
+        if moment not in self._at:
+            views = realm_views(self._system, Permissions(self._system, moment, self._decisions))
+            self._at[moment] = Flows(self._system, views)
+        return self._at[moment]
+
+
+def kept_status(flows: Mapping[int, tuple[Stage, ...] | None]) -> Status:
+    """Of a claim that holds at each moment, by the systems that read the keystore: in all, in none or in some."""
+    found = {flow is not None for flow in flows.values()}
+    return Status.UNKNOWN if len(found) > 1 else Status.VIOLATED if True in found else Status.HOLDS
+
+
+def describe_kept(system: System, claim: ClaimAtom, stages: Sequence[Stage]) -> Counterexample:
+    """The flow in the user's names, moment by moment."""
+    told: list[str] = []
+    steps: list[Step] = []
+    attacked = False
+    for number, stage in enumerate(stages):
+        source = claim.source if number == 0 else Place()
+        target = claim.target if number == len(stages) - 1 else Place()
+        part = replace(claim, source=source, target=target)
+        path = tuple(Hop(sender=s, channel=c, receiver=r, instant=stage.moment // 2) for s, c, r in stage.legs)
+        when, then = then_at(system, Answer(status=Status.VIOLATED, moment=stage.moment))
+        told.append(route(then, part, path) + (when or " now"))
+        attacked |= not by_right(then, part, path)
+        steps += [step for hop in path for way in hop_ways(then, part, hop) for step in way.steps]
+    under = UNDER[claim.attacker if attacked else Attacker.HONEST]
+    text = f"{'; then, of what was kept, '.join(told)} ({under})."
+    return Counterexample(text=text, steps=tuple(dict.fromkeys(steps)))
