@@ -156,3 +156,23 @@ def test_as_if_it_were_an_enclave(before: list[str], first: str, after: list[str
     own = [_shape(each) for each in expected.changes if each.kind == "right" and each.enclaves == ("/a",)]
     others = [_shape(each) for each in found.changes if each.kind == "right-of-others"]
     assert sorted(map(repr, others)) == sorted(map(repr, own))
+
+
+@pytest.mark.parametrize(
+    ("granted", "expected"),
+    [((GHOST,), [*right("gained", "publish", "subscribe"), *right("lost", "publish")]), ((), [])],
+)
+def test_a_subject_that_an_enclave_takes(granted: tuple[str, ...], expected: Told, tmp_path: Path) -> None:
+    """Whoever had it, as another robot, has the rights of the enclave then; of one that nobody had nothing is said."""
+    own = rule(criterion("publish", "rt/own"), criterion("subscribe", "rt/own"))
+    old, new = (
+        BASE.member("/listener", subject=subject, permissions=permissions(grant(subject, own), *others))
+        for subject, others in (("/listener", granted), ("/ghost", ()))
+    )
+    renamed = ("identity-subject", "changed", None)
+    for one, other, side in ((old, new, "gained"), (new, old, "lost")):
+        found = told(compared(one, other, tmp_path / side))
+        assert renamed in found
+        flipped = {"gained": "lost", "lost": "gained"}
+        wanted = [(kind, way if side == "gained" else flipped[way], what) for kind, way, what in expected]
+        assert [each for each in found if each[0] == "right-of-others"] == sorted(wanted, key=repr)

@@ -79,13 +79,18 @@ class OthersGrants:
     def _compare(self, pair: Pair) -> None:
         views = pair.old, pair.new
         own = [_own_subjects(view, pair, self._sides, side) for side, view in enumerate(views)]
+        both = frozenset(self._sides.common)
+        staying = [_own_subjects(view, pair, self._sides, side, both) for side, view in enumerate(views)]
         granted = [_granted(view, pair, self._sides, side, own[0] & own[1]) for side, view in enumerate(views)]
         for subject in sorted({*granted[0], *granted[1]}):
             old, new = (each.get(subject) or _Granted() for each in granted)
             for key, channels in self._differences(pair, old, new):
-                # That an enclave came says that its rights did; that it went says that they did.
                 if key.right is not None and subject in own[key.right.gained]:
-                    continue
+                    # That an enclave came says that its rights did; that it went says that they did. One that took a
+                    # subject to which something was granted before says neither.
+                    before = old if key.right.gained else new
+                    if subject not in staying[key.right.gained] or not before.dates:
+                        continue
                 self._found.note(key, subject, pair, channels, old.where, new.where)
                 self.places |= old.places | new.places
 
@@ -128,10 +133,17 @@ def _draft(key: _Key, fold: Fold) -> Draft:
     )
 
 
-def _own_subjects(view: View, pair: Pair, sides: Sides, side: int) -> frozenset[str]:
-    """The subject_names that mean the identity of an enclave: `can` and the changes of enclaves speak of those."""
+def _own_subjects(
+    view: View, pair: Pair, sides: Sides, side: int, among: frozenset[str] | None = None
+) -> frozenset[str]:
+    """The subject_names that mean the identity of an enclave: `can` and the changes of enclaves speak of those.
+
+    `among`: of enclaves of these paths alone.
+    """
     firsts: dict[int, Certificate] = {}
     for enclave in view.system.enclaves:
+        if among is not None and enclave.label not in among:
+            continue
         evidence = sides.enclaves[side].get(enclave.label)
         first = evidence.identity if evidence is not None else None
         if first is not None and enclave.identity is not None:
