@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.counterexample_claims import UNDER, by_right, hop_ways, route, then_at
-from keystore_audit.model.attacker import realm_views
-from keystore_audit.model.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.flow import Flows, Leg, Search, search_of
-from keystore_audit.model.permission import Decisions, Permissions
-from keystore_audit.model.system import System
+from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.flow import Flows, Leg, Search, search_of
+from keystore_audit.model.formal.permission import Decisions, Permissions
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Answer, Hop, Status
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit import toml
 from keystore_audit.keystore.keystore import read_keystore
@@ -17,7 +20,10 @@ from keystore_audit.model.participants.lone_endpoints import LocalMoments, LoneE
 from keystore_audit.model.participants.views import Kind
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.systems import SystemBuilder
-from tests.keystore.builder import authority
+from tests.keystore.builder import Signed, authority
+from tests.keystore.messages import by_openssl, with_signature
+from tests.oracles.smime.der import attribute, tlv
+from tests.oracles.smime.signed_data import CONTENT_TYPE, GOOD, Info
 from tests.oracles.vendors.recipes_signers import _ca
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
@@ -74,6 +80,30 @@ def test_whoever_pins_takes_the_first_of_a_number_by_its_key(tmp_path: Path) -> 
     signers = {document.location.path.split("/")[1]: document.signers for document in system.documents}
     assert realms["/a"] == realms["/b"] >= signers["a"] | signers["b"]
     assert realms["/c"] == signers["c"]
+
+
+def bringing(document: bytes, signer: Signed, *brought: Signed) -> bytes:
+    """A message of which the certificates stand in this order."""
+    entity = b"Content-Type: text/plain\r\n\r\n" + document.replace(b"\n", b"\r\n")
+    digest = attribute("1.2.840.113549.1.9.4", tlv(4, hashlib.sha256(entity).digest()))
+    certificates = tlv(0xA0, *(each.certificate.public_bytes(Encoding.DER) for each in brought))
+    info = Info(signer=signer, attributes=(CONTENT_TYPE, digest))
+    made = replace(GOOD, certificates=certificates, infos=(info,)).der()
+    return with_signature(by_openssl(("smime", "-text"), signer, content=document), made)
+
+
+def test_whoever_does_not_pin_takes_the_first_of_a_number_in_the_message(tmp_path: Path) -> None:
+    """One with another key did not sign it, whoever stands behind (tests/oracles/smime asks OpenSSL)."""
+    signer = authority(serial=1)
+    twin = authority(serial=1)
+    for name, brought in (("a", (signer, twin)), ("b", (twin, signer))):
+        recipe = _ca("of the test", signer.pem, signer)
+        enclave = recipe.build(tmp_path / "enclaves" / name)
+        (enclave / "permissions.p7s").write_bytes(bringing(recipe.permissions.encode(), signer, *brought))
+    builder, alone = builder_of(tmp_path, datetime.fromisoformat("2026-11-21T12:00:00+00:00"))
+    system = builder.build(alone("fastdds-2.9"), profiles=(), reading=Reading.MAY)
+    signers = {document.location.path.split("/")[1]: document.signers for document in system.documents}
+    assert (len(signers["a"]), signers["b"]) == (1, frozenset())
 
 
 def test_kinds_are_told_apart() -> None:
