@@ -299,13 +299,16 @@ def test_what_cannot_be_told_is_no_denial() -> None:
     code, out = answer("access", SAMPLES / "unknown/unreadable_enclave", "--at", AT)
     assert code == 4
     assert "[1] /listener: UNKNOWN (" in out
-    assert "cannot be told whether peers accept" in " ".join(out.split())
+    told = "cannot be told whether peers accept from every enclave: publish, subscribe, relay every topic."
+    assert told in " ".join(out.split())
     assert matrix(SAMPLES / "unknown/unreadable_enclave")["/chatter"] == ["?", "pub"]
 
 
 def test_names_that_a_process_reads_in_its_locale_are_unknown(tmp_path: Path) -> None:
     """Whether `?` takes a character or an octet, Fast DDS and Cyclone DDS leave to others."""
     store = keystore(tmp_path / "k", {"/talker": (rule(("rt/?", "rt/\u00e9")),)})
+    flat = " ".join(answer("access", store, "--at", AT)[1].split())
+    assert 'whether peers accept from /talker: publish "rt/é"; subscribe "rt/é"; relay "rt/é".' in flat
     found = listed(json.loads(answer("access", store, "--at", AT, "-f", "json")[1]))
     rulings = {profile: found[profile, "/talker", "publish", "rt/\u00e9", ""] for profile in DEFAULT}
     assert {profile for profile, pair in rulings.items() if pair == ("unknown", "unknown")} == {*DEFAULT} - {"spec"}
