@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import subprocess
-import time
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 
@@ -109,12 +109,11 @@ def test_who_signed_a_list_is_what_openssl_says(content: bytes, ca: Signed, sign
         assert (b"verify OK" in said) is signed
 
 
-def test_a_long_list_is_encoded_once_whoever_may_have_signed_it() -> None:
-    (found,) = read(crl(CA, range(1, 20_000)).public_bytes(Encoding.PEM)).revocation_lists
-    authorities = [evidence(authority(key=CA.key)) for _ in range(60)]
-    begin = time.process_time()
-    assert all(crl_signed_by(found, each) for each in authorities)
-    assert time.process_time() - begin < 0.5  # 60 encodings: 2 s
+def test_a_list_is_encoded_once_whoever_may_have_signed_it() -> None:
+    """The library takes 20 ms for a long one each time: what was kept of it is verified."""
+    (found,) = read(PEM).revocation_lists
+    assert crl_signed_by(found, evidence(CA))
+    assert not crl_signed_by(replace(found, signed_part=b"other bytes"), evidence(CA))
 
 
 def test_ed25519_and_unknown_algorithms() -> None:
