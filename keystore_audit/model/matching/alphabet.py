@@ -8,7 +8,7 @@ from collections.abc import Container, Iterable, Iterator
 from typing import Final
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.model.matching.tokens import LAST_CHARACTER, CharSet
+from keystore_audit.model.matching.tokens import ANY_CHARACTER, LAST_CHARACTER, CharSet, Token
 
 _LETTERS: Final = string.ascii_lowercase.replace("st", "ts")  # of `rs/a` and `rt/a`, the second says something
 _NAME_LIKE: Final = _LETTERS + "_/" + string.digits + string.ascii_uppercase
@@ -35,14 +35,15 @@ class Budget:
 class Alphabet:
     """All characters but NUL in classes, numbered from the most readable one on.
 
-    Two characters are in one class iff the same of `sets` hold both and neither is among `singles`. `rest` is the class
-    that the fewest sets hold: usually the characters that no expression mentions. `representatives`: the most readable
-    character of every class.
+    Two characters are in one class iff the same sets, of the expressions and `more`, hold both and neither is a token
+    of its own. `rest` is the class that the fewest sets hold: usually the characters that no expression mentions.
+    `representatives`: the most readable character of every class.
     """
 
-    def __init__(self, singles: Iterable[str], sets: Iterable[CharSet], budget: Budget) -> None:
-        sets = list(dict.fromkeys(sets))
-        intervals = [(ord(single), ord(single)) for single in set(singles)]
+    def __init__(self, expressions: Iterable[Iterable[Token]], budget: Budget, more: Iterable[Token]) -> None:
+        tokens = set(more).union(*expressions) - {ANY_CHARACTER}
+        sets = [token for token in tokens if isinstance(token, CharSet)]
+        intervals = [(ord(token), ord(token)) for token in tokens if isinstance(token, str)]
         bounds = {1}
         for low, high in [*intervals, *(interval for charset in sets for interval in charset.ranges)]:
             bounds.update((low, high + 1))
@@ -86,7 +87,7 @@ class Alphabet:
         return number
 
     def split(self, charset: CharSet) -> tuple[bool, frozenset[int]]:
-        """Return whether `charset`, one of `sets`, holds `rest`; and if not, which classes it holds, else which not."""
+        """Return whether `charset`, one of the sets, holds `rest`; if not, which classes it holds, else which not."""
         inside = {self._class_at[position] for low, high in charset.ranges for position in self._positions(low, high)}
         if self.rest not in inside:
             return False, frozenset(inside)

@@ -17,10 +17,12 @@ from keystore_audit.model.matching.alphabet import Alphabet, Budget
 from keystore_audit.model.matching.atoms import TopicClass
 from keystore_audit.model.matching.automaton import Automaton
 from keystore_audit.model.matching.expression import Pattern, has_wildcard
-from keystore_audit.model.matching.tokens import ANY_CHARACTER, CharSet
 
 EVERY_PARTITION: Final = "*"
 """The partition in which an endpoint meets those of all others (DDS 1.4, 2.2.3.13)."""
+
+_SPECIAL: Final = "*?[]\\"
+"""Characters that mean something in a pattern of partitions."""
 
 MAX_PAIRS: Final = 200_000
 """Pairs of states that are visited: about a second. Beyond it the answer is unknown."""
@@ -73,11 +75,8 @@ class _Walk:
         message = f"{len(patterns)} expressions of partitions are more than can be compared as patterns"
         budget = Budget(4 * MAX_PAIRS, message)
         tokens = [pattern.tokens for pattern in patterns]
-        used = {token for each in tokens for token in each}
-        singles = {*"*?[]\\", *(token for token in used if isinstance(token, str))}
-        sets = {token for token in used if isinstance(token, CharSet)} - {ANY_CHARACTER}
-        alphabet = Alphabet(singles, sorted(sets, key=lambda charset: charset.ranges), budget)
-        self._character = {character: alphabet.class_of(character) for character in "*?[]\\"}
+        alphabet = Alphabet(tokens, budget, _SPECIAL)
+        self._character = {character: alphabet.class_of(character) for character in _SPECIAL}
         self._wild = {self._character["*"], self._character["?"]}
         self._automaton = Automaton(tokens, alphabet, budget)
         self._after = self._automaton.successors()

@@ -12,7 +12,7 @@ from typing import Final
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.matching.alphabet import Alphabet, Budget
-from keystore_audit.model.matching.tokens import ANY_CHARACTER, CharSet, Token
+from keystore_audit.model.matching.tokens import CharSet, Token
 from keystore_audit.model.names import DISCOVERY_TOPIC, REPLY_SUFFIX, REQUEST_SUFFIX, SUFFIX_OF
 
 DEAD: Final = -1
@@ -24,13 +24,11 @@ _FIXED_STARTS: Final = frozenset(
 _TOKEN_START: Final = string.ascii_letters + "_"
 _WORD: Final = _TOKEN_START + string.digits
 
-ROS_SINGLES: Final = frozenset("".join((*SUFFIX_OF, DISCOVERY_TOPIC, REQUEST_SUFFIX, REPLY_SUFFIX)))
-"""Characters that the universe of ROS 2 names tells from all others, one by one."""
-ROS_SETS: Final = tuple(
-    CharSet.of((ord(character), ord(character)) for character in characters)
-    for characters in (_TOKEN_START, string.digits)
+_ROS_TOKENS: Final = (
+    *"".join((*SUFFIX_OF, DISCOVERY_TOPIC, REQUEST_SUFFIX, REPLY_SUFFIX)),
+    *(CharSet.of((ord(each), ord(each)) for each in characters) for characters in (_TOKEN_START, string.digits)),
 )
-"""Sets of characters that the universe of ROS 2 names tells apart. An alphabet for it is made with both."""
+"""Characters, and sets of them, that the universe of ROS 2 names tells from all others."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,10 +46,7 @@ class Universe:
 
 def ros_alphabet(expressions: Iterable[Iterable[Token]], budget: Budget) -> Alphabet:
     """An alphabet for expressions, given by their tokens, and for the universe of ROS 2 names."""
-    tokens = {token for expression in expressions for token in expression}
-    singles = ROS_SINGLES.union(token for token in tokens if isinstance(token, str))
-    sets = {token for token in tokens if isinstance(token, CharSet)} - {ANY_CHARACTER}
-    return Alphabet(singles, [*ROS_SETS, *sorted(sets, key=lambda charset: charset.ranges)], budget)
+    return Alphabet(expressions, budget, _ROS_TOKENS)
 
 
 def dds_names(alphabet: Alphabet) -> Universe:
@@ -60,7 +55,7 @@ def dds_names(alphabet: Alphabet) -> Universe:
 
 
 def ros_names(alphabet: Alphabet) -> Universe:
-    """The names of `names.parse_dds_name`; `alphabet` was made with ROS_SINGLES and ROS_SETS."""
+    """The names of `names.parse_dds_name`; `alphabet` is a `ros_alphabet`."""
     classes = dict.fromkeys(sorted({alphabet.class_of(character) for character in _WORD + "/"}))
     numbers: dict[_Place, int] = {"": 0}
     places: list[_Place] = [""]
