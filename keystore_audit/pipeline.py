@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from keystore_audit import __version__
 from keystore_audit.aside import FEW, Aside
@@ -47,6 +47,7 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.wording import listed
 from keystore_audit.settings.suppressions import accepted_by
+from keystore_audit.text import shorten, terminal
 
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
@@ -54,6 +55,9 @@ if TYPE_CHECKING:
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
     from keystore_audit.model.intended.wiring import WiredNode
+
+MAX_ARGUMENT: Final = 200
+"""Characters of an argument of launch files in a report."""
 
 
 def audit(
@@ -243,7 +247,12 @@ def _report(
             *passed_over(options, context.profiles, context.environment),
             *accepted_by(judgement.findings),
         ),
-        assumptions=(*ASSUMPTIONS, *assumed_of(each.name for each in context.profiles), *_in_zone(options)),
+        assumptions=(
+            *ASSUMPTIONS,
+            *assumed_of(each.name for each in context.profiles),
+            *_in_zone(options),
+            *_launched_with(options),
+        ),
         engines=context.engines,
         engines_agree=agree if len(answered) > 1 else None,
         enclaves=_enclaves(context),
@@ -281,6 +290,12 @@ def _in_zone(options: Options) -> tuple[str, ...]:
         return ()
     where = f"Robots are in the time zone {options.time_zone.key} (--time-zone)"
     return (f"{where}: some implementations read the dates of grants in local time.",)
+
+
+def _launched_with(options: Options) -> tuple[str, ...]:
+    """That launch files get these arguments, where any were given: with others they may start something else."""
+    given = [shorten(terminal(f"{name}:={value}"), MAX_ARGUMENT) for name, value in options.launch_arguments.items()]
+    return (f"Launch files are started with {', '.join(given)} (--launch-argument).",) if given else ()
 
 
 def _policy(options: Options) -> Policy | None:

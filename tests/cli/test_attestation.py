@@ -82,6 +82,22 @@ def test_it_says_in_which_time_zone_dates_were_read(keystore: Path) -> None:
     assert ["Honolulu" in text for text in told.values()] == [False, True]
 
 
+def test_it_says_with_which_arguments_launch_files_are_started(keystore: Path, tmp_path: Path) -> None:
+    """By its default this one starts without security: a statement that does not say so would pass for it."""
+    file = tmp_path / "some.launch.xml"
+    file.write_text(
+        '<launch><arg name="secure" default="no"/><set_env name="ROS_SECURITY_ENABLE" value="$(var secure)"/>'
+        '<node pkg="p" exec="e" args="--ros-args --enclave /turtlesim"/></launch>',
+        "utf-8",
+    )
+    alone = statement(keystore, "--launch", str(file), kind="statement")["predicate"]
+    told = statement(keystore, "--launch", str(file), "--launch-argument", "secure:=true", kind="statement")[
+        "predicate"
+    ]
+    assert (alone["result"], told["result"]) == ("FAILED", "WARNED")
+    assert ["secure:=true" in " ".join(each["keystoreAudit"]["assumptions"]) for each in (alone, told)] == [False, True]
+
+
 def test_every_file_is_a_subject_with_its_hash(keystore: Path) -> None:
     said = statement(keystore)
     files = {path.relative_to(keystore).as_posix() for path in keystore.rglob("*") if path.is_file()}
