@@ -19,7 +19,8 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.missing_files import RUN_TIME_FILES, about, file_name, in_state, link_of
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
-from keystore_audit.rules.wording import listed, paths, quoted, sole
+from keystore_audit.rules.wording import MAX_QUOTED, listed, paths, quoted, sole
+from keystore_audit.text import shorten
 
 _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do anything"
 
@@ -45,6 +46,49 @@ def link_leaves_keystore(enclave: Enclave, context: Context) -> Iterator[Violati
         link = link_of(enclave, file) if context.keystore.layout.kind is LayoutKind.SROS2 else None
         remedy = f"{_BRING_IN} sros2 has a link there, in the keystore's root: {link}, {DEEPER}." if link else None
         yield replace(about(enclave, file, f"{file_name(file)} {file.detail}.", undecided=True), remedy=remedy)
+
+
+_AS_SROS2_LINKS: Final = "Let the link lead there from where it stands, without a path of this machine"
+
+
+@rule(
+    "KA120",
+    Severity.MEDIUM,
+    clause=RUN_TIME_FILES,
+    remedy=f"{_AS_SROS2_LINKS}, as sros2's links do.",
+)
+def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A link to a file of the keystore goes by where the keystore lies: by an absolute path, or out of it and back.
+
+    It holds as long as the keystore stays there. In a copy, as on a robot, it leads nowhere, and the enclave does not
+    start, or to what lies at that path of the robot, which was not audited. High in a tree that goes on a robot
+    (--deployed); where this is the robot, and the keystore in its place, nothing is wrong, which cannot be seen.
+    """
+    own = {file.path: (file, enclave) for enclave in keystore.enclaves for file in enclave.files.for_run_time}
+    shared = {file.path: (file, None) for file in keystore.layout.authorities}
+    for path, (file, enclave) in {**own, **shared}.items():
+        if file.status is not Status.PRESENT or file.link is None or not _leaves(path, file.link):
+            continue
+        relative = link_of(enclave, file) if enclave and keystore.layout.kind is LayoutKind.SROS2 else None
+        yield Violation(
+            message=f"{path} links to {shorten(file.link, MAX_QUOTED)}: that is {file.place} as long as the keystore "
+            "lies here, and another file or none where it is copied.",
+            locations=(Location(path=path),),
+            enclave=enclave.path if enclave else None,
+            severity=Severity.HIGH if context.deployed else None,
+            key=file.link,
+            remedy=f"{_AS_SROS2_LINKS}, in the keystore's root: {relative}, {DEEPER}." if relative else None,
+        )
+
+
+def _leaves(path: str, target: str) -> bool:
+    """Whether the target of a link at `path` goes above the keystore's root, wherever it ends."""
+    depth = path.count("/")
+    for name in target.split("/"):
+        depth += {"..": -1, ".": 0, "": 0}.get(name, 1)
+        if depth < 0:
+            return True
+    return target.startswith("/")
 
 
 @rule(

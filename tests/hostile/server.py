@@ -97,6 +97,7 @@ def preload() -> None:
     for name in ("pipeline", "cli.audit", "cli.output", "report.json", "report.text"):
         import_module(f"keystore_audit.{name}")
     import_module("xmlschema")  # imported by the program only where a schema's words are needed
+    import_module("difflib")  # by click, for an option of the default command; nobody may read a Python of root's own
 
 
 def main() -> None:

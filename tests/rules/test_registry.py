@@ -37,7 +37,7 @@ from tests.rules import (
 )
 
 CATALOGUE = {
-    "KA1": range(101, 120),
+    "KA1": range(101, 121),
     "KA2": range(201, 230),
     "KA3": range(301, 318),
     "KA4": range(401, 424),

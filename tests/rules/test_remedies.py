@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 import ssl
@@ -142,6 +143,30 @@ def test_a_link_that_leads_elsewhere_is_made_again(name: str, target: str, code:
     link.unlink()
     link.symlink_to(target)
     (said,) = [each for each in found(stock) if each["code"] == code]
+    (command,) = typed(said["remedy"])
+    type_in(stock, command, {"ENCLAVE": "/talker"})
+    assert link.readlink() == meant
+    assert codes(stock) == before
+
+
+@pytest.mark.parametrize("name", ["identity_ca.cert.pem", "governance.p7s"])
+@pytest.mark.parametrize("absolute", [True, False])
+def test_a_link_by_the_place_of_the_keystore_is_made_one_that_goes_with_it(
+    name: str, absolute: bool, stock: Path
+) -> None:
+    """Copied, the keystore had another file there, or none."""
+    before = codes(stock)
+    link = stock / "enclaves/talker" / name
+    meant, there = link.readlink(), link.parent.joinpath(link.readlink())
+    link.unlink()
+    link.symlink_to(os.path.normpath(there) if absolute else f"../../../{stock.name}/{os.path.relpath(there, stock)}")
+    (said,) = [each for each in found(stock) if each["code"] == "KA120"]
+    deployed = json.loads(answer("audit", stock, "--engine", "native", "--deployed", "-f", "json")[1])["findings"]
+    worth = [each["severity"] for each in deployed if each["code"] == "KA120"]
+    assert (said["severity"], worth, said["enclave"]) == ("medium", ["high"], "/talker")
+    copy = stock.with_name("copy")
+    shutil.copytree(stock, copy, symlinks=True)
+    assert "KA103" in codes(copy)
     (command,) = typed(said["remedy"])
     type_in(stock, command, {"ENCLAVE": "/talker"})
     assert link.readlink() == meant

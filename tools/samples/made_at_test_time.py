@@ -40,6 +40,14 @@ def _outside(root: Path) -> None:
     _linked("cert.pem", f"../../../{beside.name}/cert.pem")(root)
 
 
+def _absolute(root: Path) -> None:
+    write(ONE.tree(), root)
+    link = root / "enclaves/talker/identity_ca.cert.pem"
+    target = link.resolve()
+    link.unlink()
+    link.symlink_to(target)
+
+
 def _directory_link(root: Path) -> None:
     write(ONE.tree(), root)
     (root / "enclaves" / "fleet").symlink_to("talker", target_is_directory=True)
@@ -119,6 +127,7 @@ RECIPES: Mapping[str, tuple[Recipe, Recipe]] = {
     "KA114": (_names("/talker", "/Talker"), _names("/talker", "/talker2")),
     "KA116": (_modes(WITH_KEYS, "private", 0o644), _modes(WITH_KEYS, "private", 0o600)),
     "KA119": (_modes(ONE, "public", 0o666), _modes(ONE, "public", 0o644)),
+    "KA120": (_absolute, _good),
 }
 """For each code, what builds the bad keystore and what builds the good one."""
 
