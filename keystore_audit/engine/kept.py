@@ -7,7 +7,7 @@ that must hold until a date: so it can make nothing hold.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.counterexample_claims import UNDER, by_right, hop_ways, route, then_at
@@ -18,6 +18,9 @@ from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Answer, Hop, Status
+
+MAX_AT_HAND: Final = 16
+"""Moments whose flows are kept for the next claim; those of a large fleet take some ten megabytes each."""
 
 
 class Stage(NamedTuple):
@@ -87,10 +90,12 @@ class KeptFlows:
         return found
 
     def _flows(self, moment: int) -> Flows:
-        if moment not in self._at:
-            views = realm_views(self._system, Permissions(self._system, moment, self._decisions))
-            self._at[moment] = Flows(self._system, views)
-        return self._at[moment]
+        if moment in self._at:
+            return self._at[moment]
+        flows = Flows(self._system, realm_views(self._system, Permissions(self._system, moment, self._decisions)))
+        if len(self._at) < MAX_AT_HAND:
+            self._at[moment] = flows
+        return flows
 
 
 def kept_status(flows: Mapping[int, tuple[Stage, ...] | None]) -> Status:
