@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit.compromise import find_blast_radius
 from keystore_audit.engine.native import NativeEngine
@@ -25,7 +26,7 @@ from keystore_audit.pipeline import audit
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding
-from tests.keystore.builder import Signed, certificate, signed_document
+from tests.keystore.builder import Signed, certificate, crl, signed_document
 from tests.model.comparing import (
     AT,
     Member,
@@ -82,6 +83,22 @@ def test_who_was_revoked_is_taken_by_whoever_has_no_list(
 ) -> None:
     """And nobody takes what one says that was revoked itself, whatever that one takes."""
     assert ways(written(tmp_path, files, store)) == {expected}
+
+
+def test_who_has_no_list_need_not_take_all_that_lie_there(tmp_path: Path) -> None:
+    """Beside what is taken, one of an authority that others trust: Cyclone DDS 11 reads the first of a file alone."""
+    other, mapping = authority("other"), rule(criterion("publish", "rt/map"))
+    trusting = {"identity_ca.cert.pem": other.pem, "crl.pem": crl(other, ()).public_bytes(Encoding.PEM)}
+    store = replace(
+        WITHOUT_TALKER,
+        members={**STORE.members, "/away": Member(permissions=permissions(grant("/away", mapping)), issuer=other)},
+        strays={**STORE.strays, "spare.p7s": permissions(grant("/spare", mapping))},
+        files={f"enclaves/away/{name}": content for name, content in trusting.items()},
+    )
+    spare = certificate("/spare", other)
+    beside = {"spare/cert.pem": spare.pem, "spare/key.pem": spare.key_pem}
+    for number, files in enumerate((LYING_ABOUT, {**LYING_ABOUT, **beside})):
+        assert ways(written(tmp_path / str(number), files, store), profiles=("cyclonedds-11",)) == {VIOLATED}
 
 
 def test_nobody_is_added_where_nobody_was_revoked(tmp_path: Path) -> None:
