@@ -30,6 +30,8 @@ pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 ENOUGH = 120.0
 """Seconds for a small model on a busy machine."""
 
+SYSTEMS = (healthy(), stock())
+
 
 @pytest.fixture(autouse=True)
 def nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
@@ -96,7 +98,7 @@ def test_java_options_of_the_environment_are_not_inherited(analyzer: Engine, mon
 def failing(analyzer: Engine, expected: type[EngineError], **changed: object) -> str:
     arguments: dict[str, object] = {"java": analyzer.java, "jar": analyzer.jar, "timeout": ENOUGH}
     with pytest.raises(EngineError) as caught:
-        examine([healthy(), stock()], **{**arguments, **changed})  # type: ignore[arg-type]
+        examine(SYSTEMS, **{**arguments, **changed})  # type: ignore[arg-type]
     assert type(caught.value) is expected
     message = caught.value.message
     assert message.endswith((".", ")")) or len(message) > 40
@@ -162,6 +164,25 @@ def test_a_run_that_does_nothing(analyzer: Engine, tmp_path: Path) -> None:
     assert f"0 of {4 + len(PROPERTIES)}" in failing(analyzer, EngineFailed, java=java(tmp_path, analyzer, "exit 0"))
 
 
+@pytest.fixture(scope="module")
+def recorded(analyzer: Engine, tmp_path_factory: pytest.TempPathFactory) -> Engine:
+    """The Analyzer, which is run once for the same files: what it wrote is written again."""
+    folder = tmp_path_factory.mktemp("recorded")
+    again = f"""place="{folder}/$(cat *.als | sha256sum | cut -c1-64)"
+if ! test -e "$place"; then
+    mkdir "$place"
+    "$REAL" "$@" 2>"$place/diagnostics"
+    echo $? >"$place/status"
+    if test -e solutions; then mv solutions "$place"; fi
+fi
+cat "$place/diagnostics" >&2
+if test -e "$place/solutions"; then cp -r "$place/solutions" .; fi
+exit "$(cat "$place/status")\""""
+    engine = replace(analyzer, java=java(folder, analyzer, again))
+    examine(SYSTEMS, java=engine.java, jar=engine.jar, timeout=ENOUGH)  # what fails below is ended before its end
+    return engine
+
+
 @pytest.mark.parametrize(
     "filter_",
     [
@@ -175,9 +196,9 @@ def test_a_run_that_does_nothing(analyzer: Engine, tmp_path: Path) -> None:
         "cat; echo 'Exception in thread main'",
     ],
 )
-def test_an_answer_that_is_not_exactly_the_expected_one(filter_: str, analyzer: Engine, tmp_path: Path) -> None:
-    altered = java(tmp_path, analyzer, f'"$REAL" "$@" 2>&1 >/dev/null | {{ {filter_}; }} >&2; exit 0')
-    failing(analyzer, EngineFailed, java=altered)
+def test_an_answer_that_is_not_exactly_the_expected_one(filter_: str, recorded: Engine, tmp_path: Path) -> None:
+    altered = java(tmp_path, recorded, f'"$REAL" "$@" 2>&1 >/dev/null | {{ {filter_}; }} >&2; exit 0')
+    failing(recorded, EngineFailed, java=altered)
 
 
 @pytest.mark.parametrize(
@@ -191,10 +212,17 @@ def test_an_answer_that_is_not_exactly_the_expected_one(filter_: str, analyzer: 
         "printf '<alloy/>' >",
     ],
 )
-def test_a_counterexample_that_cannot_be_read(damage: str, analyzer: Engine, tmp_path: Path) -> None:
+def test_a_counterexample_that_cannot_be_read(damage: str, recorded: Engine, tmp_path: Path) -> None:
     instance = "solutions/ReadersCannotForge-solution-0.xml"
-    damaged = java(tmp_path, analyzer, f'"$REAL" "$@"; test -e {instance} && {damage} {instance}; exit 0')
-    assert "ReadersCannotForge" in failing(analyzer, EngineFailed, java=damaged)
+    damaged = java(tmp_path, recorded, f'"$REAL" "$@"; test -e {instance} && {damage} {instance}; exit 0')
+    assert "ReadersCannotForge" in failing(recorded, EngineFailed, java=damaged)
+
+
+def test_what_was_recorded_is_an_answer(recorded: Engine) -> None:
+    """Nothing but what was altered above is amiss with it."""
+    first, second = examine(SYSTEMS, java=recorded.java, jar=recorded.jar, timeout=ENOUGH)
+    assert {answer.status for answer in first.answers.values()} == {Status.HOLDS}
+    assert second.answers["readers-cannot-forge"].witnesses
 
 
 def with_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, old: str, new: str) -> None:
