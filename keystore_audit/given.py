@@ -42,11 +42,16 @@ def read_given(path: Path, most: int, expected: str) -> tuple[GivenFile, str]:
     return GivenFile.of(str(path), content), text
 
 
+def real_path(path: str | Path) -> Path:
+    """The path with its links followed, as far as they lead somewhere."""
+    return Path(os.path.realpath(path))  # Path.resolve raises RuntimeError where they lead in a circle
+
+
 def check_beside(path: Path, keystores: Iterable[str | Path]) -> None:
     """Raise errors.UsageError for a file in one of the keystores, whose maker would then say what is asked."""
-    here = path.resolve()
+    here = real_path(path)
     for keystore in keystores:
-        if here.is_relative_to(Path(keystore).resolve()):
+        if here.is_relative_to(real_path(keystore)):
             raise UsageError(f"{path} lies in the keystore {keystore}, which would judge itself: keep it elsewhere.")
     linked = _linked(here, keystores)
     if linked is not None:

@@ -14,6 +14,7 @@ import click
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.formats import FORMATS
+from keystore_audit.given import real_path
 from keystore_audit.text import terminal
 
 
@@ -63,7 +64,7 @@ def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
     seen: set[Path] = set()
     roots = tuple(keystores)
     for wanted in targets:
-        path = _resolved(wanted.path)
+        path = real_path(wanted.path)
         check_outside(wanted.path, roots)
         place = path / wanted.format if wanted.each else path
         if place in seen:
@@ -83,14 +84,14 @@ def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
 
 def check_outside(path: Path, keystores: Iterable[str]) -> None:
     """Raise Unwritable if the file or directory, which may not exist yet, lies in one of the keystores."""
-    real = _resolved(path)
-    if any(real.is_relative_to(Path(keystore).resolve()) for keystore in keystores):
+    real = real_path(path)
+    if any(real.is_relative_to(real_path(keystore)) for keystore in keystores):
         raise Unwritable(f"{path} lies in the keystore that is audited; write it elsewhere.")
 
 
 def write(wanted: Target, text: str) -> None:
     """Write the report, whole or not at all; raise Unwritable with the reason."""
-    path = _resolved(wanted.path)
+    path = real_path(wanted.path)
     data = text.encode("utf-8", "backslashreplace")
     try:
         if _is_special(path):  # /dev/stderr, a FIFO: nothing that could be replaced
@@ -103,7 +104,7 @@ def write(wanted: Target, text: str) -> None:
 
 def remove(wanted: Target) -> None:
     """Remove what an earlier run wrote, if it did, where `write` would write; raise Unwritable with the reason."""
-    path = _resolved(wanted.path)
+    path = real_path(wanted.path)
     try:
         if not _is_special(path):
             path.unlink(missing_ok=True)
@@ -134,11 +135,6 @@ def write_stdout(text: str) -> None:
     except OSError as error:
         sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - open until the process ends
         raise Unwritable(f"Cannot write the report to standard output: {error.strerror}.") from error
-
-
-def _resolved(path: Path) -> Path:
-    """Return the file itself, so that a link to it stays one."""
-    return Path(os.path.realpath(path))
 
 
 def _is_special(path: Path) -> bool:

@@ -141,6 +141,16 @@ def test_settings_inside_of_the_keystore_are_refused_also_over_a_link(tmp_path: 
     assert read_settings(outside, [keystore]).file.sha256 == hashlib.sha256(b"").hexdigest()
 
 
+def test_links_that_lead_in_a_circle_are_said(tmp_path: Path) -> None:
+    circle = tmp_path / "circle"
+    circle.symlink_to(circle)
+    with pytest.raises(UsageError, match="circle cannot be read: Too many levels of symbolic links"):
+        read_settings(circle, [str(tmp_path / "keystore")])
+    file = tmp_path / "settings.toml"
+    file.write_text("")
+    assert read_settings(file, [str(circle)]).claims == ()
+
+
 def test_the_schema_takes_what_is_taken_and_refuses_what_is_refused(tmp_path: Path) -> None:
     validator = schema("settings")
     for file in sorted((SAMPLES / "settings").glob("*.toml")):
