@@ -101,6 +101,10 @@ class Directory:
         """
         if "\0" in path:
             raise Unreadable("the path holds a NUL character")
+        try:
+            os.fsencode(path)
+        except UnicodeEncodeError:  # as a text of Python may be
+            raise Unreadable("the path holds half of a surrogate pair") from None
         below = os.path.relpath(os.path.join(self._real, path), self._real)
         if below.split(os.sep, 1)[0] == os.pardir:
             raise Unreadable(f"it is not below {percent_path(self._given or os.curdir)}, and was not read")

@@ -212,6 +212,13 @@ def test_includes(path: str, tmp_path: Path) -> None:
     assert (nodes(intent), intent.unresolved) == ({("/", "/x")}, ())
 
 
+@pytest.mark.parametrize(("character", "reason"), [("\\0", "a NUL character"), ("\\ud800", "half of a surrogate pair")])
+def test_an_include_that_no_file_can_be_is_said(character: str, reason: str, tmp_path: Path) -> None:
+    text = described(f"IncludeLaunchDescription(PythonLaunchDescriptionSource('a{character}b.launch.py'))")
+    found = unresolved(launch(tmp_path, text, "py"))
+    assert [f"the path holds {reason}" in said for _line, said in found] == [True]
+
+
 @pytest.mark.parametrize(
     "path",
     [
