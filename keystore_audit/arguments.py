@@ -38,38 +38,50 @@ def _texts(given: Any) -> bool:
     return isinstance(given, Mapping) and all(isinstance(each, str) for pair in given.items() for each in pair)
 
 
+def _file(given: Any) -> bool:
+    """A path. Raises UsageError for one that no file can have, which would stop whoever reads it."""
+    if not isinstance(given, str | os.PathLike):
+        return False
+    try:
+        possible = b"\0" not in os.fsencode(given)
+    except UnicodeEncodeError:
+        possible = False
+    if not possible:
+        raise UsageError("A path holds a NUL character or half of a surrogate pair: no file can have it.")
+    return True
+
+
 def _positive(given: Any) -> bool:
     return isinstance(given, int | float) and not isinstance(given, bool) and math.isfinite(given) and given > 0
 
 
 _TEXT = _is(str)
 _FLAG = _is(bool)
-_FILE = _is(str, os.PathLike)
 
 _EXPECTED: Final[Mapping[str, tuple[Check, str]]] = {
-    "path": (_FILE, "a path"),
+    "path": (_file, "a path"),
     "at": (_or_none(_is(datetime)), "a datetime or None"),
     "profiles": (_each(_TEXT), "a sequence of names"),
     "domain": (_or_none(_is(int)), "an int or None"),
     "time_zone": (_or_none(_is(str, ZoneInfo)), "a name, a ZoneInfo or None"),
     "engine": (_TEXT, "a name"),
     "offline": (_FLAG, "a bool"),
-    "alloy_jar": (_or_none(_FILE), "a path or None"),
+    "alloy_jar": (_or_none(_file), "a path or None"),
     "timeout": (_positive, "seconds, more than 0"),
     "fail_on": (_or_none(_is(Severity)), "a Severity or None"),
     "expires_within": (_is(timedelta), "a timedelta"),
     "deployed": (_FLAG, "a bool"),
     "select": (_each(_TEXT), "a sequence of codes"),
     "ignore": (_each(_TEXT), "a sequence of codes"),
-    "settings": (_or_none(_FILE), "a path or None"),
-    "baseline": (_or_none(_FILE), "a path or None"),
-    "policy": (_or_none(_FILE), "a path or None"),
-    "policy_include": (_or_none(_FILE), "a path or None"),
-    "environment": (_or_none(_FILE), "a path or None"),
-    "graphs": (_each(_FILE), "a sequence of paths"),
-    "launches": (_each(_FILE), "a sequence of paths"),
+    "settings": (_or_none(_file), "a path or None"),
+    "baseline": (_or_none(_file), "a path or None"),
+    "policy": (_or_none(_file), "a path or None"),
+    "policy_include": (_or_none(_file), "a path or None"),
+    "environment": (_or_none(_file), "a path or None"),
+    "graphs": (_each(_file), "a sequence of paths"),
+    "launches": (_each(_file), "a sequence of paths"),
     "launch_arguments": (_or_none(_texts), "a mapping of texts to texts, or None"),
-    "alloy_properties": (_each(_FILE), "a sequence of paths"),
+    "alloy_properties": (_each(_file), "a sequence of paths"),
     "pictures": (_FLAG, "a bool"),
 }
 

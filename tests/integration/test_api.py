@@ -112,6 +112,17 @@ def test_what_makes_no_sense_is_a_usage_error(samples: Path, wrong: dict[str, An
         api.audit(samples / "healthy/turtlesim", **{"engine": "native", **wrong})
 
 
+@pytest.mark.parametrize("path", ["a\0b", Path("a\ud800b")])
+def test_a_path_that_no_file_can_have_is_a_usage_error(path: str | Path, samples: Path) -> None:
+    files = ("alloy_jar", "settings", "baseline", "policy", "policy_include", "environment")
+    several = ("graphs", "launches", "alloy_properties")
+    for wrong in (*({name: path} for name in files), *({name: [path]} for name in several)):
+        with pytest.raises(api.UsageError, match=r"^A path holds"):
+            api.audit(samples / "healthy/turtlesim", engine="native", **wrong)  # type: ignore[arg-type]
+    with pytest.raises(api.UsageError, match=r"^A path holds"):
+        api.audit(path)
+
+
 def test_what_is_of_a_wrong_type_is_named_with_what_was_expected(samples: Path) -> None:
     with pytest.raises(api.UsageError, match=r"^fail_on: expected a Severity or None, found one of type str\.$"):
         api.audit(samples / "healthy/turtlesim", fail_on="high")  # type: ignore[arg-type]
