@@ -34,6 +34,7 @@ from keystore_audit.model.trust.verdicts import (
     is_authority,
     issue,
     may_take,
+    stands_alone,
 )
 
 
@@ -162,6 +163,9 @@ def _doubt_of(enclave: str | None, certificate: Certificate, authorities: tuple[
     constrained = _constrained(enclave, (certificate, *authorities))
     if constrained is not None:
         return constrained
+    if stands_alone(certificate, authorities):
+        reason = "it stands in the identity CA file itself, where implementations take it although it is no authority"
+        return Doubt(enclave=enclave, location=place, reason=reason)
     issues = [issue(authority, certificate) for authority in authorities if is_authority(authority)]
     if Issue.UNSUPPORTED not in issues or Issue.ISSUED in issues:
         return None

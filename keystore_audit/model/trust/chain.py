@@ -21,6 +21,7 @@ from keystore_audit.model.trust.verdicts import (
     issuers_taken,
     may_have_issued,
     not_read,
+    stands_alone,
 )
 
 
@@ -59,6 +60,8 @@ def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust,
     place, authorities = file.file.place, authorities_read(file, trust)
     if names_itself(certificate) and not is_found(certificate, authorities, at):
         return f"the first certificate in {place} of its own name is another; no other is tried"
+    if stands_alone(certificate, authorities):
+        return None
     refusals: list[str] = []
     # A certificate with the number of authorities below it that are not self-issued; each pair is looked at once.
     pending = [(certificate, 0)]

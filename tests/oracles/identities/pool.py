@@ -106,6 +106,8 @@ def pool() -> Pool:
     identities["marked otherwise"] = certificate("/talker", root, extensions=[_authority_key(below)])
     identities["root itself"] = root
     identities["below itself"] = below
+    identities["no authority itself"] = authorities["no authority"]
+    identities["new with old itself"] = authorities["new with old"]
     serials = [each.certificate.serial_number for each in identities.values()]
     point = x509.IssuingDistributionPoint(None, None, False, True, None, False, False)
     made = {
@@ -153,6 +155,9 @@ def combinations(pool: Pool, number: int, seed: int) -> Iterator[Combination]:
         yield Combination(("short root", before, "root"), "of root", None)
     for both in (("root", "other root"), ("other root", "root"), ("expired root", "root"), ("root", "expired root")):
         yield Combination(both, "root itself", None)
+    for alone in ("no authority", "new with old"):
+        for both in ((alone,), ("short root", alone), (alone, "short root"), ("root", alone)):
+            yield Combination(both, f"{alone} itself", None)
     for revocations in ("empty", "of next root"):
         yield Combination(("root", "next root"), "of root", revocations)
         yield Combination(("next root", "root"), "of next root", revocations)

@@ -68,7 +68,7 @@ def _message(signer: Signed, brought: Sequence[Signed]) -> bytes:
 
 
 def _accepted(message: bytes, authorities: bytes) -> bool:
-    """As `model/usability.py` decides at an instant."""
+    """As `model/participants/usability.py` decides at an instant."""
     file = read(authorities)
     document = read_signed(present(message), Candidates(file.certificates))
     if document_verdict(document, file, CHAINED) is not Acceptance.ACCEPTED:
