@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
-from typing import Any
+from subprocess import CompletedProcess
 
 import pytest
+
+from tests.cli.keystores import run_at
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = ROOT / "sample_keystores"
@@ -17,16 +19,22 @@ AT = ("--at", "2026-11-21T12:00:00Z", "--engine", "native", "--format", "json")
 DRIFT = tuple(f"KA{number}" for number in range(640, 647))
 
 
-def drift(done: Any) -> list[tuple[str, str]]:
+def audit(*words: str | Path) -> CompletedProcess[str]:
+    done = run_at(ROOT, *map(str, words))
+    assert "Traceback" not in done.stdout + done.stderr
+    return done
+
+
+def drift(done: CompletedProcess[str]) -> list[tuple[str, str]]:
     """Codes and enclaves of the findings of drift."""
     findings = json.loads(done.stdout)["findings"]
     return [(finding["code"], finding["enclave"]) for finding in findings if finding["code"] in DRIFT]
 
 
 @pytest.mark.parametrize("name", ["talker_listener", "turtlesim", "vehicle"])
-def test_a_keystore_and_its_policy(name: str, keystore_audit: Any) -> None:
-    done = keystore_audit(SAMPLES / "healthy" / name, *AT, "--policy", POLICIES / f"{name}.policy.xml")
-    assert (done.stderr, drift(done)) == (b"", [])
+def test_a_keystore_and_its_policy(name: str) -> None:
+    done = audit(SAMPLES / "healthy" / name, *AT, "--policy", POLICIES / f"{name}.policy.xml")
+    assert (done.stderr, drift(done)) == ("", [])
     report = json.loads(done.stdout)
     assert {(each["rule"], each["outcome"]) for each in report["outcomes"] if each["rule"] in DRIFT} == {
         (code, "pass") for code in DRIFT
@@ -34,18 +42,18 @@ def test_a_keystore_and_its_policy(name: str, keystore_audit: Any) -> None:
 
 
 @pytest.mark.skipif(not REFERENCES.exists(), reason="the reference policies are not there")
-def test_what_the_real_tool_made_of_its_sample_policy(keystore_audit: Any) -> None:
+def test_what_the_real_tool_made_of_its_sample_policy() -> None:
     policy = REFERENCES / "sros2-rolling/sample.policy.xml"
-    done = keystore_audit(SAMPLES / "stock/sample_policy", *AT, "--policy", policy)
+    done = audit(SAMPLES / "stock/sample_policy", *AT, "--policy", policy)
     assert drift(done) == []
 
 
-def test_a_changed_policy_is_drift_and_fails_the_gate(keystore_audit: Any, tmp_path: Path) -> None:
+def test_a_changed_policy_is_drift_and_fails_the_gate(tmp_path: Path) -> None:
     shutil.copytree(POLICIES / "common", tmp_path / "common")
     policy = tmp_path / "turtlesim.policy.xml"
     text = (POLICIES / policy.name).read_text("utf-8")
     policy.write_text(text.replace("high_priority</topic>", "highest_priority</topic>", 1), "utf-8")
-    done = keystore_audit(SAMPLES / "healthy/turtlesim", *AT, "--policy", policy)
+    done = audit(SAMPLES / "healthy/turtlesim", *AT, "--policy", policy)
     assert done.returncode == 1
     assert drift(done) == [("KA640", "/multiplexer"), ("KA641", "/multiplexer")]
     found = next(each for each in json.loads(done.stdout)["findings"] if each["code"] == "KA640")
@@ -53,50 +61,49 @@ def test_a_changed_policy_is_drift_and_fails_the_gate(keystore_audit: Any, tmp_p
     assert {(place["path"], place["line"]) for place in found["locations"]} >= {(str(policy), line)}
 
 
-def test_include_directory(keystore_audit: Any, tmp_path: Path) -> None:
+def test_include_directory(tmp_path: Path) -> None:
     shutil.copytree(POLICIES / "common", tmp_path / "common")
     robots = tmp_path / "robots"
     robots.mkdir()
     text = (POLICIES / "turtlesim.policy.xml").read_text("utf-8")
     (robots / "a.xml").write_text(text.replace('href="common', 'href="../common'), "utf-8")
     keystore = SAMPLES / "healthy/turtlesim"
-    refused = keystore_audit(keystore, *AT, "--policy", robots / "a.xml")
-    assert (refused.returncode, refused.stdout) == (2, b"")
-    assert f"{robots}/a.xml:7: ".encode() in refused.stderr
-    done = keystore_audit(keystore, *AT, "--policy", robots / "a.xml", "--policy-include", tmp_path)
-    assert (done.stderr, drift(done)) == (b"", [])
+    refused = audit(keystore, *AT, "--policy", robots / "a.xml")
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert f"{robots}/a.xml:7: " in refused.stderr
+    done = audit(keystore, *AT, "--policy", robots / "a.xml", "--policy-include", tmp_path)
+    assert (done.stderr, drift(done)) == ("", [])
 
 
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("nodes:\n  talker:\n", b"Ardent"),
-        ("<dds/>", b":1: this is no SROS2 policy"),
-        ('<policy version="0.2.0">\n<enclaves/></policy>', b":2: this is no SROS2 policy"),
-        ("\x1b[31m<", b":1: "),
+        ("nodes:\n  talker:\n", "Ardent"),
+        ("<dds/>", ":1: this is no SROS2 policy"),
+        ('<policy version="0.2.0">\n<enclaves/></policy>', ":2: this is no SROS2 policy"),
+        ("\x1b[31m<", ":1: "),
     ],
 )
-def test_what_is_no_policy_is_wrong_usage(content: str, words: bytes, keystore_audit: Any, tmp_path: Path) -> None:
+def test_what_is_no_policy_is_wrong_usage(content: str, words: str, tmp_path: Path) -> None:
     policy = tmp_path / "a.xml"
     policy.write_text(content, "utf-8")
-    done = keystore_audit(SAMPLES / "healthy/turtlesim", *AT, "--policy", policy)
-    assert (done.returncode, done.stdout) == (2, b"")
+    done = audit(SAMPLES / "healthy/turtlesim", *AT, "--policy", policy)
+    assert (done.returncode, done.stdout) == (2, "")
     assert words in done.stderr
-    assert b"Traceback" not in done.stderr
-    assert b"\x1b" not in done.stderr
+    assert "\x1b" not in done.stderr
 
 
-def test_a_policy_that_is_not_there(keystore_audit: Any, tmp_path: Path) -> None:
-    done = keystore_audit(SAMPLES / "healthy/turtlesim", *AT, "--policy", tmp_path / "no.xml")
-    assert (done.returncode, b"no such file" in done.stderr) == (2, True)
-    alone = keystore_audit(SAMPLES / "healthy/turtlesim", *AT, "--policy-include", tmp_path)
-    assert (alone.returncode, b"--policy-include is for" in alone.stderr) == (2, True)
+def test_a_policy_that_is_not_there(tmp_path: Path) -> None:
+    done = audit(SAMPLES / "healthy/turtlesim", *AT, "--policy", tmp_path / "no.xml")
+    assert (done.returncode, "no such file" in done.stderr) == (2, True)
+    alone = audit(SAMPLES / "healthy/turtlesim", *AT, "--policy-include", tmp_path)
+    assert (alone.returncode, "--policy-include is for" in alone.stderr) == (2, True)
 
 
-def test_the_report_says_what_was_not_compared(keystore_audit: Any) -> None:
+def test_the_report_says_what_was_not_compared() -> None:
     keystore = SAMPLES / "healthy/turtlesim"
     options = [option for option in AT if option not in ("--format", "json")]
-    without = keystore_audit(keystore, *options).stdout
-    assert b"generated from (--policy)" in b" ".join(without.split())
-    compared = keystore_audit(keystore, *options, "--policy", POLICIES / "turtlesim.policy.xml").stdout
-    assert b"generated from" not in b" ".join(compared.split())
+    without = audit(keystore, *options).stdout
+    assert "generated from (--policy)" in " ".join(without.split())
+    compared = audit(keystore, *options, "--policy", POLICIES / "turtlesim.policy.xml").stdout
+    assert "generated from" not in " ".join(compared.split())
