@@ -155,7 +155,7 @@ class _Anomalies:
                     collected.add(reading.profiles, order_anomalies(grant, matcher, effort, own))
                 if governed is not None:
                     collected.add(reading.profiles, ungoverned_rules(grant, governed))
-        for grant in _counting(readings[0].document.grants or ()):
+        for grant in _counting(readings[0].document.grants or ()) if asked else ():  # else each of them refuses it
             collected.add((), expression_anomalies(grant, matchers, effort))
             if counterparts is not None:  # what is missed there is of low severity
                 collected.add((), counterpart_anomalies(grant, counterparts.missing(grant)), serious=False)
