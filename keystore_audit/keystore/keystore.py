@@ -24,7 +24,13 @@ from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.stray import Stray, is_message_by_name, read_strays
-from keystore_audit.keystore.stray_identity import Carried, StrayIdentities, own_places, read_stray_identities
+from keystore_audit.keystore.stray_identity import (
+    Carried,
+    StrayIdentities,
+    may_be_anything,
+    own_places,
+    read_stray_identities,
+)
 
 MAX_FURTHER_KEYS: Final = 64
 """Files with private keys in odd places that are parsed: of the rest it is not said whose key they hold."""
@@ -266,14 +272,14 @@ def _moved(document: _Document, file: File) -> _Document:
 def _strays(
     root: Root, unread: Iterable[File], enclaves: Iterable[Enclave], candidates: Candidates
 ) -> tuple[Stray, ...]:
-    """Read the signed messages that no enclave carries; one that could not be read is known by name or beginning."""
+    """Read the signed messages that no enclave carries; those that could not be read are known by name or beginning."""
     carried = {
         document.signed.file.sha256 or document.signed.file.place
         for enclave in enclaves
         for document in (enclave.governance, enclave.permissions)
         if document is not None
     }
-    unknown = [file for file in unread if file.may_be_message or is_message_by_name(file)]
+    unknown = [each for each in unread if each.may_be_message or may_be_anything(each) or is_message_by_name(each)]
     return tuple(sorted(read_strays([*root.messages(), *unknown], carried, candidates), key=lambda stray: stray.place))
 
 

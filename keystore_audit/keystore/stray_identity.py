@@ -62,6 +62,11 @@ class StrayIdentities:
         return tuple(StrayIdentity(certificate=each, key=key) for key in keys for each in self.keyless)
 
 
+def may_be_anything(file: File) -> bool:
+    """Whether nothing is known of a file: it lies in the keystore, no byte was read, and it is called like no key."""
+    return file.status is Status.UNREADABLE and not is_key_by_name(file)
+
+
 def is_certificate_by_name(file: File) -> bool:
     """Whether a file that could not be read is to count as one of certificates."""
     return file.path.lower().endswith(_CERTIFICATE_NAMES) and not is_key_by_name(file)
@@ -173,7 +178,7 @@ class _Keys:
         for key in carried.keys:
             self._of_enclave(key)
         for file in unread:
-            if file.holds_certificates or is_certificate_by_name(file):
+            if file.holds_certificates or may_be_anything(file) or is_certificate_by_name(file):
                 self.unread.append(file)
             elif is_key_by_name(file):
                 self._locked[file.place] = file

@@ -22,6 +22,7 @@ from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
 from keystore_audit.rules.wording import MAX_QUOTED, listed, paths, quoted, sole
 from keystore_audit.text import shorten
 
+READ_ALL: Final = "Run the audit as a user who may read the whole keystore."
 _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do anything"
 
 _BRING_IN: Final = (
@@ -144,10 +145,13 @@ def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     "KA107",
     Severity.HIGH,
     clause=_UNREAD,
-    remedy="Run the audit as a user who may read the whole keystore.",
+    remedy=READ_ALL,
 )
 def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """A run-time file or a directory could not be read, for want of permission or by an error of the file system."""
+    """A run-time file or a directory could not be read, for want of permission or by an error of the file system.
+
+    Of other files see KA663 and KA668.
+    """
     for directory in keystore.layout.unreadable_directories:
         yield Violation(
             message=f"The directory could not be read ({directory.detail}): enclaves may lie in it.",

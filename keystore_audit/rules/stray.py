@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.stray import Stray
@@ -23,6 +24,7 @@ from keystore_audit.model.inventory import (
 from keystore_audit.model.participants.stray_identity import Admitted, admitted
 from keystore_audit.model.trust.verdicts import Acceptance, envelope
 from keystore_audit.rules.context import Context
+from keystore_audit.rules.layout import READ_ALL
 from keystore_audit.rules.missing_files import renaming
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.signature import SIGN_AGAIN
@@ -220,7 +222,7 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
             message=f"{stray.place} may give anything to anybody. {sentence(doubt.reason)}.",
             locations=(doubt.location,),
             enclave=carried.get(stray.place),
-            remedy=SIGN_AGAIN if stray.place in carried else None,
+            remedy=SIGN_AGAIN if stray.place in carried else _to_be_read([stray.file]),
             severity=Severity.CRITICAL if crashes else None,
             undecided=True,
             key=stray.place,
@@ -252,9 +254,9 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
 
     Undecided where a key that cannot be read (a password, another form, too large) may be that of such a certificate,
     and where a file may hold both: PKCS #12, one with a certificate that cannot be read or with more structures than
-    are looked at, one too large to be read with a certificate in it, one that is not readable and called like one. Keys
-    that cannot be read and lie where those of authorities do are taken for theirs, if they are no more than the
-    authorities whose keys were not found. Not seen is what is in compressed archives, Java key stores and PKCS #11
+    are looked at, one too large to be read with a certificate in it, one that is not readable and not called like a
+    key. Keys that cannot be read and lie where those of authorities do are taken for theirs, if they are no more than
+    the authorities whose keys were not found. Not seen is what is in compressed archives, Java key stores and PKCS #11
     tokens, or DER behind other bytes, nor a certificate without a key in the tree.
     """
     identities = keystore.identities
@@ -275,9 +277,14 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
             f"{more_like(unread)}.",
             locations=places(Location(path=file.place) for file in unread),
             undecided=True,
-            remedy=_FIND_OUT,
+            remedy=_to_be_read(unread) or _FIND_OUT,
             key="unread",
         )
+
+
+def _to_be_read(files: Iterable[File]) -> str | None:
+    """The remedy where nothing is wrong with the files but that this user may not read them."""
+    return READ_ALL if all(file.status is Status.UNREADABLE for file in files) else None
 
 
 def _started(found: Sequence[Admitted], taken: str, rename: str) -> Violation:

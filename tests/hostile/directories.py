@@ -124,6 +124,16 @@ def _locked(path: str, mode: int = 0) -> Callable[[Store], None]:
     return spoil
 
 
+def _notes(mode: int) -> Callable[[Store], None]:
+    """A file that no run time reads."""
+
+    def spoil(store: Store) -> None:
+        (store.root / "notes").write_text("nothing\n")
+        _locked("notes", mode)(store)
+
+    return spoil
+
+
 def _copy_called(name: str) -> Callable[[Store], None]:
     def spoil(store: Store) -> None:
         shutil.copytree(store.victim, store.root / "enclaves" / name, symlinks=True)
@@ -207,6 +217,8 @@ KINDS: Final = (
     case("a file of beginnings in base64", replaced("permissions.p7s", _beginnings), "KA106"),  # took a minute
     Case("a governance.xml that is a named pipe", lambda store: os.mkfifo(store.victim / "governance.xml"), (), 0),
     case("a file that nobody may read", _locked(P7S), "KA107", nobody=True),
+    case("notes that nobody may read", _notes(0), "KA663", "notes", nobody=True),
+    Case("notes that their owner may read", _notes(0o400), (), 0, nobody=True),
     case("a key that nobody may read", _locked(KEY), "KA107", KEY, nobody=True),
     case("a directory that nobody may list", _locked(VICTIM, 0o311), "KA107", VICTIM, nobody=True),
     case("a directory that nobody may enter", _locked(VICTIM, 0o444), "KA107", VICTIM, nobody=True),
