@@ -8,7 +8,6 @@ import random
 import re
 import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 
@@ -17,6 +16,7 @@ import pytest
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.matching.atoms import TopicClass, classify
 from keystore_audit.model.matching.expression import Matcher, Pattern, parse
+from tests.steps import steps
 
 Fnmatch = Callable[[str, str, Matcher], bool]
 
@@ -232,11 +232,10 @@ def test_known_families(texts: list[str], count: int) -> None:
     ],
     ids=["infixes", "memory of a window", "many sets", "many characters", "all at once"],
 )
-def test_too_many_classes_exceed_the_budget_in_time(texts: list[str]) -> None:
-    begin = time.process_time()
+def test_too_many_classes_exceed_the_budget_soon(texts: list[str]) -> None:
+    patterns = patterns_of(texts)
     with pytest.raises(BudgetExceeded, match=f"{len(texts)} expressions need more than 5000 states"):
-        classify(patterns_of(texts), budget=5_000)
-    assert time.process_time() - begin < 3
+        steps(lambda: classify(patterns, budget=5_000), most=5_000_000)
 
 
 def test_what_exceeds_the_budget_names_an_expression_with_the_most_stars() -> None:
@@ -289,17 +288,13 @@ def keystore_like(size: int, wildcards: int) -> list[str]:
     return list(distinct)
 
 
-@pytest.mark.parametrize(("size", "wildcards", "seconds"), [(1_000, 16, 0.4), (5_000, 50, 1.5)])
-def test_keystore_of_thousands_of_expressions_is_classified_in_time(size: int, wildcards: int, seconds: float) -> None:
+@pytest.mark.parametrize(("size", "wildcards"), [(1_000, 16), (5_000, 50)])
+def test_keystore_of_thousands_of_expressions_is_classified_at_once(size: int, wildcards: int) -> None:
     patterns = patterns_of(keystore_like(size, wildcards))
-    times = []
-    for _ in range(3):
-        begin = time.process_time()
-        classes = classify(patterns)
-        times.append(time.process_time() - begin)
-        assert len(classes) >= size - wildcards
-        assert max(Counter(found.witness for found in classes).values()) == 1
-    assert min(times) < seconds
+    classes = classify(patterns)
+    assert len(classes) >= size - wildcards
+    assert max(Counter(found.witness for found in classes).values()) == 1
+    steps(lambda: classify(patterns), most=1_000 * size)
 
 
 def test_asking_many_expressions_about_many_names_is_bounded() -> None:
