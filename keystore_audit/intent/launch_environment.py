@@ -84,14 +84,16 @@ _HARMLESS: Final = re.compile(
 """What may stand before a program in a shell, and the path of a program; of the values of `NAMES` is asked apart."""
 
 _READ_FIRST: Final = re.compile(
-    r"\beval\s|\bBASH_ENV=|(?:\bsource|(?:^|[;&|(\n]|\s-[a-z]*c\s|\b(?:do|else|then)\s)[ \t]*\.)\s+"
+    r"\beval\s|\bBASH_ENV=|(?:\bsource|(?:^|[;&|(){!`\n]|\s-[A-Za-z]*c\s"
+    r"|\b(?:builtin|command|do|elif|else|if|then|time|until|while)\s)[ \t]*(?:[A-Za-z_]\w*=\S{0,200}[ \t]+){0,9}\.)\s+"
     r"(?!(?:\S*/)?(?:(?:local_)?setup\.[a-z]+|\.bashrc|\.profile|activate)(?:[\s;&|]|$))"
 )
 """What brings variables into a shell that a command line does not say. Files of ROS 2 set none of security, and what a
 shell always reads is the robot's.
 """
 _NAMING: Final = re.compile(r"\b(?:declare|export|local|typeset|unset)\b")
-"""Behind which the name of a variable may be worked out: `unset ${!ROS_*}`."""
+"""Behind which the name of a variable may be worked out: `unset ${!ROS_*}`, `unset ROS_SECURITY_{ENABLE,STRATEGY}`."""
+_WORKED_OUT: Final = r"\s\w*[$`{]"
 
 _CLEAN: Final = re.compile(
     r"\benv\s+(?:(?:-[0v]*[uC]|--unset|--chdir)\s+\S+\s+|-(?![0v]*[uC]\s|-unset\s|-chdir\s)\S+\s+){0,9}?"
@@ -154,7 +156,7 @@ def changed_before(command: str) -> dict[str, str | Unknown]:
     works out.
     """
     plain = _unquoted(command)
-    changed = _READ_FIRST.search(plain) is not None or _behind(_NAMING, r"\s[$`]", plain)
+    changed = _READ_FIRST.search(plain) is not None or _behind(_NAMING, _WORKED_OUT, plain)
     for part in _END.split(plain):
         started = _ROS2.search(part)
         words = [*part[: started.start()].split(), started[1]] if started else []

@@ -353,9 +353,16 @@ def test_what_is_not_read_starts_with_what_is_set_before_it(unread: str, tmp_pat
         ("bash -c 'cd /ws; . robot.bash; ros2 run p e'", OPEN),
         ("bash -c '. robot.bash; ros2 run p e'", OPEN),
         ("bash -c 'cd .; source ../install/local_setup.bash; find . -name x; ros2 run p e'", {}),
+        ("bash -c '{ . robot.bash; ros2 run p e; }'", OPEN),
+        ("bash -c 'if . robot.bash; then ros2 run p e; fi'", OPEN),
+        ("bash -c 'test -e x || A=${B} command . robot.bash; ros2 run p e'", OPEN),
+        ("bash -Cc 'A=b . robot.bash; ros2 run p e'", OPEN),
+        ("bash -c 'if find . -name x; then grep A=b .; { ls .; }; . ./setup.sh; ros2 run p e; fi'", {}),
         ("bash -c 'eval $X; ros2 run p e'", OPEN),
         ("BASH_ENV=robot.bash bash -c 'ros2 run p e'", OPEN),
         ("bash -c 'unset ${!ROS_SECURITY*}; ros2 run p e'", OPEN),
+        ("bash -c 'unset ROS_SECURITY_{ENABLE,STRATEGY}; ros2 run p e'", OPEN),
+        ("bash -c 'for i in ENABLE; do unset ROS_SECURITY_$i; done; ros2 run p e'", OPEN),
         ("bash -c 'export A=$B:c; ros2 run p e'", {}),
         ("env -i ROS_DOMAIN_ID=3 run", {**CLEAN, "DOMAIN_ID": "3"}),
         ("/usr/bin/env -u A - run", CLEAN),
@@ -648,7 +655,7 @@ def test_long_commands_are_looked_through_once(word: str) -> None:
     assert time.process_time() - begin < 5
 
 
-@pytest.mark.parametrize("word", ["sudo -E ", "ros2 ", ". setup.sh ", "export ", "a/", "x;", "\n"])
+@pytest.mark.parametrize("word", ["sudo -E ", "ros2 ", ". setup.sh ", "export ", "a/", "x;", "\n", "A={", "{ A=b "])
 def test_long_commands_of_ros_are_looked_through_once(word: str) -> None:
     command = f"{word * 20_000} ros2 "
     assert bool(changed_before(command)) is (word in ("sudo -E ", ". setup.sh ", "export "))
