@@ -25,7 +25,8 @@ from keystore_audit.keystore.xsd import Grammar
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report import json as json_report
-from tests.fuzz.targets import READERS
+from tests.fuzz.targets import MAX_STEPS, READERS
+from tests.steps import steps
 from tests.strategies.credentials import pem_files
 from tests.strategies.documents import documents
 from tests.strategies.messages import messages, structures
@@ -62,7 +63,7 @@ def test_reader(target: str) -> None:
     @settings(max_examples=count, suppress_health_check=list(HealthCheck))
     @given(strategy)
     def check(data: bytes) -> None:
-        READERS[target](data)
+        steps(lambda: READERS[target](data), most=MAX_STEPS)
 
     check()
 

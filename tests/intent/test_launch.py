@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from pathlib import Path
 
 import pytest
@@ -648,11 +647,12 @@ def test_what_is_no_launch_file_or_too_large_is_refused(text: str, said: str, tm
 
 @pytest.mark.parametrize("word", ["read ", "unset ", "env -u x "])
 def test_long_commands_are_looked_through_once(word: str) -> None:
-    """4,000 such words took 8 seconds, what stands behind each being looked through again; 20,000 are nothing now."""
-    begin = time.process_time()
-    assert set_by_command(word * 20_000) == {}
-    assert set_by_command(f"{word * 20_000} {NAMES[1]}; run").keys() == {NAMES[1]}
-    assert time.process_time() - begin < 5
+    """4,000 such words took 8 seconds, what stands behind each being looked through again.
+
+    100,000 would take more than an hour, where pytest's `faulthandler_timeout` ends a test.
+    """
+    assert set_by_command(word * 100_000) == {}
+    assert set_by_command(f"{word * 100_000} {NAMES[1]}; run").keys() == {NAMES[1]}
 
 
 @pytest.mark.parametrize("word", ["sudo -E ", "ros2 ", ". setup.sh ", "export ", "a/", "x;", "\n", "A={", "{ A=b "])

@@ -183,6 +183,7 @@ def test_forty_links_are_followed_and_no_more(keystore: Path) -> None:
 
 
 def test_only_regular_files_are_opened(keystore: Path) -> None:
+    """A pipe that nobody writes to would be waited for as long as pytest's `faulthandler_timeout` lets a test run."""
     os.mkfifo(keystore / "fifo")
     with socket.socket(socket.AF_UNIX) as server:
         here = Path.cwd()
@@ -192,7 +193,6 @@ def test_only_regular_files_are_opened(keystore: Path) -> None:
         finally:
             os.chdir(here)
         os.symlink("fifo", keystore / "link")
-        started = time.monotonic()
         with Root.open(keystore) as opened:
             for relative, words in (("fifo", "named pipe"), ("socket", "socket"), ("link", "named pipe")):
                 file = opened.file(relative)
@@ -200,7 +200,6 @@ def test_only_regular_files_are_opened(keystore: Path) -> None:
                 assert words in file.detail
             assert opened.file("public").status is Status.DIRECTORY
             assert opened.file("").status is Status.DIRECTORY
-        assert time.monotonic() - started < 5
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root makes device files")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,6 +26,7 @@ from tests.keystore.messages import by_openssl, with_signature
 from tests.oracles.smime.comparison import CHAINED, PINNED
 from tests.oracles.smime.oracle import running
 from tests.oracles.smime.textual import textual
+from tests.steps import steps
 
 CA = authority()
 RSA_CA = authority(key=rsa.generate_private_key(65537, 2048))
@@ -316,9 +316,8 @@ HOSTILE = {
 
 @pytest.mark.parametrize("title", HOSTILE)
 def test_hostile_sizes(title: str) -> None:
-    started = time.process_time()
-    document(HOSTILE[title])
-    assert time.process_time() - started < 5, "a second on an idle machine; the benchmarks hold the limit"
+    """Work that C does not do at once grows with the lines or structures at most."""
+    steps(lambda: document(HOSTILE[title]), most=500_000)
 
 
 # --- anything at all

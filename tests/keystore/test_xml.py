@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import pytest
@@ -16,6 +15,7 @@ from keystore_audit.keystore.skeleton import Skeleton
 from keystore_audit.keystore.xml import MAX_DEFECTS, duplicates, read_xml, source_line
 from tests.keystore.builder import GOVERNANCE
 from tests.keystore.documents import FIRST_LINE, PERMISSIONS, SHARED, signed
+from tests.steps import steps
 
 NAME = b"<subject_name>CN=/talker</subject_name>"
 
@@ -280,9 +280,9 @@ HOSTILE = {
 
 @pytest.mark.parametrize("title", HOSTILE)
 def test_hostile_sizes(title: str) -> None:
-    started = time.process_time()
-    _, defects = read(HOSTILE[title])
-    assert time.process_time() - started < 5, "a second on an idle machine; the benchmarks hold the limit"
+    """Work that C does not do at once grows with the elements, comments and sections at most."""
+    defects: list[Defect] = []
+    steps(lambda: defects.extend(read(HOSTILE[title])[1]), most=3_000_000)
     assert len(defects) <= MAX_DEFECTS
     assert defects or title in ("100,000 elements", "attribute of 4 MB"), "those are the schema's matter"
     assert all(len(defect.detail) < 400 for defect in defects)
