@@ -22,6 +22,9 @@ _EMPTYING: Final = frozenset({"clear", "popitem"})
 _KEEPING: Final = frozenset({"pop", "setdefault", *LOOKING})
 """What changes nothing that it is called with."""
 
+_SEEING: Final = frozenset({"copy", "count", "get", "index", "items", "keys", "values"})
+"""Methods that change nothing of the list or dictionary whose they are."""
+
 _WRITING: Final = frozenset({"copy", "deepcopy", "dump", "dumps", "join", "pformat", "pprint", "update"})
 _READS: Final = frozenset({"__import__", "eval", "exec", "getattr", "globals", "input", "open", "vars"})
 _BUILTIN: Final = frozenset(dir(builtins)) - _READS
@@ -36,8 +39,10 @@ class Made:
     through by a loop, or called with it. `bound`: names that are no other module's; `aliases`: other names of
     `os.environ`. `removed`: by name of a dictionary, what the entries are called by that it loses, if not by a text
     (None: any). `through`: what is gone through by a loop, where the name stands for its texts or keys; `stored`: how
-    often the name is given anything. `foreign`: parameters without a default of functions that nothing here calls.
-    `whole`: what `has_all` said of names, `listed`: what `texts` did; `own`: those that do not come from elsewhere.
+    often the name is given anything; `lent`: what is used so that it may be changed elsewhere. `gathering`: functions
+    that gather what they are given, by `*` or `**`. `foreign`: parameters without a default of functions that nothing
+    here calls. `whole`: what `has_all` said of names, `listed`: what `texts` did; `own`: those that do not come from
+    elsewhere.
     """
 
     values: dict[str, list[ast.AST]] = field(default_factory=dict)
@@ -47,6 +52,8 @@ class Made:
     removed: dict[str, set[str | None]] = field(default_factory=dict)
     through: dict[str, list[ast.AST]] = field(default_factory=dict)
     stored: Counter[str] = field(default_factory=Counter)
+    lent: set[str] = field(default_factory=set)
+    gathering: set[str] = field(default_factory=set)
     foreign: set[str] = field(default_factory=set)
     whole: dict[str, bool] = field(default_factory=dict)
     listed: dict[str, set[str] | None] = field(default_factory=dict)
@@ -71,8 +78,12 @@ class Made:
                 made._bind(node.arg if isinstance(node, ast.arg) else node.name)
             elif isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
                 made._bind(node.id)
-            elif isinstance(node, (ast.MatchAs, ast.MatchStar)):
+            elif isinstance(node, ast.Name):
+                made.lent.update([] if _only_seen(node, parents) else [node.id])
+            elif isinstance(node, (ast.MatchAs, ast.MatchStar, ast.ExceptHandler)):
                 made.stored[node.name or ""] += 1
+            elif isinstance(node, ast.alias):
+                made.stored[node.asname or node.name] += 1
             elif isinstance(node, ast.Call):
                 calls.append(node)
             else:
@@ -93,6 +104,7 @@ class Made:
         """The names of the parameters, which have the values that are given, or those of the definition."""
         self.bound.add(function.name)
         told = function.args
+        self.gathering.update([function.name] if told.vararg or told.kwarg else [])
         plain = [each.arg for each in (*told.posonlyargs, *told.args)]
         named = [each.arg for each in told.kwonlyargs]
         usual = [*zip(plain[::-1], told.defaults[::-1], strict=False), *zip(named, told.kw_defaults, strict=True)]
@@ -109,7 +121,7 @@ class Made:
                 added = target.slice if isinstance(target, ast.Subscript) else node.value
                 for name in named_in([getattr(target, "value", target)]):
                     kept.setdefault(name, []).append(added)
-                    self.aliases.update([name] if is_environ(node.value) else [])
+                    self.aliases.update([name] if _is_shared(node.value) else [])
         elif isinstance(node, (ast.For, ast.comprehension, ast.AugAssign, ast.withitem)):
             bound = node.optional_vars if isinstance(node, ast.withitem) else node.target
             added = next(getattr(node, each) for each in ("iter", "value", "context_expr") if hasattr(node, each))
@@ -178,7 +190,7 @@ class Made:
             made: Sequence[ast.AST] = [each]
             if isinstance(each, ast.Name):
                 made = self.values.get(each.id, []) if each.id not in self.more else []
-                if not made or len(made) != self.stored[each.id]:
+                if not made or len(made) != self.stored[each.id] or each.id in self.lent:
                     return None
             found.update(text_of(key) for one in made for key in _texts_of(one))
         return None if None in found else {text for text in found if text is not None}
@@ -204,7 +216,10 @@ class Made:
     def only_reads(self, function: ast.AST) -> bool:
         """Whether what is called changes no dictionary that it is given, or is of this file and looked at itself."""
         name = called(function) or ""
-        return name in _WRITING or name[:1].isupper() or (isinstance(function, ast.Name) and name in self.bound)
+        if name in self.stored:
+            return False
+        own = isinstance(function, ast.Name) and name in self.bound and name not in self.gathering
+        return own or name in _WRITING or name[:1].isupper()
 
     def is_environ(self, node: ast.AST) -> bool:
         """Whether it is `os.environ`, or a name for it."""
@@ -217,6 +232,26 @@ def _without_default(told: ast.arguments) -> list[str]:
     named = [each for each, value in zip(told.kwonlyargs, told.kw_defaults, strict=True) if value is None]
     further = filter(None, (told.vararg, told.kwarg))
     return [each.arg for each in (*plain[: len(plain) - len(told.defaults)], *named, *further)]
+
+
+def _only_seen(name: ast.Name, parents: Mapping[ast.AST, ast.AST]) -> bool:
+    """Whether a list or dictionary is as it was behind this use of its name."""
+    parent = parents.get(name, name)
+    if isinstance(parent, ast.keyword):
+        parent = parents[parent]
+    if isinstance(parent, ast.Call):
+        function = called(parent.func) or ""
+        return function in _BUILTIN or function in _WRITING or function[:1].isupper()
+    if isinstance(parent, ast.Attribute):
+        return parent.attr in _SEEING
+    return isinstance(parent, (ast.For, ast.comprehension, ast.Compare, ast.Subscript, ast.BinOp, ast.FormattedValue))
+
+
+def _is_shared(value: ast.AST) -> bool:
+    """Whether it is `os.environ`, or `copy.copy` of it, which shares its variables."""
+    if isinstance(value, ast.Call) and called(value.func) == "copy" and value.args:
+        value = value.args[0]
+    return is_environ(value)
 
 
 def _gone_through(loop: ast.For | ast.comprehension) -> tuple[str, ast.AST]:

@@ -29,7 +29,7 @@ _READERS: Final = (
 )
 """What takes all of the variables and changes none: `dict(os.environ)`, `{**os.environ}`, `"X" in os.environ`."""
 _SPOKEN: Final = frozenset({*ENVIRON, "os.environ"})
-"""What `getattr`, and what replaces it for a time, calls it by."""
+"""What `getattr`, `vars`, and what replaces it for a time, calls it by."""
 
 _FIRST: Final = frozenset({"__delitem__", "__setitem__", "pop", "putenv", "setdefault", "setenv", "unsetenv"})
 """What is called with the name of a variable first."""
@@ -189,7 +189,7 @@ def _changed(
         yield None, None  # by another name it may be anywhere
     if name in _FUNCTIONS:
         yield _named(str(name), parents[node], made), None
-    if text_of(node) in _SPOKEN and isinstance(parents[node], ast.Call):
+    if text_of(node) in _SPOKEN and isinstance(parents[node], (ast.Call, ast.Subscript)):
         yield None, None
     if not made.is_environ(node) or (isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)):
         return
