@@ -41,6 +41,9 @@ _PLAIN: Final = re.compile(rb"[A-Za-z0-9_./-]+")
 Place = tuple[bytes, ...]
 """Names from the root downwards."""
 
+Left = tuple[Place, bytes]
+"""A link by which a way goes by where the root lies, and what it says; its place is () where the way begins with it."""
+
 
 class Refusal(Exception):
     """Why a name was not read; caught where a File is made of it."""
@@ -63,7 +66,7 @@ class Descent:
         self._directories: OrderedDict[Place, int] = OrderedDict()
         self._looked_at: dict[Place, os.stat_result] = {}
         self._targets: dict[Place, bytes] = {}
-        self._followed: dict[tuple[Place, bytes], tuple[Place, os.stat_result]] = {}
+        self._followed: dict[tuple[Place, bytes], tuple[Place, os.stat_result, Left | None]] = {}
         self._steps_left = MAX_STEPS
         self.passed: set[Place] = set()
         """The directories of links that other links led over."""
@@ -98,8 +101,9 @@ class Descent:
                 self._refuse_directory_link(place)
             raise
 
-    def follow(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result]:
-        """Resolve a link in the real directory `directory`: the place where it ends, and what is there.
+    def follow(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result, Left | None]:
+        """Resolve a link in the real directory `directory`: the place where it ends, what is there, and how the way
+        left the root, by an absolute path or upwards, before it came back.
 
         The way is kept as absolute names, `here`. All names of the root are real directories, so `..` is
         exact on names there too, and a way that leaves the root and comes back needs no look outside.
@@ -113,8 +117,8 @@ class Descent:
         if known is not None:
             return known
         try:
-            end, found = self._walk(base, rest)
-            known = end, found if found is not None else self._look(end)
+            end, found, left = self._walk(base, rest)
+            known = end, found if found is not None else self._look(end), left
         except (OSError, ValueError) as error:
             shown = percent_path(target)
             missing = (Status.DANGLING, f"links to {shown}, which does not exist")
@@ -122,11 +126,13 @@ class Descent:
         self._followed[base, rest] = known
         return known
 
-    def _walk(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result | None]:
+    def _walk(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result | None, Left | None]:
         depth = len(self._real)
         here = [*self._real, *directory]
         pending = self._steps(target, here)
         links = 1
+        link: Left = (), target
+        left = link if target.startswith(b"/") else None
         found: os.stat_result | None = None  # of `here`, where it was looked at
         while pending:
             name = pending.pop()
@@ -141,6 +147,7 @@ class Descent:
             found = None
             if name == b"..":
                 del here[-1:]  # above `/` there is `/`
+                left = left or (link if len(here) < depth else None)
                 continue
             here.append(name)
             if len(here) <= depth:
@@ -157,10 +164,12 @@ class Descent:
                     raise Refusal(Status.LOOP, f"links to {percent_path(target)}: {circle}")
                 self.passed.add(place[:-1])
                 here.pop()
-                pending.extend(self._steps(self._target(place), here))
+                link = place, self._target(place)
+                left = left or (link if link[1].startswith(b"/") else None)
+                pending.extend(self._steps(link[1], here))
         if len(here) < depth:
             raise _outside(target)
-        return tuple(here[depth:]), found
+        return tuple(here[depth:]), found, left
 
     def _look(self, place: Place) -> os.stat_result:
         """Describe what links lead over, once: in a keystore they all lead to the same few files."""

@@ -48,6 +48,8 @@ class File:
     shared_group: bool = False
     """Whether its group may hold others than its owner: a group of one user alone has that user's number."""
     link: str | None = None
+    leaves: tuple[str, str] | None = None
+    """The link on the way to it that goes by where the keystore lies, itself or another, and what that says."""
     holds_private_key: bool = False
     """Whether a private key may stand in it (`traces.Traces`, as the next three)."""
     holds_certificates: bool = False

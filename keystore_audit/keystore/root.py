@@ -176,6 +176,7 @@ class Root:
         """Read a file; its content is None unless it is `needed`, and kept for others if `keep`."""
         place: Place = ()
         link: str | None = None
+        leaves: tuple[str, str] | None = None
         path = display(relative)
         missing = (Status.MISSING, "there is no such file")
         if relative not in self._entries and self._is_listed(relative.rpartition(b"/")[0]):
@@ -184,7 +185,9 @@ class Root:
             place, found, target = self._find(relative)
             if target is not None:
                 link = display(target)
-                place, found = self._descent.follow(place[:-1], target)
+                place, found, left = self._descent.follow(place[:-1], target)
+                if left is not None:
+                    leaves = (display(b"/".join(left[0])), display(left[1])) if left[0] else (path, link)
                 refuse_unless_file(found, f"links to {link}: ")
             reading = self._read(place, found, keep=keep, needed=needed)
         except (OSError, ValueError) as error:
@@ -195,7 +198,7 @@ class Root:
         if reading.status is Status.PRESENT:
             end = b"/".join(place)
             resolved = path if end == relative else display(end)
-        return replace(reading, path=path, resolved=resolved, link=link)
+        return replace(reading, path=path, resolved=resolved, link=link, leaves=leaves)
 
     def _find(self, relative: bytes) -> tuple[Place, os.stat_result | None, bytes | None]:
         """Return the place of a file or link, a file's state unless its directory was listed, a link's target."""

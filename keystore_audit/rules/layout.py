@@ -61,35 +61,30 @@ _AS_SROS2_LINKS: Final = "Let the link lead there from where it stands, without 
 def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A link to a file of the keystore goes by where the keystore lies: by an absolute path, or out of it and back.
 
-    It holds as long as the keystore stays there. In a copy, as on a robot, it leads nowhere, and the enclave does not
-    start, or to what lies at that path of the robot, which was not audited. High in a tree that goes on a robot
-    (--deployed); where this is the robot, and the keystore in its place, nothing is wrong, which cannot be seen.
+    So may one that another link leads over, as all enclaves' do over enclaves/governance.p7s. It holds as long as the
+    keystore stays there. In a copy, as on a robot, it leads nowhere, and the enclave does not start, or to what lies at
+    that path of the robot, which was not audited. High in a tree that goes on a robot (--deployed); where this is the
+    robot, and the keystore in its place, nothing is wrong, which cannot be seen.
     """
     own = {file.path: (file, enclave) for enclave in keystore.enclaves for file in enclave.files.for_run_time}
     shared = {file.path: (file, None) for file in keystore.layout.authorities}
+    told = set[str]()
     for path, (file, enclave) in {**own, **shared}.items():
-        if file.status is not Status.PRESENT or file.link is None or not _leaves(path, file.link):
+        if file.status is not Status.PRESENT or file.leaves is None or file.leaves[0] in told:
             continue
-        relative = link_of(enclave, file) if enclave and keystore.layout.kind is LayoutKind.SROS2 else None
+        place, target = file.leaves
+        told.add(place)
+        of = enclave if place == path else None  # else a link that several may go over
+        relative = link_of(of, file) if of and keystore.layout.kind is LayoutKind.SROS2 else None
         yield Violation(
-            message=f"{path} links to {shorten(file.link, MAX_QUOTED)}: that is {file.place} as long as the keystore "
+            message=f"{place} links to {shorten(target, MAX_QUOTED)}: that is {file.place} as long as the keystore "
             "lies here, and another file or none where it is copied.",
-            locations=(Location(path=path),),
-            enclave=enclave.path if enclave else None,
+            locations=(Location(path=place),),
+            enclave=of.path if of else None,
             severity=Severity.HIGH if context.deployed else None,
-            key=file.link,
+            key=target,
             remedy=f"{_AS_SROS2_LINKS}, in the keystore's root: {relative}, {DEEPER}." if relative else None,
         )
-
-
-def _leaves(path: str, target: str) -> bool:
-    """Whether the target of a link at `path` goes above the keystore's root, wherever it ends."""
-    depth = path.count("/")
-    for name in target.split("/"):
-        depth += {"..": -1, ".": 0, "": 0}.get(name, 1)
-        if depth < 0:
-            return True
-    return target.startswith("/")
 
 
 @rule(

@@ -86,7 +86,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
         ["KA118"],
     ),
     "KA119": (laid_out(folders=(folder("enclaves", 0o757),)), ["KA119"]),
-    "KA120": (laid_out(authorities=(file("public/identity_ca.cert.pem", link="/keys/public/ca.cert.pem"),)), ["KA120"]),
+    "KA120": (laid_out(authorities=(file("public/ca.cert.pem", leaves=("public/ca.cert.pem", "/keys/a")),)), ["KA120"]),
     "KA209": (talker(key=private_key(KEY, "somebody else's")), ["KA209"]),
     "KA210": (key_with(key=None, defects=(defect(Kind.KEY_UNREADABLE, KEY),)), ["KA210"]),
     "KA211": (key_with(key=None, encrypted=True), ["KA211"]),

@@ -173,6 +173,22 @@ def test_a_link_by_the_place_of_the_keystore_is_made_one_that_goes_with_it(
     assert codes(stock) == before
 
 
+@pytest.mark.parametrize("absolute", [True, False])
+def test_a_link_by_the_place_of_the_keystore_that_others_lead_over_is_told_once(absolute: bool, stock: Path) -> None:
+    """All enclaves have their governance over it: the tree passed with --deployed, and its copy had none."""
+    link, kept = stock / "enclaves/governance.p7s", stock / "enclaves/kept.p7s"
+    link.rename(kept)
+    link.symlink_to("kept.p7s")
+    assert "KA120" not in codes(stock)
+    link.unlink()
+    link.symlink_to(kept if absolute else f"../../{stock.name}/enclaves/kept.p7s")
+    (said,) = [each for each in found(stock) if each["code"] == "KA120"]
+    assert (said["enclave"], said["locations"][0]["path"]) == (None, "enclaves/governance.p7s")
+    copy = stock.with_name("copy")
+    shutil.copytree(stock, copy, symlinks=True)
+    assert "KA103" in codes(copy)
+
+
 def test_a_link_to_what_nobody_shares_is_made_a_file(stock: Path) -> None:
     before = codes(stock)
     link = stock / "enclaves/talker/permissions.p7s"
