@@ -45,45 +45,47 @@ class KeptFlows:
         search, kept = search_of(claim), list[frozenset[int]]()
         moments = self._moments(claim.until)
         keeping: frozenset[int] = frozenset()
-        for place, moment in enumerate(moments):
-            flows, asked = self._flows(moment), replace(search, keeping=keeping)
+        for moment in moments:
             kept.append(keeping)
-            found = flows.shortest(asked)
-            if found is not None:
-                return (*self._before(search, moments, kept, found), Stage(moment, found))
-            if place < len(moments) - 1:
-                keeping = flows.reached(asked) - flows.nodes(search.source)
+            stages = self._stages(search, moments, kept)
+            if stages is not None:
+                return stages
+            keeping = self._flows(moment).reached(replace(search, keeping=keeping))
         return None
 
     def takes_time(self, claim: ClaimAtom) -> bool:
         """Whether there is such a flow, and none as soon at one moment alone."""
         return len(self.flow(claim) or ()) > 1
 
-    def _before(
-        self, search: Search, moments: Sequence[int], kept: Sequence[frozenset[int]], found: tuple[Leg, ...]
-    ) -> tuple[Stage, ...]:
-        """How the participant with whom a stage begins came to have it, if that was earlier; `kept`: until that."""
-        outsider = len(self._system.enclaves)
-        begun = outsider if found[0].sender is None else found[0].sender
-        first = next((place for place, keeping in enumerate(kept) if begun in keeping), None)
-        if first is None or found[0].channel in search.source.channels:
-            return ()
-        target = Place(outsider=True) if begun == outsider else Place(enclaves=frozenset({begun}))
-        flows, moment = self._flows(moments[first - 1]), moments[first - 1]
-        legs = flows.shortest(replace(search, target=target, keeping=kept[first - 1]))
+    def _stages(
+        self, search: Search, moments: Sequence[int], kept: Sequence[frozenset[int]]
+    ) -> tuple[Stage, ...] | None:
+        """A flow that ends at the last moment of which it is said who had `kept` what; at that one alone if it can."""
+        moment = moments[len(kept) - 1]
+        flows = self._flows(moment)
+        alone = flows.shortest(search)
+        if alone is not None:
+            return (Stage(moment, alone),)
+        legs = flows.shortest(replace(search, keeping=kept[-1])) if kept[-1] else None
         if legs is None:
+            return None
+        begun = legs[0].sender
+        holder = Place(outsider=True) if begun is None else Place(enclaves=frozenset({begun}))
+        [node] = flows.nodes(holder)
+        first = next(place for place, keeping in enumerate(kept) if node in keeping)
+        before = self._stages(replace(search, target=holder), moments, kept[:first])
+        if before is None:
             raise AssertionError("what was kept came from nowhere")
-        return (*self._before(search, moments, kept[:first], legs), Stage(moment, legs))
+        return (*before, Stage(moment, legs))
 
     def _moments(self, until: int) -> list[int]:
-        """Those until an instant at which grants are in force, or people refused, that were not just before."""
+        """Those until an instant at which grants are in force, or people revoked, that were not just before."""
         found: list[int] = []
         before: object = None
         for moment in range(2 * self._system.now, max(2 * until, 2 * self._system.now) + 1):
             grants = self._system.grants
             counting = [2 * grant.not_before <= moment <= 2 * grant.not_after for grant in grants]
-            realms = [realm.at(moment) for realm in self._system.realms]
-            now = counting, [(realm.revoked, realm.refuses) for realm in realms]
+            now = counting, [realm.at(moment).revoked for realm in self._system.realms]
             if now != before:
                 found.append(moment)
             before = now
