@@ -1,7 +1,7 @@
 """Expressions as Cyclone DDS reads them: `*`, `?`, `[…]` and `[!…]`, with brackets of its own.
 
 Read in access_control_utils.c (ac_fnmatch, the same from 0.7 to 11.0), measured on the plugin of 0.10.2 by
-tests/oracles/fnmatch/test_cyclonedds.py. Its brackets are not those of POSIX:
+tests/oracles/fnmatch/test_plugins.py. Its brackets are not those of POSIX:
 
 - a `]` closes them and is a member too, or the beginning of a range if a `-` follows: `[ab]-c` is one set;
 - they cannot be empty: a `]` in first place is not passed over but taken for the next character of the text;

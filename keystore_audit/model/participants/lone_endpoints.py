@@ -67,7 +67,7 @@ class LocalMoments:
         documents = (document for document in (enclave.governance, enclave.permissions) if document is not None)
         choices = [enclave.trusts(Role.IDENTITY_CA), enclave.trusts(Role.PERMISSIONS_CA)]
         choices += [document.signed.embedded for document in documents]
-        # Where one of several authorities ends, another of its name is tried (`trust.issuers_taken`).
+        # Where one of several authorities ends, another of its name is tried (`trust.verdicts.issuers_taken`).
         ends.update(each.not_after for authorities in choices if len(authorities) > 1 for each in authorities)
         later = {end + datetime.resolution for end in ends}.union(lists, (grant.not_before for grant in grants))
         later.update(certificate.not_before for certificate in every_certificate((enclave,), (), ()))
