@@ -17,6 +17,7 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust import chain
 from keystore_audit.model.trust import verdicts as trust
 from tests.keystore import builder
+from tests.model.comparing import Member, Store, criterion, grant, permissions, rule
 
 AT = datetime(2026, 6, 1, tzinfo=timezone.utc)
 SAMPLES = Path(__file__).parents[2] / "sample_keystores"
@@ -44,8 +45,8 @@ def instants(keystore: Keystore, accesses: AccessViews) -> list[datetime]:
             dates |= {revocations.this_update, revocations.next_update or AT}
         for profile in VARIANTS.values():
             read = accesses.read(enclave.permissions, profile.access) if enclave.permissions else None
-            for grant in (read.grants or ()) if read else ():
-                dates |= {grant.not_before, grant.not_after}
+            for each in (read.grants or ()) if read else ():
+                dates |= {each.not_before, each.not_after}
     ordered = sorted(dates)
     second = timedelta(seconds=1)
     found = {date + step for date in ordered if 1950 < date.year < 9999 for step in (-second, 0 * second, second)}
@@ -128,3 +129,25 @@ def test_a_chain_and_a_signer_looked_for_once_are_those_of_each_implementation(s
                     for at in (None, AT):
                         asked = trust.is_issued(file, certificate, own, at)
                         assert asked == trust._is_issued(file, certificate, own, at)
+
+
+@pytest.mark.parametrize("own", ["/a", "/c"])
+def test_who_stands_in_the_identity_ca_file_is_told_from_those_it_issued(own: str, tmp_path: Path) -> None:
+    """A certificate there that is no authority is taken for itself, and vouches for nobody; whoever is asked first."""
+    lone = builder.certificate(own)
+    members = {
+        path: Member(permissions=permissions(grant(path, rule(criterion("publish", "rt/t"))))) for path in (own, "/b")
+    }
+    files = {f"enclaves{own}/cert.pem": lone.pem, f"enclaves{own}/key.pem": lone.key_pem}
+    root = Store(members=members, identity=(lone,), files=files).write(tmp_path / "k")
+    shared = root / "enclaves/b/identity_ca.cert.pem"
+    shared.unlink()
+    shared.symlink_to(f"..{own}/identity_ca.cert.pem")
+    keystore = read_keystore(root)
+    for profile in VARIANTS.values():
+        usabilities = Usabilities(None, AccessViews(documents_of(keystore), AT, None))
+        found = {each.path: usabilities.of(each, AT, profile) for each in keystore.enclaves}
+        assert found["/b"].usable is False, profile.name
+        assert any("is no authority" in reason for reason in found["/b"].reasons)
+        refused = [reason for reason in found[own].reasons if "issue" in reason]
+        assert not refused, (profile.name, refused)

@@ -110,7 +110,12 @@ def certificate_alike(certificate: Certificate, file: CertificateFile) -> Certif
     if len(file.certificates) > MAX_AUTHORITIES:
         return certificate
     asked = [
-        (issue(a, certificate), suits_key(certificate, a), key_identifier_fits(certificate, a))
+        (
+            a.sha256 == certificate.sha256,
+            issue(a, certificate),
+            suits_key(certificate, a),
+            key_identifier_fits(certificate, a),
+        )
         for a in file.certificates
     ]
     return _first(certificate, file, *asked)
