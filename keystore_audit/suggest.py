@@ -25,8 +25,8 @@ from keystore_audit.model.names import dds_expressions
 from keystore_audit.model.profiles import Profile
 from keystore_audit.text import terminal
 
-LAST_DOMAIN: Final = 230
-"""Of a range without an end: the last that a domain id may be (DDS-Security 1.1, Annex A)."""
+LAST_OF_OPEN_RANGE: Final = 230
+"""The domain that ends a range without an end: the last that an id may be (DDS-Security 1.1, Annex A)."""
 
 DAY: Final = timedelta(days=1)
 FIRST: Final = datetime.min.replace(tzinfo=timezone.utc)
@@ -101,7 +101,7 @@ class Suggester:
             return (DomainRange(low=self._domain, high=self._domain, line=None),)
         ranges = enclave.governance.domains if enclave.governance else []
         highest = max((each.high for each in ranges if each.high is not None), default=0)
-        last = max(LAST_DOMAIN, highest)
+        last = max(LAST_OF_OPEN_RANGE, highest)
         return tuple(DomainRange(low=low, high=min(high, last), line=None) for low, high in covered(ranges))
 
 

@@ -25,7 +25,7 @@ def not_installed(error: Exception) -> str:
     )
 
 
-class _Aside:
+class _StandardError:
     """Standard error, which may be full or closed: what is said there beside a report changes no exit code."""
 
     def __init__(self, stream: TextIO | None) -> None:
@@ -53,7 +53,7 @@ def main() -> NoReturn:
     At its end Python would look through all of them once more for cycles, a tenth; the system takes the memory anyway.
     """
     gc.set_threshold(1_000_000, 50, 50)
-    sys.stderr = _Aside(sys.stderr)
+    sys.stderr = _StandardError(sys.stderr)
     try:
         from keystore_audit.cli.program import run
 
