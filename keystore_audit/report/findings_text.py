@@ -90,9 +90,11 @@ def _group(
     page.blank()
     page.put((enclave or "The keystore as a whole", "bold underline"))
     told: Counter[str] = Counter()
+    untold: Counter[str] = Counter()
     for finding in findings:
         told[finding.code] += 1
         if told[finding.code] > MAX_ALIKE:
+            untold[finding.code] += 1 + len(also[finding.fingerprint])
             continue
         page.blank()
         _finding(page, finding, profiles, example=consequences.is_example(finding))
@@ -100,7 +102,7 @@ def _group(
         _of_others(page, others)
         _what_to_do(page, finding, remedies, more=bool(others))
         _consequences(page, consequences.so(finding))
-    for code, more in (told - Counter(dict.fromkeys(told, MAX_ALIKE))).items():
+    for code, more in untold.items():
         page.blank()
         page.put(f"and {more} more of {code} (all are in the JSON report)", indent=2)
 

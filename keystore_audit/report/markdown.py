@@ -158,11 +158,16 @@ def _finding(
     if finding.locations:
         yield f"  {_places(finding.locations)}  "
     if others:
-        yield f"  *Also:* {_places([place for other in others for place in other.locations[:1]])}  "
+        yield f"  *Also:* {some([_of_other(other) for other in others], 3)}  "
     yield f"  *What to do:* {markdown(remedies.give(finding))} ({markdown(finding.clause)})"
     for severity, sentence in so:
         yield f"  - so {severity.value} {markdown(sentence)}"
     yield ""
+
+
+def _of_other(finding: Finding) -> str:
+    """The enclave of which the same is to be said, and where: all may have one place, as a governance is."""
+    return markdown(" ".join((finding.enclave or "", *(f"({place})" for place in finding.locations[:1]))))
 
 
 def _places(locations: Sequence[Location]) -> str:

@@ -202,7 +202,7 @@ class TestMarkdown:
             assert text.count(f"\n- **{so.severity.value} {so.code}") == hidden, "its cause is not shown"
             assert (f"  - so {so.severity.value} {so.code}" in text) is not hidden
             if not hidden:
-                assert f"  *Also:* {escaped(str(first.locations[0]))}  \n" in text
+                assert f"  *Also:* {escaped(f'/b ({first.locations[0]})')}  \n" in text
                 assert "is wrong" in text.partition("Undecided")[0]
                 assert text.count("is wrong") == 1
             assert "more findings are in the full report" not in text

@@ -89,6 +89,10 @@ def test_text_shows_the_worst_findings_of_a_code_and_counts_the_others(make_repo
     assert f"seen {MAX_ALIKE - 1}" not in shown
     assert f"and 1 more of {first.code} (all are in the JSON report)" in shown
     assert "more of" not in text.render(replace(report, findings=every[1:], properties=()))
+    of_one = tuple(replace(each, enclave="/a") for each in every)
+    alike = tuple(replace(each, enclave="/b", fingerprint=f"b{each.fingerprint}") for each in every)
+    shown = text.render(replace(report, findings=of_one + alike, properties=()))
+    assert f"and 2 more of {first.code} (all are in the JSON report)" in shown
 
 
 def in_enclaves(finding: Finding, count: int, **changes: Any) -> tuple[Finding, ...]:
