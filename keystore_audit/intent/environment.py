@@ -104,6 +104,7 @@ def read_environment(path: Path) -> Environment:
     file, text = read_given(path, MAX_BYTES, "lines of NAME=VALUE")
     found: dict[str, Setting] = {}
     exports: dict[bool, int] = {}
+    other = 0
     for number, content in enumerate(text.split("\n"), 1):
         place = f"{path}:{number}"
         stripped = _line(content, place)
@@ -125,6 +126,9 @@ def read_environment(path: Path) -> Environment:
             )
         else:
             _pass_over(name, value, place, exported=export is not None)
+            other = other or (number if export is not None else 0)
+    if other and False in exports and any(name in SECURE for name in found):
+        exports.setdefault(True, other)
     if len(exports) > 1:
         raise UsageError(
             f"{path}:{max(exports.values())}: lines with export beside others without: a shell keeps these to itself, "

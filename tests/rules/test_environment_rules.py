@@ -119,6 +119,7 @@ def test_assignments_are_read(text: str, value: str, tmp_path: Path) -> None:
         ("\nROS_SECURITY_STRATEGY='Enforce'", "robot.env:2: quotes, which `docker run`"),
         ("ROS_SECURITY_STRATEGY=Enforce\nexport ROS_SECURITY_ENABLE=true", "robot.env:2: lines with export beside"),
         ("export ROS_DISTRO=humble\nexport A=1\nROS_DOMAIN_ID=5", "robot.env:3: lines with export beside"),
+        ("ROS_SECURITY_ENABLE=true\nROS_SECURITY_STRATEGY=Enforce\nexport A=1", "robot.env:3: lines with export"),
         ("ROS_DISTRO=humble\r\n", "robot.env:1: a carriage return"),
         ("ROS_DISTRO=humble\u00a0", "robot.env:1: a value"),
         ("A=1 ROS_DISTRO=humble", "robot.env:1: more than one assignment"),
