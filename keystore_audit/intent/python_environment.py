@@ -129,6 +129,8 @@ def _mentioned(node: ast.AST, parents: dict[ast.AST, ast.AST], made: Made) -> It
     """
     if isinstance(node, ast.Call) and called(node.func) in _SETTERS and _named_later(node, made):
         return NAMES
+    if called(node) in _SETTERS and _is_handed_on(node, parents[node]):
+        return NAMES
     if isinstance(node, (ast.List, ast.Tuple)):  # the words of a command
         return touched(" ".join(text for each in node.elts if (text := text_of(each)) is not None))
     text = node.arg if isinstance(node, ast.keyword) else text_of(node)
@@ -157,6 +159,13 @@ def _is_itself(name: str, value: ast.AST | None) -> bool:
         return False
     given = [text_of(each) for each in (*value.args, *(each.value for each in value.keywords))]
     return given[:1] == [name] and is_itself(name, given[1] or "$" if len(given) > 1 else None)
+
+
+def _is_handed_on(action: ast.AST, parent: ast.AST) -> bool:
+    """Whether somebody else calls it, with what is not known: `functools.partial(SetEnvironmentVariable, NAME)`."""
+    if isinstance(parent, ast.Call):
+        return action in parent.args and called(parent.func) not in ("isinstance", "issubclass")
+    return isinstance(parent, (ast.keyword, ast.Dict))
 
 
 def _named_later(call: ast.Call, made: Made) -> bool:
