@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from keystore_audit.findings import Finding, Severity
+from keystore_audit.findings import OF_THE_AUDIT, Finding, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import PropertyResult
 
@@ -38,16 +38,15 @@ class Consequences:
             if not finding.suppressed and not finding.explained_by  # two that explain each other would vanish
         }
         self._under: dict[str, list[Finding]] = {}
-        self._hanging: set[str] = set()
+        told: list[Finding] = []
         for finding in shown:
             causes = [cause for cause in finding.explained_by if cause in order]
-            if causes and not finding.suppressed:
+            if finding.suppressed is None and causes:
                 self._under.setdefault(min(causes, key=order.__getitem__), []).append(finding)
-                self._hanging.add(finding.fingerprint)
-
-    def told_elsewhere(self, finding: Finding) -> bool:
-        """Whether `finding` appears under another one."""
-        return finding.fingerprint in self._hanging
+            elif finding.suppressed is None:
+                told.append(finding)
+        self.told: Final = tuple(sorted(told, key=self.rank))
+        """Those that are told by themselves, worst first, else in the report's order."""
 
     def of(self, finding: Finding) -> tuple[tuple[Finding, str], ...]:
         """The findings that `finding` explains, each with an example in words."""
@@ -75,10 +74,10 @@ class Consequences:
                     told.setdefault(words, finding.fingerprint)
         return also
 
-    def rank(self, finding: Finding) -> int:
-        """How early `finding` is shown: as early as the worst that hangs under it."""
+    def rank(self, finding: Finding) -> tuple[int, bool]:
+        """How early `finding` is shown: as the worst that hangs under it, and causes before what they leave open."""
         told = [finding, *self._under.get(finding.fingerprint, [])]
-        return min(each.severity.rank for each in told)
+        return min(each.severity.rank for each in told), finding.code.startswith(OF_THE_AUDIT)
 
     def is_example(self, finding: Finding) -> bool:
         """Whether `finding` tells one way in which a property is violated, of perhaps many."""

@@ -10,7 +10,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.findings import OF_THE_AUDIT, Finding, Severity
+from keystore_audit.findings import Finding, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.report.consequences import Consequences, within
 from keystore_audit.report.content import Report
 from keystore_audit.report.page import Page, Piece
@@ -36,27 +37,21 @@ _SEVERITY_STYLE: Final = {
     Severity.LOW: "cyan",
     Severity.INFO: "dim",
 }
-_Ranked = tuple[tuple[int, bool], Finding]
 
 
 def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
     """Put each enclave's findings, the enclave with the worst one first; the whole keystore is a group too."""
     consequences = Consequences(shown, report.properties)
     profiles = frozenset(report.judged_profiles)
-    groups: dict[str | None, list[_Ranked]] = {}
-    for finding in shown:
-        if finding.suppressed is None and not consequences.told_elsewhere(finding):
-            # Causes come before what they leave open.
-            rank = consequences.rank(finding), finding.code.startswith(OF_THE_AUDIT)
-            groups.setdefault(finding.enclave, []).append((rank, finding))
-    ordered = sorted(groups.items(), key=lambda group: (min(rank for rank, _ in group[1]), group[0] or ""))
-    also = consequences.alike(finding for _, ranked in ordered for finding in _worst_first(ranked))
+    groups = grouped(consequences.told, lambda finding: finding.enclave)
+    ordered = sorted(groups.items(), key=lambda group: (consequences.rank(group[1][0]), group[0] or ""))
+    also = consequences.alike(finding for _, found in ordered for finding in found)
     enough: Counter[str] = Counter()
     elsewhere: dict[tuple[str, str, Severity], list[str]] = {}
     remedies = Remedies()
-    for enclave, ranked in ordered:
+    for enclave, found in ordered:
         findings = []
-        for finding in _worst_first(ranked):
+        for finding in found:
             minor = not (finding.fails(report.fail_on) or finding.severity.at_least(Severity.HIGH) or finding.undecided)
             if finding.fingerprint not in also:
                 continue
@@ -70,11 +65,6 @@ def put_findings(page: Page, report: Report, shown: Sequence[Finding]) -> None:
             _group(page, enclave, findings, profiles, consequences, remedies, also)
     _elsewhere(page, elsewhere)
     _suppressed(page, [finding for finding in shown if finding.suppressed is not None])
-
-
-def _worst_first(ranked: Sequence[_Ranked]) -> list[Finding]:
-    """Stable: else in the report's order."""
-    return [finding for _, finding in sorted(ranked, key=lambda entry: entry[0])]
 
 
 def _group(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from keystore_audit.findings import OF_THE_AUDIT, Finding, Location, Severity
+from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.consequences import Consequences
@@ -90,14 +90,12 @@ def _report(report: Report, least: Severity, budget: int) -> str:
     head, rest = [*_head(report)], [*_rest(report, budget // 4)]
     shown = [finding for finding in report.shown(least) if finding.suppressed is None]
     consequences = Consequences(shown, report.properties)
-    causes = [finding for finding in shown if not consequences.told_elsewhere(finding)]
-    causes.sort(key=lambda finding: (consequences.rank(finding), finding.code.startswith(OF_THE_AUDIT)))
-    also = consequences.alike(causes)
+    also = consequences.alike(consequences.told)
     left = budget - sum(len(line) + 1 for line in (*head, *rest))
     items: list[str] = []
     untold = len(shown)
     remedies = Remedies()
-    for finding in causes:
+    for finding in consequences.told:
         if finding.fingerprint not in also:
             continue
         others, so = also[finding.fingerprint], consequences.so(finding)

@@ -32,8 +32,7 @@ _OPEN: Final = frozenset({Severity.CRITICAL, Severity.HIGH, Severity.MEDIUM})
 def findings(sheet: Sheet) -> Html:
     """Return all findings that are not hidden, and, at the end, those that somebody accepts."""
     consequences = Consequences(sheet.shown, sheet.report.properties)
-    told = (each for each in sheet.shown if each.suppressed is None and not consequences.told_elsewhere(each))
-    by_rule = grouped(told, lambda finding: (consequences.rank(finding), finding.code))
+    by_rule = grouped(consequences.told, lambda finding: (consequences.rank(finding)[0], finding.code))
     groups = [
         _rule(sheet, rank, found, consequences) for (rank, _code), found in sorted(by_rule.items(), key=lambda e: e[0])
     ]
