@@ -216,7 +216,7 @@ class Made:
     def only_reads(self, function: ast.AST) -> bool:
         """Whether what is called changes no dictionary that it is given, or is of this file and looked at itself."""
         name = called(function) or ""
-        if name in self.stored:
+        if isinstance(function, ast.Name) and name in self.stored:
             return False
         own = isinstance(function, ast.Name) and name in self.bound and name not in self.gathering
         return own or name in _WRITING or name[:1].isupper()

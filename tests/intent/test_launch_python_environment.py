@@ -61,7 +61,7 @@ ANY = dict.fromkeys(set(NAMES) - {OVERRIDE})
         ("n = ['A']\nother(more=n)\nfor k in n:\n    del os.environ[k]", ANY),
         ("try:\n    from other import n\nexcept E:\n    n = ['A']\nfor k in n:\n    del os.environ[k]", ANY),
         ("for k in ['A']:\n    pass\nfrom other import k\ndel os.environ[k]", ANY),
-        ("e = copy.copy(os.environ)\ne['A'] = 'b'", {}),
+        ("import copy\ne = copy.copy(os.environ)\ne['A'] = 'b'", {}),
         ("e = copy.copy(os.environ)\ne.update(other)", ANY),
         ("vars(os)['environ'].clear()", ANY),
         ("def f(*e):\n    e[0].clear()\nf(os.environ)", ANY),
