@@ -129,7 +129,7 @@ def read_keystore(
                     progress(len(enclaves), len(layout.enclaves))
         entries = sorted(records(root))  # with them, every file has been read
         unread, private_keys = _unread(root, layout), root.holding_private_keys()
-        strays = _strays(root, unread, enclaves, candidates)
+        strays = _strays(root, unread, layout, enclaves, candidates)
         carried = _carried(layout, enclaves, authorities, strays)
         identities = read_stray_identities(root, carried, unread)
         spoken_of = {file.path for file in (*identities.unread, *(stray.file for stray in strays))}
@@ -270,7 +270,7 @@ def _moved(document: _Document, file: File) -> _Document:
 
 
 def _strays(
-    root: Root, unread: Iterable[File], enclaves: Iterable[Enclave], candidates: Candidates
+    root: Root, unread: Iterable[File], layout: Layout, enclaves: Iterable[Enclave], candidates: Candidates
 ) -> tuple[Stray, ...]:
     """Read the signed messages that no enclave carries; those that could not be read are known by name or beginning."""
     carried = {
@@ -279,7 +279,10 @@ def _strays(
         for document in (enclave.governance, enclave.permissions)
         if document is not None
     }
-    unknown = [each for each in unread if each.may_be_message or may_be_anything(each) or is_message_by_name(each)]
+    keys = {file.place for file in layout.authority_keys}
+    unknown = [
+        file for file in unread if file.may_be_message or may_be_anything(file, keys) or is_message_by_name(file)
+    ]
     return tuple(sorted(read_strays([*root.messages(), *unknown], carried, candidates), key=lambda stray: stray.place))
 
 
@@ -333,10 +336,14 @@ def _further_keys(
 
 
 def _unread(root: Root, layout: Layout) -> list[File]:
-    """Files that a robot might read and we did not, apart from those of enclaves and links to directories."""
+    """Files that a robot might read and we did not, apart from those of enclaves and links to directories.
+
+    A directory that could not be listed counts itself, not the names that were looked for in it.
+    """
     known = {file.path for enclave in layout.enclaves for file in enclave.for_run_time}
     known.update(file.path for file in layout.directory_links)
-    return [file for file in root.unread() if file.path not in known]
+    unlisted = {file.path for file in layout.unreadable_directories}
+    return [file for file in root.unread() if file.path not in known and file.path.rpartition("/")[0] not in unlisted]
 
 
 def _distinct(readings: Iterable[_Reading | None]) -> tuple[_Reading, ...]:

@@ -6,7 +6,7 @@ and keys are taken from wherever they stand: files that are parsed for something
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Final
 
@@ -62,9 +62,12 @@ class StrayIdentities:
         return tuple(StrayIdentity(certificate=each, key=key) for key in keys for each in self.keyless)
 
 
-def may_be_anything(file: File) -> bool:
-    """Whether nothing is known of a file: it lies in the keystore, no byte was read, and it is called like no key."""
-    return file.status is Status.UNREADABLE and not is_key_by_name(file)
+def may_be_anything(file: File, key_places: Collection[str]) -> bool:
+    """Whether nothing is known of a file: it lies in the keystore, no byte was read, and no key should be there.
+
+    `key_places`: where those of authorities should be. Elsewhere a name says nothing: anybody can call a file `x.key`.
+    """
+    return file.status is Status.UNREADABLE and file.place not in key_places
 
 
 def is_certificate_by_name(file: File) -> bool:
@@ -177,12 +180,12 @@ class _Keys:
         self._locked: dict[str, File] = {}
         for key in carried.keys:
             self._of_enclave(key)
+        enclaves, authorities = carried.key_places
         for file in unread:
-            if file.holds_certificates or may_be_anything(file) or is_certificate_by_name(file):
+            if file.holds_certificates or may_be_anything(file, authorities) or is_certificate_by_name(file):
                 self.unread.append(file)
             elif is_key_by_name(file):
                 self._locked[file.place] = file
-        enclaves, authorities = carried.key_places
         understood = enclaves - {key.file.place for key in carried.keys if key.key is None}
         for file in root.holding_private_keys():
             if file.place not in understood:

@@ -254,9 +254,9 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
 
     Undecided where a key that cannot be read (a password, another form, too large) may be that of such a certificate,
     and where a file may hold both: PKCS #12, one with a certificate that cannot be read or with more structures than
-    are looked at, one too large to be read with a certificate in it, one that is not readable and not called like a
-    key. Keys that cannot be read and lie where those of authorities do are taken for theirs, if they are no more than
-    the authorities whose keys were not found. Not seen is what is in compressed archives, Java key stores and PKCS #11
+    are looked at, one too large to be read with a certificate in it, one that is not readable. Keys that cannot be
+    read and lie where those of authorities do are taken for theirs, if they are no more than the authorities whose keys
+    were not found. Not seen is what is in compressed archives, Java key stores and PKCS #11
     tokens, or DER behind other bytes, nor a certificate without a key in the tree.
     """
     identities = keystore.identities

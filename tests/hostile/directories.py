@@ -124,14 +124,24 @@ def _locked(path: str, mode: int = 0) -> Callable[[Store], None]:
     return spoil
 
 
-def _notes(mode: int) -> Callable[[Store], None]:
+def _notes(mode: int, name: str = "notes") -> Callable[[Store], None]:
     """A file that no run time reads."""
 
     def spoil(store: Store) -> None:
-        (store.root / "notes").write_text("nothing\n")
-        _locked("notes", mode)(store)
+        (store.root / name).parent.mkdir(exist_ok=True)
+        (store.root / name).write_text("nothing\n")
+        _locked(name, mode)(store)
 
     return spoil
+
+
+def _closed(store: Store) -> None:
+    """A folder of others, as an administrator's private/, of which not even the names are known."""
+    (store.root / "closed").mkdir()
+    _locked("closed")(store)
+
+
+CLOSED: Final = Case("a folder of others", _closed, (Finds("KA107", "closed"),), nobody=True)
 
 
 def _copy_called(name: str) -> Callable[[Store], None]:
@@ -218,6 +228,8 @@ KINDS: Final = (
     Case("a governance.xml that is a named pipe", lambda store: os.mkfifo(store.victim / "governance.xml"), (), 0),
     case("a file that nobody may read", _locked(P7S), "KA107", nobody=True),
     case("notes that nobody may read", _notes(0), "KA663", "notes", nobody=True),
+    case("notes called like a key that nobody may read", _notes(0, "notes.key"), "KA663", "notes.key", nobody=True),
+    Case("an authority's key that nobody may read", _notes(0, "private/old_ca.key.pem"), (), 0, nobody=True),
     Case("notes that their owner may read", _notes(0o400), (), 0, nobody=True),
     case("a key that nobody may read", _locked(KEY), "KA107", KEY, nobody=True),
     case("a directory that nobody may list", _locked(VICTIM, 0o311), "KA107", VICTIM, nobody=True),
