@@ -25,6 +25,7 @@ from keystore_audit.model.trust.verdicts import (
     may_have_issued,
     may_take,
     signers_taken,
+    stands_alone,
 )
 
 Typed = GovernanceFile | PermissionsFile
@@ -215,6 +216,7 @@ def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certifi
 class AtLarge:
     """An identity outside the enclaves, and that the identity CA of some enclave vouches for: `authorities`.
 
+    Itself is among those where it stands in such a file and may be taken there (`stands_alone`).
     `key`: a file that may hold its private key and could not be read; None where it is known that somebody has it.
     """
 
@@ -262,11 +264,15 @@ def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]
     if not found:  # nearly always
         return ()
     trusted = dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca)
-    vouching = [c for c in dict.fromkeys(c for file in trusted for c in file.certificates) if is_authority(c)]
+    every = tuple(dict.fromkeys(c for file in trusted for c in file.certificates))
+    vouching = [c for c in every if is_authority(c)]
     vouched = (
         AtLarge(
             certificate=each,
-            authorities=tuple(authority for authority in vouching if may_have_issued(authority, each)),
+            authorities=(
+                *(authority for authority in vouching if may_have_issued(authority, each)),
+                *([each] if stands_alone(each, every) else ()),
+            ),
             key=key,
         )
         for each, key in sorted(found.values(), key=lambda pair: (pair[0].path, pair[0].line, pair[0].sha256))

@@ -259,7 +259,7 @@ class SystemBuilder:
         for files, host in self._large.hosts.items():
             if files not in realms.known and realm_doubt(host) is None and may_apply(host, kind.trust):
                 realm = self._realm(host, number, kind, may=may)
-                if realm in realms or any(admits(realm, each.number, self._certificate_atoms) for each in at_large):
+                if realm in realms or any(admits(realm, each, self._certificate_atoms) for each in at_large):
                     realms.known[files] = realms.number(realm)
 
     def _in_use(self, enclaves: Iterable[EnclaveAtom], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:

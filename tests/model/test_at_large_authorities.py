@@ -11,11 +11,14 @@ from keystore_audit.compromise import find_blast_radius
 from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.model.profiles import resolve
 from keystore_audit.properties import Status
-from tests.keystore.builder import certificate
+from tests.keystore.builder import Signed, certificate
 from tests.model.comparing import AT, Store, authority, key
 from tests.model.test_at_large import IDENTITY, LYING_ABOUT, STORE, flows, identity, written
 
 PERMISSIONS = authority("permissionsCA")
+LONE = certificate("/admin", key=key("/talker"))
+FORGED = certificate("/admin", certificate("/admin"), key=key("/talker"))
+STRANGER = certificate("/admin", certificate("other"), key=key("/talker"))
 SAME_KEY = key("admin")
 OF_PERMISSIONS_CA = identity("/admin", "permissionsCA")
 
@@ -33,6 +36,22 @@ def test_an_authority_with_its_key_takes_nothing_away(store: Store, tmp_path: Pa
     """Some implementations do not even read a second authority."""
     assert flows(written(tmp_path / "a", {}, store), "/talker", "/motor")[Attacker.HONEST] is Status.HOLDS
     assert flows(written(tmp_path / "b", LYING_ABOUT, store), "/talker", "/motor")[Attacker.HONEST] is Status.VIOLATED
+
+
+@pytest.mark.parametrize(
+    ("identities", "expected"),
+    [
+        ((IDENTITY, LONE), Status.UNKNOWN),
+        ((IDENTITY, FORGED), Status.UNKNOWN),
+        ((IDENTITY, STRANGER), Status.HOLDS),
+    ],
+)
+def test_one_in_the_identity_ca_file_that_names_itself_may_join_though_it_is_no_authority(
+    identities: tuple[Signed, ...], expected: Status, tmp_path: Path
+) -> None:
+    """X509_verify_cert takes it (`tests/oracles/identities`): whoever has its key is let in, as an enclave would be."""
+    root = written(tmp_path / "a", {}, replace(STORE, identity=identities))
+    assert flows(root, "/talker", "/motor")[Attacker.HONEST] is expected
 
 
 def test_the_key_of_the_permissions_ca_certified_as_an_identity(tmp_path: Path) -> None:

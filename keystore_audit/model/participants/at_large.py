@@ -31,13 +31,15 @@ MAX_AT_LARGE: Final = 2_000
 class Candidate:
     """An identity at large by the index of its certificate.
 
-    `doubted`: whether peers take it for whom is unknown. `possible`: so is whether anybody has its key.
+    `doubted`: whether peers take it for whom is unknown. `possible`: so is whether anybody has its key. `alone`: it
+    stands in an identity CA file itself, and is no authority of a realm, so that any may be the one that takes it.
     """
 
     certificate: Certificate
     number: int
     doubted: bool
     possible: bool = False
+    alone: bool = False
 
 
 def at_large_atoms(
@@ -87,7 +89,7 @@ def let_in(
 ) -> list[Candidate]:
     """Those that some enclave takes for one of its realm: others have nobody to talk to, whatever they start with."""
     peers = [realms[number] for number in sorted({enclave.realm for enclave in enclaves})]
-    return [each for each in candidates if any(admits(realm, each.number, certificates) for realm in peers)]
+    return [each for each in candidates if any(admits(realm, each, certificates) for realm in peers)]
 
 
 def _adding(
@@ -114,7 +116,7 @@ def _adding(
     for each in candidates:
         about = told.of(each.number)
         for realm, atom in enumerate(realms):
-            if not admits(atom, each.number, certificates):
+            if not admits(atom, each, certificates):
                 continue
             ends, alike = own.get((each.number, realm), NO_ENDPOINTS), known.setdefault((realm, about), [])
             if each.doubted or not any(ends.reads <= one.reads and ends.writes <= one.writes for one in alike):
@@ -152,10 +154,11 @@ def trusting_all(realms: Iterable[RealmAtom], unread: RealmAtom) -> RealmAtom:
     )
 
 
-def admits(realm: RealmAtom, number: int, certificates: Sequence[CertificateAtom]) -> bool:
+def admits(realm: RealmAtom, each: Candidate, certificates: Sequence[CertificateAtom]) -> bool:
     """Whether members of the realm take who has the certificate for one of theirs, whatever the dates."""
-    issuers = certificates[number].issuers & realm.identity_ca
-    return number not in realm.always_revoked and any(certificates[issuer].authority for issuer in issuers)
+    issuers = certificates[each.number].issuers & realm.identity_ca
+    vouched = each.alone or any(certificates[issuer].authority for issuer in issuers)
+    return vouched and each.number not in realm.always_revoked
 
 
 class _Told:

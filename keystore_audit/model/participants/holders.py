@@ -80,6 +80,7 @@ class Large:
                 number=self._numbers[each.certificate.sha256],
                 doubted=at_large_doubt(each) is not None,
                 possible=each.key is not None,
+                alone=each.certificate in each.authorities,
             )
             for each in identities_at_large(self._keystore, self._at)
         )
