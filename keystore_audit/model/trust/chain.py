@@ -23,6 +23,7 @@ from keystore_audit.model.trust.verdicts import (
     not_read,
     stands_alone,
 )
+from keystore_audit.model.validity import in_force
 
 
 def chain_refusal(
@@ -62,6 +63,7 @@ def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust,
         return f"the first certificate in {place} of its own name is another; no other is tried"
     if stands_alone(certificate, authorities):
         return None
+    dated = at is not None and is_issued(file, certificate, trust, at)  # else that none is in force is why
     refusals: list[str] = []
     # A certificate with the number of authorities below it that are not self-issued; each pair is looked at once.
     pending = [(certificate, 0)]
@@ -74,6 +76,8 @@ def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust,
         for above in taken:
             root = names_itself(above)
             refusal = step_refusal(above, below, between, root=root, signed=trust.checks_root_signature)
+            if refusal is None and dated and at is not None and not in_force(above, at):
+                refusal = "is outside its validity; no other is tried"
             if refusal is not None:
                 refusals.append(f"the first certificate in {place} of the issuer's name {refusal}")
             elif root:

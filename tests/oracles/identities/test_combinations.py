@@ -6,9 +6,13 @@ from dataclasses import dataclass
 from datetime import timedelta
 
 import pytest
+from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.keystore.builder import START, Signed
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.trust.chain import chain_refusal
+from keystore_audit.model.trust.verdicts import is_issued
+from tests.keystore.builder import START, Signed, authority, certificate, evidence, read
 from tests.oracles.identities.pool import Combination, combinations, pool
 from tests.oracles.pkits import paths
 from tests.oracles.pkits.audited import NO_PARTICIPANT, REFUSALS, objections
@@ -16,6 +20,7 @@ from tests.oracles.pkits.audited import NO_PARTICIPANT, REFUSALS, objections
 pytestmark = pytest.mark.xdist_group("identities")  # every combination is tried once
 
 AT = START + timedelta(days=400)
+CONSTRAINTS = ((x509.BasicConstraints(ca=True, path_length=None), True),)
 NUMBER = 300
 """Random combinations, 15 ms each."""
 
@@ -66,6 +71,22 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
 def test_accepted_is_accepted_and_refused_is_refused(rows: list[Row]) -> None:
     wrong = [row for row in rows if row.wrong]
     assert not wrong, "\n".join(map(str, wrong))
+
+
+@pytest.mark.parametrize(("days", "refused"), [(30, "certificate has expired"), (3650, "")])
+def test_a_path_that_is_taken_has_to_be_in_force_though_another_one_is(days: int, refused: str) -> None:
+    """A root that an older one certified, too, and both its certificates: the older one is found first."""
+    older = certificate("older", ca=None, extensions=CONSTRAINTS, end=START + timedelta(days=days))
+    root = authority("root")
+    crossed = certificate("root", older, key=root.key, ca=True)
+    authorities, identity = [der(each) for each in (older, crossed, root)], der(certificate("/talker", root))
+    caller = next(each for each in paths.CALLERS if each.whole_file)
+    assert paths.load().accepts(caller, authorities, identity, AT) == refused
+    file, leaf = read(*(each.pem for each in (older, crossed, root))), evidence(certificate("/talker", root))
+    trust = VARIANTS["fastdds-2.6"].trust
+    assert is_issued(file, leaf, trust, AT)
+    assert chain_refusal(leaf, file, trust) is None
+    assert (chain_refusal(leaf, file, trust, AT) is not None) == bool(refused)
 
 
 def test_both_verdicts_occur(rows: list[Row]) -> None:
