@@ -95,7 +95,7 @@ class Intent:
     """What one file, with all that it includes, says.
 
     `files`: it and those it includes, in the order in which they were read. `enclaves`: every path it names, with the
-    place.
+    place. `speaking`: what is not read and speaks of security, so that it may switch it off.
     """
 
     origin: Origin
@@ -107,3 +107,4 @@ class Intent:
     names: tuple[UsedName, ...] = ()
     unresolved: tuple[Unresolved, ...] = ()
     variables: tuple[SetVariable, ...] = ()
+    speaking: tuple[Unresolved, ...] = ()

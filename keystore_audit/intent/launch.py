@@ -158,6 +158,7 @@ class _Launch:
             self._include(action, scope, source, nesting)
         elif isinstance(action, Unread):
             self.nodes.unread(action.line, f"{action.reason[0].upper()}{action.reason[1:]}.", scope, source)
+            self.nodes.speaking(source.location(action.line), action.speaks)
         else:
             self._set(action, scope, source)
 

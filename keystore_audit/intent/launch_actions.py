@@ -193,6 +193,10 @@ class LoadComponents(LaunchAction):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Unread(LaunchAction):
-    """Something that may start nodes or change what others are; `reason` says what it is, words."""
+    """Something that may start nodes or change what others are; `reason` says what it is, words.
+
+    `speaks`: a word of security that stands in it (`launch_environment.speaks_of`); empty: none.
+    """
 
     reason: str
+    speaks: str = ""

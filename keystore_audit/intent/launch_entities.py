@@ -31,7 +31,7 @@ from keystore_audit.intent.launch_actions import (
     Unknown,
     Unread,
 )
-from keystore_audit.intent.launch_environment import replaced, touched
+from keystore_audit.intent.launch_environment import replaced, speaks_of
 from keystore_audit.intent.source import Source, shown
 from keystore_audit.intent.substitution import SubstitutionError, parse
 
@@ -87,13 +87,9 @@ class _Entities:
         return read(self, entity)
 
     def _unread(self, entity: Entity) -> LaunchAction:
-        """An element that is not known, as a loop; variables of security that are named in it may be set."""
+        """An element that is not known, as a loop."""
         said = f"the element {shown(entity.kind)} is not read; it may start nodes or change their names"
-        unread = Unread(line=entity.line, reason=said)
-        names = dict.fromkeys(name for text in entity.texts() for name in touched(text))
-        value = (Unknown(reason=f"what is in the element {shown(entity.kind)}"),)
-        changed = (AssignEnvironment(line=entity.line, name=(name,), value=value) for name in names)
-        return Group(**self._where(entity), actions=(*changed, unread), scoped=False)
+        return Unread(**self._where(entity), reason=said, speaks=speaks_of(*entity.texts()))
 
     def declare(self, entity: Entity) -> LaunchAction:
         """An `<arg>` of the file."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
@@ -22,9 +22,9 @@ from keystore_audit.intent.intent import (
 )
 from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, StartProcess, Unknown
 from keystore_audit.intent.launch_environment import (
-    changed_before,
+    before_program,
     command_line,
-    set_by_command,
+    speaks_of,
     started_with,
     starts_node,
 )
@@ -106,6 +106,7 @@ class Nodes:
         self._names: dict[tuple[str, str, str], UsedName] = {}
         self._unresolved: dict[Unresolved, None] = {}
         self._variables: dict[SetVariable, None] = {}
+        self._speaking: dict[Unresolved, None] = {}
         self._processes: dict[str, str | Unknown] = {}
         self._called: dict[str, set[str | Unknown]] = {}
         self._loads: list[_Load] = []
@@ -133,6 +134,9 @@ class Nodes:
         node = self._node(action.names, command, scope, source, action.kind)
         variables = started_with(action, scope, source)
         enclave = _enclave(command, variables)
+        prefix = before_program(action, scope, source)
+        if self.speaking(location, speaks_of(prefix)):
+            enclave = Unknown(reason=f"{shown(prefix)}, which stands before the program")
         self._sets(node.full_name, command_line(action, scope, source), variables, location)
         if node.full_name:
             self._processes[node.full_name] = enclave
@@ -144,18 +148,23 @@ class Nodes:
     def process(self, action: StartProcess, scope: Scope, source: Source) -> None:
         """A process that may be a node: of its variables those count that the file sets, or its command.
 
-        What it does not have, and what a program before it makes of them, nobody knows: that counts for nodes alone.
+        What it does not have counts for those alone that say in their command that they are of ROS 2.
         """
         location = source.location(action.line)
         self.unresolved(location, "A process is started here; whether it is a node, and which, is not known.")
         command = command_line(action, scope, source)
+        self.speaking(location, speaks_of(before_program(action, scope, source), command))
         named = started_with(action, scope, source)
-        changed = changed_before(command) if starts_node(command) else {}
-        if not starts_node(command):
-            set_here = started_with(replace(action, prefix=()), scope, source)
-            certain = {n: v for n, v in named.items() if isinstance(v, str)}
-            named = {name: value for name, value in {**set_here, **certain}.items() if value or not action.clean}
-        self._sets("", command, {**named, **changed, **set_by_command(command)}, location)
+        lacks = action.clean and starts_node(command)
+        self._sets("", command, {n: value for n, value in named.items() if value or lacks}, location)
+
+    def speaking(self, location: Location, word: str) -> bool:
+        """Note that what is not read speaks of security by this word, if there is one."""
+        if word:
+            said = f"What is not read here speaks of {word}: whether it changes security cannot be told"
+            self._speaking[Unresolved(location=location, reason=said)] = None
+            self._bounded(location)
+        return word != ""
 
     def unread(self, line: int, reason: str, scope: Scope, source: Source) -> None:
         """Something that is not read: if it starts processes, then in the environment that there is."""
@@ -199,6 +208,7 @@ class Nodes:
             names=tuple(self._names.values()),
             unresolved=tuple(self._unresolved),
             variables=tuple(self._variables),
+            speaking=tuple(self._speaking),
         )
 
     def _components(self, components: Iterable[NodeNames], scope: Scope, source: Source) -> Iterator[_Node]:

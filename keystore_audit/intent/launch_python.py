@@ -2,7 +2,7 @@
 
 The statements of the file and of its `generate_launch_description` are followed in order as long as they go straight
 on: imports, names that are set, lists that grow. Whatever else there is, is noted with its line, and what it may have
-changed is not known from there on. What it makes of its environment is taken as set from the beginning.
+changed is not known from there on. Where that speaks of security, it may change it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Final
 
 from keystore_audit.intent.launch_actions import LaunchAction, Unread
 from keystore_audit.intent.python_actions import actions_of
-from keystore_audit.intent.python_environment import changes
+from keystore_audit.intent.python_environment import speaking
 from keystore_audit.intent.python_expressions import MAX_PAIRS, Expressions
 from keystore_audit.intent.python_values import Growing, Imported, Items, Opaque, Pairs, Value, with_entries
 from keystore_audit.intent.source import Source, shown
@@ -46,11 +46,11 @@ def read(source: Source) -> tuple[LaunchAction, ...]:
     called = names.get(ENTRY)  # what the name means at last: it may have been given to something else
     if outer.entry is None or not isinstance(called, Opaque) or called.line != outer.entry.lineno:
         none = Unread(line=1, reason=f"no function {ENTRY} is defined here, which may start nodes")
-        return (*changes(module, module.body), *outer.unread, none)
+        return (*speaking(module, module.body), *outer.unread, none)
     inner = _Statements(source, dict(names))
     inner.follow(outer.entry.body)
     returned = tuple(inner.returned(outer.entry))
-    return (*changes(module, (*outer.skipped, *inner.skipped)), *outer.unread, *inner.unread, *returned)
+    return (*speaking(module, (*outer.skipped, *inner.skipped)), *outer.unread, *inner.unread, *returned)
 
 
 class _Statements:

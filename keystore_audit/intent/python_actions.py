@@ -176,9 +176,8 @@ def _node(call: Call) -> Value:
 
 def _environment_of(call: Call) -> dict[str, Any]:
     given = [dictionary(call.get("env")), dictionary(call.get("additional_env"))]
-    told = [Pairs(pairs=(), inherited=True) if isinstance(each, Opaque) else each for each in given]
-    inherited = [isinstance(each, Pairs) and each.inherited for each in told]  # python_environment looks into Opaque
-    variables, clean = (*_mapping(told[0]), *_mapping(told[1])), given[0] != NONE and not inherited[0]
+    inherited = [isinstance(each, Pairs) and each.inherited for each in given]
+    variables, clean = (*_mapping(given[0]), *_mapping(given[1])), given[0] != NONE and not inherited[0]
     return {"environment": variables, "clean": clean, "earlier": any(inherited), "prefix": call.optional("prefix")}
 
 

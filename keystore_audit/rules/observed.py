@@ -239,15 +239,17 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
     "KA655",
     Severity.CRITICAL,
     clause="rcl, security.c and domain_id.c (read)",
-    remedy="Take the variable out of the launch file, and let the robot's environment say it for every process.",
+    remedy="Take the variable out of the launch file, and let the robot's environment say it for every process; or "
+    "record the running system, and give that with `--graph`.",
     applies=_observes,
 )
 def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A launch file starts a process without security, or not with this keystore, domain and middleware.
 
     What it sets comes before what the robot's environment says (`--env`). A value that cannot be told without running
-    the file leaves the audit open. A domain is high where no governance covers it, low where all do and every enclave
-    is granted something there, else medium: rights in a domain are what `--domain` asks about.
+    the file leaves the audit open, and so does what is not read of it and speaks of security: code that is not
+    followed, commands, and what stands before a program. A domain is high where no governance covers it, low where all
+    do and every enclave is granted something there, else medium: rights in a domain are what `--domain` asks about.
     """
     for variable in given(context.observed).variables:
         harm = _harm(variable, keystore, context)
@@ -261,6 +263,15 @@ def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Vi
                 key=f"{variable.node} {variable.started} {variable.name} {variable.value}",
                 undecided=variable.value is None or (variable.name == RMW and variable.value not in MIDDLEWARE),
             )
+    speaking = (_beside(each.location, each.reason) for each in given(context.observed).speaking)
+    for path, found in grouped(speaking, lambda place: place.path).items():
+        yield Violation(
+            message=f"{found[0].message}{more_like(found)}.",
+            locations=places(found),
+            severity=Severity.HIGH,
+            undecided=True,
+            key=f"{path}\n" + "\n".join(sorted({place.message for place in found})),
+        )
 
 
 def _harm(variable: SetVariable, keystore: Keystore, context: Context) -> tuple[Severity, str] | None:

@@ -69,6 +69,7 @@ def launch(
     nodes: tuple[IntendedNode, ...] = (),
     unresolved: tuple[str, ...] = (),
     variables: tuple[SetVariable, ...] = (),
+    speaking: tuple[str, ...] = (),
 ) -> Intent:
     """A launch file that remaps these names."""
     return Intent(
@@ -81,6 +82,7 @@ def launch(
         names=names,
         unresolved=tuple(Unresolved(location=place(9), reason=reason) for reason in unresolved),
         variables=variables,
+        speaking=tuple(Unresolved(location=place(number), reason=said) for number, said in enumerate(speaking, 7)),
     )
 
 

@@ -110,6 +110,13 @@ def test_who_accepts_one_process_without_security_does_not_accept_another() -> N
     assert one.fingerprint != other.fingerprint
 
 
+def test_what_is_not_read_and_speaks_of_security_leaves_the_audit_open_once_a_file() -> None:
+    (finding,) = spoken(granted(CHATTER), launch(uses("/talker", "/chatter"), speaking=("One", "Two")))
+    assert (finding.code, finding.severity, finding.undecided) == ("KA655", Severity.HIGH, True)
+    assert finding.message == "One (and 1 more like it)."
+    assert [(each.line, each.beside) for each in finding.locations] == [(7, True), (8, True)]
+
+
 def test_a_middleware_that_no_profile_speaks_of() -> None:
     """One that is not known here leaves the audit open."""
     for value, undecided in (("rmw_zenoh_cpp", True), ("rmw_fastrtps_cpp", False)):

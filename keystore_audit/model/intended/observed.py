@@ -116,6 +116,7 @@ class Observation:
     undecided: tuple[Undecided, ...]
     unused: tuple[str, ...]
     variables: tuple[SetVariable, ...] = ()
+    speaking: tuple[Unresolved, ...] = ()
 
 
 def observe(
@@ -150,6 +151,7 @@ def observe(
         undecided=tuple(each for one in compared for each in one.undecided()),
         unused=tuple(enclave.path for enclave in keystore.enclaves if enclave.path not in told.enclaves),
         variables=tuple(each for intent in intents for each in intent.variables),
+        speaking=tuple(each for intent in intents for each in intent.speaking),
     )
 
 
