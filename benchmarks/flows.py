@@ -14,7 +14,6 @@ import time
 from datetime import datetime, timezone
 
 from benchmarks.keystores import ROOT, build
-from keystore_audit.aside import processors
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.flow import FlowQuestion, questions
 from keystore_audit.keystore.keystore import read_keystore
@@ -30,16 +29,15 @@ def measure(enclaves: int, profiles_named: list[str]) -> str:
     keystore = read_keystore(build(ROOT, enclaves, "ec"))
     begin = _seconds()
     at = datetime.now(timezone.utc)
-    aside = processors() > 1
     accesses = AccessViews(documents_of(keystore), at, None)
     profiles = resolve(profiles_named)
     first, last = keystore.enclaves[0].path, keystore.enclaves[-1].path
     claims = questions(FlowQuestion(source=first, target=last))
-    builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, aside=aside)
+    builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
     classes = _seconds()
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}))
     facts = _seconds()
-    answers = native.claim_answers(aside=aside)
+    answers = native.claim_answers()
     done = _seconds()
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     found = [{name: answer.status.value for name, answer in each.items()} for each in answers]

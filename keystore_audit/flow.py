@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from datetime import datetime
 from zoneinfo import ZoneInfo
 
-from keystore_audit.aside import FEW
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.agreement import EngineAnswers, combine_claims
 from keystore_audit.engine.engines import Engines, run_engines
@@ -71,21 +70,18 @@ def find_flow(
     at: datetime,
     zone: ZoneInfo | None = None,
     engines: Engines | None = None,
-    aside: bool = False,
 ) -> FlowAnswer:
     """Whether there is a flow in the keystore at `path`, at `at` (aware UTC).
-
-    `aside`: of many enclaves, copies of this process may do a part of the work.
 
     Raises errors.NothingToAudit, errors.UsageError for a place that names nothing there, and errors.BudgetExceeded
     where there are too many classes of names.
     """
     claims = questions(question)
-    keystore = read_keystore(path, aside=aside)
+    keystore = read_keystore(path)
     accesses = AccessViews(system_documents(keystore), at, zone)
-    builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, aside=aside)
+    builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}))
-    runs, answers = _decide(native, engines or Engines(), aside=aside and len(keystore.enclaves) >= FEW)
+    runs, answers = _decide(native, engines or Engines())
     results = combine_claims(claims, native.systems, answers, [profile.name for profile in profiles])
     asked = profiles if any(result.status is Status.UNKNOWN for result in results) else ()
     doubts = (doubt.location for profile in asked for doubt in keystore_doubts(keystore, profile, accesses))
@@ -98,13 +94,11 @@ def find_flow(
     )
 
 
-def _decide(
-    native: NativeEngine, engines: Engines, *, aside: bool
-) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
+def _decide(native: NativeEngine, engines: Engines) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
     """The engines' answers; the native one alone is asked about the flow and nothing else."""
     if engines.choice == "native":
         run = EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True)
-        return (run,), (EngineAnswers(engine="native", answers=native.claim_answers(aside=aside)),)
+        return (run,), (EngineAnswers(engine="native", answers=native.claim_answers()),)
     return run_engines(native, engines, None)
 
 

@@ -93,5 +93,3 @@ class Options:
     launch_arguments: Mapping[str, str] = field(default_factory=dict)
     alloy_properties: tuple[UserFile, ...] = ()
     overview: bool = False
-    aside: bool = False
-    """Whether copies of this process may do a part of the work (`aside`)."""

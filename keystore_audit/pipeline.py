@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit import __version__
-from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.agreement import EngineAnswers, combine, combine_claims, combine_determinism
 from keystore_audit.engine.engines import Engines, run_engines
@@ -82,8 +80,7 @@ def audit(
     intents = read_observed(options.graphs, options.launches, options.launch_arguments)
     claims = options.settings.claims if options.settings else ()
     declared = options.settings.declared if options.settings else None
-    keystore = read_keystore(path, progress=progress.enclaves if progress else None, aside=options.aside)
-    aside = options.aside and len(keystore.enclaves) >= FEW
+    keystore = read_keystore(path, progress=progress.enclaves if progress else None)
     if progress:
         progress.stage("working out what the documents mean")
     accesses = AccessViews(system_documents(keystore), options.at, options.time_zone)
@@ -98,7 +95,6 @@ def audit(
         [place for file in options.alloy_properties for place in file.places],
         declared,
         _nodes(options, intents, policy, keystore),
-        aside=aside,
     )
     native = NativeEngine(meaning.systems)
     stage = progress.stage if progress else None
@@ -127,10 +123,8 @@ def audit(
         observed=_compared(intents, keystore, profiles, accesses, options),
         acceptances=accepted,
     )
-    until = partial(horizon, keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
-    with Aside(until, wanted=aside) as later:
-        judgement = judge(context, RULES, select=options.select, ignore=options.ignore, aside=aside)
-        safe = later.result()
+    judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
+    safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
     inputs = tuple(_inputs(environment, policy, intents, options))
     report = _report(context, judgement, while_accepted(safe, judgement, options.fail_on), options, inputs)
     return _drawn(report, context, accesses, options)

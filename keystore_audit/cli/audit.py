@@ -14,7 +14,6 @@ from keystore_audit.cli import delivery, once, output, places, settings
 from keystore_audit.cli import options as opt
 from keystore_audit.cli.places import executor_address
 from keystore_audit.cli.progress import Watch
-from keystore_audit.dataclass import replace
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import SEVERITIES, Severity
 from keystore_audit.options import ENGINES, MAX_DAYS
@@ -176,14 +175,12 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
 
 
 def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int:
-    from keystore_audit.aside import processors
     from keystore_audit.pipeline import audit
 
     watch = Watch(visible=not given["quiet"] and sys.stderr.isatty())
-    aside = (given["jobs"] or processors()) > 1
     try:
         with watch:
-            report = audit(keystore, replace(options, aside=aside), progress=watch)
+            report = audit(keystore, options, progress=watch)
     except UsageError:
         raise
     except AuditError as error:
@@ -193,5 +190,5 @@ def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int
         return error.exit_code
     for stage, seconds in watch.durations if given["verbose"] else ():
         click.echo(f"{seconds:8.3f} s  {terminal(stage)}", err=True)
-    delivery.deliver([report], given, several=False, aside=aside)
+    delivery.deliver([report], given, several=False)
     return report.exit_code

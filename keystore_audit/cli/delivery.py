@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from keystore_audit import formats
-from keystore_audit.aside import FEW, Aside
 from keystore_audit.cli import options as opt
 from keystore_audit.cli import output
 from keystore_audit.findings import Severity
@@ -30,31 +29,23 @@ def deliver(
     several: bool,
     stdout: bool = True,
     missing: Sequence[NoReport] = (),
-    aside: bool = False,
 ) -> None:
     """Write every report that was asked for, to standard output if `stdout`; none where there was nothing to report on.
 
     `missing`: keystores without a report, which documents about several name, so that none of them looks like a pass.
 
-    Targets that take a report of each keystore are left to whoever audits several. `aside`: a copy of this process may
-    draw what goes to files, if there is much.
+    Targets that take a report of each keystore are left to whoever audits several.
     """
     targets = [wanted for wanted in given["targets"] if not (wanted.each or wanted.tables)]
     if not reports:
         say_not_written(targets)
         return
+    if stdout:
+        shown = view(given, stdout=True)
+        output.write_stdout(formats.render(given["kind"], reports, shown, several=several, missing=missing))
     kept = view(given, stdout=False)
-
-    def drawn() -> list[str]:
-        return [formats.render(each.format, reports, kept, several=several, missing=missing) for each in targets]
-
-    much = any(len(report.enclaves) >= FEW for report in reports)
-    with Aside(drawn, wanted=aside and much and stdout and bool(targets)) as files:
-        if stdout:
-            shown = view(given, stdout=True)
-            output.write_stdout(formats.render(given["kind"], reports, shown, several=several, missing=missing))
-        for wanted, text in zip(targets, files.result(), strict=True):
-            output.write(wanted, text)
+    for wanted in targets:
+        output.write(wanted, formats.render(wanted.format, reports, kept, several=several, missing=missing))
 
 
 def say_not_written(targets: Sequence[output.Target]) -> None:

@@ -230,9 +230,8 @@ class _Run:
             from keystore_audit.fleet.cluster import Cluster
 
             return stack.enter_context(closing(Cluster(address)))
-        from keystore_audit.aside import processors
         from keystore_audit.fleet.executor import InTurn
-        from keystore_audit.fleet.processes import Processes
+        from keystore_audit.fleet.processes import Processes, processors
 
         jobs: int | None = self.given["jobs"]
         if jobs is None:

@@ -70,7 +70,6 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         return _stolen_key(keystore, given)
     if source is None or target is None:
         raise click.UsageError("Expected FROM and TO, or --from-compromised.")
-    from keystore_audit.aside import processors
     from keystore_audit.engine.engines import Engines
     from keystore_audit.flow import FlowQuestion, find_flow
     from keystore_audit.model.formal.claim import Attacker
@@ -89,7 +88,6 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         engines=Engines(
             choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"]
         ),
-        aside=processors() > 1,
     )
     output.write_stdout(_rendered(answer, given["form"]))
     return _exit_code(answer.status)

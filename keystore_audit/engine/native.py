@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import islice
 
-from keystore_audit.aside import Aside
 from keystore_audit.engine.native_identities import shared_identities, shared_subjects
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal import outsiders
@@ -54,15 +53,9 @@ class NativeEngine:
         """
         return tuple(_Questions(s, None, self._shared(s)).answers() for s in self.systems)
 
-    def claim_answers(self, *, aside: bool = False) -> tuple[dict[str, Answer], ...]:
-        """The same about claims alone. `aside`: half of the systems may be asked about by a copy of this process."""
-        half = (len(self.systems) + 1) // 2
-        behind = self.systems[half:]
-        with Aside(lambda: self._claims(behind), wanted=aside and bool(behind)) as others:
-            return (*self._claims(self.systems[:half]), *others.result())
-
-    def _claims(self, systems: Sequence[System]) -> tuple[dict[str, Answer], ...]:
-        return tuple(_Questions(s, None, self._shared(s)).claims() for s in systems)
+    def claim_answers(self) -> tuple[dict[str, Answer], ...]:
+        """The same about claims alone."""
+        return tuple(_Questions(s, None, self._shared(s)).claims() for s in self.systems)
 
     def statuses(self, moment: int) -> tuple[dict[str, Status], ...]:
         """For each system the status of each property at `moment`, by id."""

@@ -30,6 +30,11 @@ _PRELOADED: Final = ("keystore_audit.pipeline", "keystore_audit.fleet.task", "ke
 """Loaded once, by the process from which the others are forked: each is then there in milliseconds."""
 
 
+def processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 class Processes:
     """So many processes, each with one task at a time."""
 

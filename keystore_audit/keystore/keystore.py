@@ -9,7 +9,6 @@ from typing import Final, TypeVar
 
 from cryptography.x509.oid import NameOID
 
-from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.crl import CrlFile, read_crl
@@ -101,13 +100,10 @@ class Keystore:
     """Other files that were not read: by name and beginning of no signed message and no certificate."""
 
 
-def read_keystore(
-    path: str | os.PathLike[str], *, progress: Callable[[int, int], None] | None = None, aside: bool = False
-) -> Keystore:
+def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int], None] | None = None) -> Keystore:
     """Read and verify everything in the directory `path`, enclaves in the order of their paths.
 
-    `progress` is told how many enclaves are done, of how many. `aside`: of many enclaves, a copy of this process may
-    read half of the documents and keys. What cannot be read is evidence, not an error.
+    `progress` is told how many enclaves are done, of how many. What cannot be read is evidence, not an error.
     Raises NothingToAudit if there is no directory or no enclave in it.
     """
     with Root.open(path) as root:
@@ -118,15 +114,10 @@ def read_keystore(
         authorities = _distinct(reader.certificates(file) for file in layout.authorities)
         candidates = _candidates(certificates, authorities)
         enclaves: list[Enclave] = []
-        behind = layout.enclaves[len(layout.enclaves) // 2 :] if aside and len(layout.enclaves) >= FEW else ()
-        known = (*candidates, *(file for files in behind for file in files.files.values()))
-        with Aside(lambda: reader.ahead(behind, candidates), wanted=bool(behind), known=known) as others:
-            for files, read in zip(layout.enclaves, certificates, strict=True):
-                if behind and files is behind[0]:
-                    reader.take(others.result())
-                enclaves.append(reader.enclave(files, read, candidates))
-                if progress is not None:
-                    progress(len(enclaves), len(layout.enclaves))
+        for files, read in zip(layout.enclaves, certificates, strict=True):
+            enclaves.append(reader.enclave(files, read, candidates))
+            if progress is not None:
+                progress(len(enclaves), len(layout.enclaves))
         entries = sorted(records(root))  # with them, every file has been read
         unread, private_keys = _unread(root, layout), root.holding_private_keys()
         strays = _strays(root, unread, layout, enclaves, candidates)
@@ -149,9 +140,6 @@ def read_keystore(
             unread=sum(file.path not in spoken_of for file in unread),
         )
 
-
-_Ahead = tuple[dict[str, PermissionsFile], list[PrivateKey]]
-"""Documents by their hash, and keys."""
 
 _CertificatesOf = dict[Role, CertificateFile | None]
 _Reading = TypeVar("_Reading", CertificateFile, PrivateKey, CrlFile)
@@ -187,29 +175,6 @@ class Reader:
             permissions=_document(by_role[Role.PERMISSIONS], self._permissions, read_permissions, candidates),
             crl=_once(by_role[Role.CRL], self._crls, read_crl),
         )
-
-    def ahead(self, enclaves: Iterable[EnclaveFiles], candidates: Candidates) -> _Ahead:
-        """The permissions and keys of these enclaves, save those that bring certificates of their own."""
-        ours = {*map(id, candidates)}
-        documents: dict[str, PermissionsFile] = {}
-        keys: list[PrivateKey] = []
-        for files in enclaves:
-            file = files.files[Role.PERMISSIONS]
-            if file.status is Status.PRESENT and file.sha256 is not None and file.sha256 not in documents:
-                document = read_permissions(file, candidates)
-                if ours.issuperset(map(id, document.signed.embedded)):
-                    documents[file.sha256] = document
-            key = self.private_key(files.files[Role.KEY])
-            if key is not None:
-                keys.append(key)
-        return documents, keys
-
-    def take(self, ahead: _Ahead) -> None:
-        """Go on with what was read ahead."""
-        documents, keys = ahead
-        self._permissions = documents | self._permissions
-        for key in keys:
-            self._keys.setdefault(key.file.place, key)
 
     def certificates(self, file: File) -> CertificateFile | None:
         """What a file of certificates holds; None where it is not there."""

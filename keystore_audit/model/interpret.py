@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
-from functools import partial
 from typing import TYPE_CHECKING
 
-from keystore_audit.aside import Aside
 from keystore_audit.dataclass import replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
@@ -47,13 +45,12 @@ def interpret(
     places: Sequence[NamedPlace] = (),
     declared: Declared | None = None,
     nodes: Sequence[WiredNode] = (),
-    aside: bool = False,
 ) -> Meaning:
     """The meaning of a keystore under the profiles at `at` (aware UTC).
 
     `usabilities`: of the domain in which enclaves are to start. `claims`: what users claim, `places`: what they have
     names for, `declared`: what nodes forward; errors.UsageError for something that is not there. `nodes`: those that
-    will use it. `aside`: a copy of this process may look for anomalies.
+    will use it.
 
     Topic classes over budget leave `systems` empty and say why: nothing is decided then.
     """
@@ -66,29 +63,28 @@ def interpret(
     usability = usability_by_profile(keystore.enclaves, profiles, at, usabilities)
     declared = declared or Declared()
     named = (*place_regions(places), *declared.regions(), *_wires(nodes))
-    with Aside(partial(anomalies, keystore, profiles, accesses), wanted=aside) as odd:
-        try:
-            builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=named)
-            systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities)
-            systems = with_places(systems, places, builder.channels, keystore)
-            if nodes:
-                from keystore_audit.model.intended.wiring import with_nodes
+    try:
+        builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=named)
+        systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities)
+        systems = with_places(systems, places, builder.channels, keystore)
+        if nodes:
+            from keystore_audit.model.intended.wiring import with_nodes
 
-                systems = with_nodes(systems, nodes, builder.channels, keystore)
-            systems = with_determinism(systems, declared, builder.channels, keystore, usability, domain)
-        except BudgetExceeded as exceeded:
-            over_budget = exceeded.message
-        return Meaning(
-            systems=systems,
-            usability=usability,
-            doubts=_doubts(keystore, profiles, accesses),
-            ungoverned=_ungoverned(systems),
-            over_budget=over_budget,
-            idle=_idle(systems),
-            divergences=divergences(keystore, _beside_spec(profiles), at, accesses, domain) if systems else (),
-            anomalies=odd.result() if systems else {},
-            ros=ros_patterns(keystore, profiles, at, accesses, systems, usability) if systems else None,
-        )
+            systems = with_nodes(systems, nodes, builder.channels, keystore)
+        systems = with_determinism(systems, declared, builder.channels, keystore, usability, domain)
+    except BudgetExceeded as exceeded:
+        over_budget = exceeded.message
+    return Meaning(
+        systems=systems,
+        usability=usability,
+        doubts=_doubts(keystore, profiles, accesses),
+        ungoverned=_ungoverned(systems),
+        over_budget=over_budget,
+        idle=_idle(systems),
+        divergences=divergences(keystore, _beside_spec(profiles), at, accesses, domain) if systems else (),
+        anomalies=anomalies(keystore, profiles, accesses) if systems else {},
+        ros=ros_patterns(keystore, profiles, at, accesses, systems, usability) if systems else None,
+    )
 
 
 def _wires(nodes: Sequence[WiredNode]) -> tuple[ReadRegion, ...]:

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 
-from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile
@@ -68,7 +67,7 @@ class SystemBuilder:
     `claims`: the names and instants that they speak of take part. `channels`: these, which tell apart all that the
     keystore's documents do. `named`: sets of names that are told apart as well. `literal`: partitions are plain names,
     as they are to permissions; else who may be in one that is a pattern is met in all that it matches. None: they are
-    where there are `points`. `aside`: of many enclaves, a copy of this process may verify the certificates.
+    where there are `points`.
     Raises errors.BudgetExceeded where the classes are too many.
     """
 
@@ -84,7 +83,6 @@ class SystemBuilder:
         named: Sequence[ReadRegion] = (),
         *,
         literal: bool | None = None,
-        aside: bool = False,
     ) -> None:
         self._keystore = keystore
         self._profiles = profiles
@@ -97,16 +95,15 @@ class SystemBuilder:
         self._views = Views(keystore, self._documents, self._certificates, accesses, at, self._large.hosts.values())
         self._realm_doubts = [realm_doubt(enclave) for enclave in keystore.enclaves]
         self._unread_places = unread_places(keystore)
-        with Aside(self._identified, wanted=aside and len(keystore.enclaves) >= FEW) as identified:
-            self._read = {row: self._read_all(row) for row in accesses.rows(profiles)}
-            grants = (g for read in self._read.values() for document in read for g in document.grants or ())
-            ends = {c.until for c in claims if c.until is not None and c.until > at} | self._views.list_dates(profiles)
-            self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
-            if channels is None:
-                regions = (*claim_regions(claims), *named)
-                channels = document_channels(self._read, points, regions, opened=self._may_be_open())
-            self.channels = channels
-            self._issuers, self._unknown = identified.result()
+        self._read = {row: self._read_all(row) for row in accesses.rows(profiles)}
+        grants = (g for read in self._read.values() for document in read for g in document.grants or ())
+        ends = {c.until for c in claims if c.until is not None and c.until > at} | self._views.list_dates(profiles)
+        self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
+        if channels is None:
+            regions = (*claim_regions(claims), *named)
+            channels = document_channels(self._read, points, regions, opened=self._may_be_open())
+        self.channels = channels
+        self._issuers, self._unknown = self._identified()
         plain = points is not None if literal is None else literal
         self._meets = () if plain else channels.meets
         self._rule_atoms = RuleAtoms(self.channels, self._instants)

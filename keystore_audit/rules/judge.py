@@ -11,7 +11,6 @@ from functools import cache, partial
 from itertools import chain
 from typing import Any, Final
 
-from keystore_audit.aside import FEW, Aside
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import (
     MAX_PLACES,
@@ -66,16 +65,14 @@ def judge(
     *,
     select: Collection[str] = (),
     ignore: Collection[str] = (),
-    aside: bool = False,
 ) -> Judgement:
     """What the rules say, in their order. `select`, `ignore`: codes or families (`KA203`, `KA2`), never of KA9.
-    `aside`: half of what there is much of may be judged by a copy of this process.
 
     Doubts, crashes and refusals are the subjects of the last rules: only then is known which of them another rule
     speaks for.
     """
     chosen = [rule for rule in rules if _chosen(rule, select, ignore)]
-    run = _Run(context, chosen, aside=aside)
+    run = _Run(context, chosen)
     run.over(chosen, _subjects(context))
     run.over(chosen, [*run.crashes(), *run.unspoken(), *run.refusals()])
     return Judgement(
@@ -107,25 +104,16 @@ def _subjects(context: Context) -> Iterator[tuple[str, object]]:
         yield run.name, run
 
 
-def _half(about: Sequence[object]) -> int:
-    """Where the first half ends of what there is much of."""
-    return len(about) // 2 if len(about) >= FEW else len(about)
-
-
 _Remedy = Callable[..., str]
 """`for_layout`, of this keystore."""
-
-_Put = tuple[list[Violation], list[tuple[Result, int]], list[Crash]]
-"""What one rule said of subjects in turn: violations, outcomes with how many follow each other, crashes."""
 
 
 class _Run:
     """What the rules have said so far."""
 
-    def __init__(self, context: Context, rules: Iterable[Rule[Any]], *, aside: bool) -> None:
+    def __init__(self, context: Context, rules: Iterable[Rule[Any]]) -> None:
         """Nothing yet; `outcomes` will be by the codes of the rules, in their order."""
         self._context = context
-        self._aside = aside
         self._crashes: list[Crash] = []
         self.found: list[_Found] = []
         self.outcomes: dict[str, list[Row]] = {rule.code: [] for rule in rules}
@@ -135,35 +123,18 @@ class _Run:
         by_kind: dict[type, list[tuple[str, object]]] = {}
         for name, subject in subjects:
             by_kind.setdefault(type(subject), []).append((name, subject))
-        tasks: list[tuple[Rule[Any], list[tuple[str, object]]]] = []
         for rule in rules:
             for kind, about in by_kind.items():
                 if not issubclass(kind, rule.on):
                     continue
                 # A rule of KA7 is about the property of its name; others, of any family, about all of their kind.
                 one = rule.on is PropertyResult and rule.family == OF_PROPERTIES
-                tasks.append(
-                    (rule, [(name, subject) for name, subject in about if name == rule.name] if one else about)
-                )
-        far = any(len(about) >= FEW for _rule, about in tasks)
-        with Aside(lambda: self._behind(tasks), wanted=self._aside and far) as aside:
-            before = [self._put(rule, about[: _half(about)]) for rule, about in tasks]
-            behind = aside.result()
-        for (rule, about), *parts in zip(tasks, before, behind, strict=True):
-            for violations, _results, crashes in parts:
-                self.found += [(rule, violation) for violation in violations]
-                self._crashes += crashes
-            results = [(result, count) for _, results, _ in parts for result, count in results if count]
-            self.outcomes[rule.code].append(Row(rule.code, [name for name, _ in about], results))
+                asked = [(name, subject) for name, subject in about if name == rule.name] if one else about
+                self.outcomes[rule.code].append(Row(rule.code, [name for name, _ in asked], self._put(rule, asked)))
 
-    def _behind(self, tasks: Iterable[tuple[Rule[Any], Sequence[tuple[str, object]]]]) -> list[_Put]:
-        return [self._put(rule, about[_half(about) :]) for rule, about in tasks]
-
-    def _put(self, rule: Rule[Any], subjects: Iterable[tuple[str, object]]) -> _Put:
+    def _put(self, rule: Rule[Any], subjects: Iterable[tuple[str, object]]) -> list[tuple[Result, int]]:
         """Put a rule to subjects; a loop of few steps, since there are 60 rules for each of thousands of enclaves."""
         context, code, check, applies = self._context, rule.code, rule.check, rule.applies
-        found: list[Violation] = []
-        crashes: list[Crash] = []
         results: list[tuple[Result, int]] = []
         last, count = Result.PASS, 0
         for name, subject in subjects:
@@ -172,17 +143,17 @@ class _Run:
                 if applies is not None and not applies(subject, context):
                     outcome = Result.NOT_APPLICABLE
                 elif violations := [*check(subject, context)]:
-                    found += violations
+                    self.found += [(rule, violation) for violation in violations]
                     outcome = Result.OPEN if any(each.undecided for each in violations) else Result.FAIL
             except Exception as error:  # noqa: BLE001 - whatever a rule raises, others still speak, and it is no pass
-                crashes.append(Crash(rule=code, subject=name, exception=type(error).__name__))
+                self._crashes.append(Crash(rule=code, subject=name, exception=type(error).__name__))
                 outcome = Result.OPEN
             if outcome is not last:
                 results.append((last, count))
                 last, count = outcome, 0
             count += 1
         results.append((last, count))
-        return found, results, crashes
+        return [(result, count) for result, count in results if count]
 
     def crashes(self) -> list[tuple[str, Crash]]:
         """The rules that raised since this was asked last, as subjects."""
