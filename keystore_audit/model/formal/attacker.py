@@ -23,7 +23,8 @@ class Abilities:
     `may_write`: peers take its samples as those of a permitted writer. `may_read`: peers give it their samples and
     keys. `may_relay`: peers give it the keys of their submessages. `overhears`: it reads the payload with the keys of
     any participant, or of a relay. `forges`: it holds every key that a writer's samples are authenticated with
-    (DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the origin is authenticated).
+    (DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the metadata kind
+    authenticates the origin; that of messages does not, see docs/model.md).
     `writes_at_all`, `reads_at_all`: with those of its endpoints, if it is of the realm, that honest peers refuse: they
     are there all the same.
     """
@@ -358,13 +359,15 @@ class RealmView:
         writes = reach & (~p.write_controlled | published)
         reads = reach & (~p.read_controlled | subscribed)
         relays = reach & relayed
-        origin = p.rtps_authenticates_origin | p.metadata_authenticates_origin
         return Abilities(
             may_write=writes,
             may_read=reads,
             may_relay=relays,
             overhears=reach & ~p.data_encrypts & (~p.metadata_encrypts | relays),
-            forges=reach & ~origin & (~p.metadata_authenticates | reads | relays) & (~p.data_authenticates | reads),
+            forges=reach
+            & ~p.metadata_authenticates_origin
+            & (~p.metadata_authenticates | reads | relays)
+            & (~p.data_authenticates | reads),
             writes_at_all=writes | writes_alone,
             reads_at_all=reads | reads_alone,
         )

@@ -26,7 +26,6 @@ class Protection:
     liveliness_authenticates: int = 0
     rtps_encrypts: int = 0
     rtps_authenticates: int = 0
-    rtps_authenticates_origin: int = 0
     metadata_encrypts: int = 0
     metadata_authenticates: int = 0
     metadata_authenticates_origin: int = 0
@@ -91,7 +90,6 @@ def _apply_topic(result: Protection, hit: int, rule: DomainRuleAtom, topic: Topi
     rtps, metadata, data = rule.rtps_protection_kind, topic.metadata_protection_kind, topic.data_protection_kind
     result.rtps_encrypts |= _if(rtps.encrypts, hit)
     result.rtps_authenticates |= _if(rtps.authenticates, hit)
-    result.rtps_authenticates_origin |= _if(rtps.authenticates_origin, hit)
     result.metadata_encrypts |= _if(metadata.encrypts, hit)
     result.metadata_authenticates |= _if(metadata.authenticates, hit)
     result.metadata_authenticates_origin |= _if(metadata.authenticates_origin, hit)

@@ -9,7 +9,11 @@
  * Out, a line each: "A" or "R" (participant created or refused), then the same for each endpoint. From then on, for
  * each line of the input: a line for each endpoint (how many endpoints it matched with, then the senders that it heard,
  * each 1000 * number of the process + number of the endpoint). The end of the input ends the process.
+ *
+ * Where PASSED_FOR names a directory, the process has a second participant, in that enclave, that writes 1999 on the
+ * topic "owned" a few times. Then samples of the first endpoint are sent as if its were the writer's (forged_source.h).
  */
+#define _GNU_SOURCE
 #include <dds/dds.h>
 #include <poll.h>
 #include <stdio.h>
@@ -18,8 +22,9 @@
 #include <unistd.h>
 
 #include "cyclonedds_secure.h"
+#include "forged_source.h"
 
-enum { MOST_ENDPOINTS = 256, MOST_PARTITIONS = 16, MILLISECONDS = 20, SECONDS = 30, NUMBERS = 2000 };
+enum { MOST_ENDPOINTS = 256, MOST_PARTITIONS = 16, MILLISECONDS = 20, SECONDS = 30, NUMBERS = 2000, OWNED = 1999, WRITTEN = 5 };
 
 struct sample {
     uint32_t sender;
@@ -42,6 +47,7 @@ struct endpoint {
 };
 static struct endpoint endpoints[MOST_ENDPOINTS];
 static uint32_t count;
+static dds_entity_t owner; /* the writer that the first endpoint passes for; 0: none */
 static FILE *answers; /* the vendor writes to the standard output too, which becomes the error output */
 
 /* Not more than two participants, whose ports both know. */
@@ -97,8 +103,33 @@ static void create_endpoints(dds_entity_t participant, char **arguments)
     }
 }
 
+static void write_as_owner(void)
+{
+    static int written;
+    struct sample sample = {OWNED};
+    dds_publication_matched_status_t status;
+    if (owner > 0 && !forging && dds_get_publication_matched_status(owner, &status) == 0 && status.current_count > 0) {
+        dds_write(owner, &sample);
+        forging = ++written == WRITTEN;
+    }
+}
+
+static void create_owner(dds_domainid_t domain, const char *directory, const char *library)
+{
+    dds_guid_t own, forged;
+    dds_qos_t *qos = dds_create_qos();
+    secure(qos, directory, library);
+    dds_entity_t pp = dds_create_participant(domain, qos, NULL); fprintf(stderr,"PP %d %s\n",pp,dds_strretcode(pp));
+    owner = create_endpoint(pp, 1, "owned", 0, NULL); fprintf(stderr,"W %d\n",owner);
+    if (dds_get_guid(owner, &own) != 0 || dds_get_guid(endpoints[0].entity, &forged) != 0)
+        abort();
+    memcpy(owners_guid, own.v, sizeof owners_guid);
+    memcpy(forgers_guid, forged.v, sizeof forgers_guid);
+}
+
 static void write_and_take(uint32_t number)
 {
+    write_as_owner();
     for (uint32_t i = 0; i < count; i++) {
         struct endpoint *endpoint = &endpoints[i];
         struct sample sample = {1000 * number + i};
@@ -160,6 +191,8 @@ int main(int arguments, char **argument)
     fputs(participant < 0 ? "R\n" : "A\n", answers);
     if (participant >= 0)
         create_endpoints(participant, argument + 6);
+    if (participant >= 0 && getenv("PASSED_FOR") != NULL)
+        create_owner((dds_domainid_t)atoi(argument[3]), getenv("PASSED_FOR"), argument[5]);
     fflush(answers);
     struct pollfd input = {STDIN_FILENO, POLLIN, 0};
     for (;;) {

@@ -2,7 +2,7 @@
  * the library: any text but "" means that an attacker runs it) and same answers. An attacker runs Fast DDS's access
  * control plugin with its own checks switched off, so that any local endpoint is created, and presents to its peers the
  * permissions in the file that PRESENTED_PERMISSIONS names, where that is set. The factory of the plugins is exported
- * and not declared; the one here comes before it.
+ * and not declared; the one here comes before it. PASSED_FOR is as there.
  */
 #include <dlfcn.h>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -34,6 +34,7 @@
 #include <vector>
 
 #include "fastdds_secure.hpp"
+#include "forged_source.h"
 
 using namespace eprosima::fastdds::dds;
 using namespace eprosima::fastrtps::rtps;
@@ -238,8 +239,9 @@ struct Endpoint : public DataWriterListener, public DataReaderListener
     }
 };
 
+/* Of more than one participant of a process, `place` tells apart. */
 static DomainParticipant *create_participant(uint32_t number, uint32_t first_port, uint32_t domain,
-                                             const std::string &directory)
+                                             const std::string &directory, uint32_t place = 0)
 {
     DomainParticipantQos qos;
     if (!directory.empty())
@@ -251,11 +253,11 @@ static DomainParticipant *create_participant(uint32_t number, uint32_t first_por
     Locator_t loopback;
     IPLocator::setIPv4(loopback, "127.0.0.1");
     auto &protocol = qos.wire_protocol();
-    loopback.port = first_port + number;
+    loopback.port = first_port + number + place;
     protocol.builtin.metatrafficUnicastLocatorList.push_back(loopback);
     loopback.port = first_port + 1 - number;
     protocol.builtin.initialPeersList.push_back(loopback);
-    loopback.port = first_port + 2 + number;
+    loopback.port = first_port + 2 + number + place;
     protocol.default_unicast_locator_list.push_back(loopback);
     protocol.builtin.discovery_config.initial_announcements.count = 100;
     protocol.builtin.discovery_config.initial_announcements.period = {0, 100000000u};
@@ -308,8 +310,36 @@ static void create_endpoints(DomainParticipant &participant, std::vector<std::un
     }
 }
 
+static Endpoint owner; /* passed for by the first endpoint; without a writer: none */
+
+static void write_as_owner()
+{
+    static int written;
+    uint32_t sample = 1999;
+    PublicationMatchedStatus status;
+    if (owner.writer == nullptr || forging)
+        return;
+    owner.writer->get_publication_matched_status(status);
+    if (status.current_count > 0) {
+        owner.writer->write(&sample);
+        forging = ++written == 5;
+    }
+}
+
+static void create_owner(DomainParticipant &participant, const DataWriter &forger)
+{
+    TypeSupport(new Sample).register_type(&participant);
+    Topic *topic = participant.create_topic("owned", "Sample", TOPIC_QOS_DEFAULT);
+    create_endpoint(participant, owner, true, topic, PartitionQosPolicy());
+    for (const auto &each : {std::make_pair(owners_guid, owner.writer->guid()), {forgers_guid, forger.guid()}}) {
+        memcpy(each.first, each.second.guidPrefix.value, PREFIX);
+        memcpy(each.first + PREFIX, each.second.entityId.value, 4);
+    }
+}
+
 static void write_and_take(uint32_t number, std::vector<std::unique_ptr<Endpoint>> &endpoints)
 {
+    write_as_owner();
     for (size_t i = 0; i < endpoints.size(); i++) {
         Endpoint &endpoint = *endpoints[i];
         uint32_t sample = 1000 * number + static_cast<uint32_t>(i);
@@ -357,6 +387,10 @@ int main(int count, char **argument)
         TypeSupport(new Sample).register_type(participant);
         create_endpoints(*participant, endpoints, argument + 6);
     }
+    if (const char *directory = getenv("PASSED_FOR"))
+        create_owner(*create_participant(number, static_cast<uint32_t>(atoi(argument[2])),
+                                         static_cast<uint32_t>(atoi(argument[3])), directory, 4),
+                     *endpoints.at(0)->writer);
     fflush(answers);
     pollfd input = {STDIN_FILENO, POLLIN, 0};
     for (;;) {

@@ -44,6 +44,7 @@ class Side:
     """A process: `enclave` None is a participant without security.
 
     `compromised` skips every local check, and presents `presented` to the other side instead of its permissions.p7s.
+    `passes_for`: the enclave of a second participant, for whose writer of "owned" its first endpoint passes.
     """
 
     enclave: Path | None
@@ -51,6 +52,7 @@ class Side:
     domain: int = 0
     compromised: bool = False
     presented: Path | None = None
+    passes_for: Path | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,10 +96,11 @@ class Process:
         for endpoint in (*side.endpoints, *CONTROLS):
             letter = "P" if endpoint.operation is Operation.PUBLISH else "S"
             arguments += [letter, endpoint.topic, str(len(endpoint.partitions)), *endpoint.partitions]
-        presented = {} if side.presented is None else {"PRESENTED_PERMISSIONS": str(side.presented)}
+        told = {"PRESENTED_PERMISSIONS": side.presented, "PASSED_FOR": side.passes_for}
+        environment = {**os.environ, **{name: str(path) for name, path in told.items() if path is not None}}
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(
-            [program, *arguments], stdin=pipe, stdout=pipe, stderr=pipe, env={**os.environ, **presented}
+            [program, *arguments], stdin=pipe, stdout=pipe, stderr=pipe, env=environment
         )
         self._complaints: list[bytes] = []
         self._drain = threading.Thread(target=self._take_complaints, daemon=True)
@@ -210,7 +213,7 @@ def _watch(processes: Sequence[Process], patience: float) -> list[tuple[Seen, ..
 @contextmanager
 def pairs(find: Callable[[str], str], directory: Path) -> Iterator[dict[str, Pairs]]:
     """Both vendors, by name; without compiler, header or library the test skips, in CI it fails."""
-    cyclone = compiled(find("cc"), _HERE / "cyclonedds_pair.c", directory, "-lddsc")
+    cyclone = compiled(find("cc"), _HERE / "cyclonedds_pair.c", directory, "-rdynamic", "-lddsc", "-ldl")
     library = compiled(find("cc"), _HERE / "cyclonedds_compromised.c", directory, "-shared", "-fPIC", "-ldl")
     libraries = ("-lfastrtps", "-lfastcdr", "-ldl")
     fastdds = compiled(find("c++"), _HERE / "fastdds_pair.cpp", directory, "-rdynamic", *libraries)
