@@ -137,7 +137,7 @@ READERS_CANNOT_FORGE = Property(
     id="readers-cannot-forge",
     statement="No enclave that may only subscribe to a topic can pass for a publisher of it.",
     attacker="insider reader",
-    clause="DDS-Security 1.1, 9.5.3.3 (origin authentication)",
+    clause="DDS-Security 1.1, 9.5.3.3 (origin authentication of submessages)",
     roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
 )
 

@@ -252,11 +252,13 @@ _decided(
     """No enclave that may only subscribe to a topic can pass for a publisher of it.
 
     The keys are symmetric: whoever can check a sample can make one. sros2's own governance has it so, which is why this
-    is low. Derived from who holds which key; not attacked on the wire here. OpenDDS authenticates no origin (read in
-    its guide): there the kinds below help nothing, and the enclave that forges must not read the topic.
+    is low. An rtps_protection_kind WITH_ORIGIN_AUTHENTICATION does not help: whose a sample is stands inside of what is
+    sealed, and no receiver compares it with who sealed it (measured: Cyclone DDS and Fast DDS take such samples).
+    OpenDDS authenticates no origin (read in its guide): there the kinds below help nothing, and the enclave that forges
+    must not read the topic.
     """,
     remedy="Where a reader must not pass for the writer, use SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION as "
-    f"metadata_ or rtps_protection_kind. {_SIGN_AGAIN}",
+    f"metadata_protection_kind of the topic. {_SIGN_AGAIN}",
 )
 _decided(
     "KA725",

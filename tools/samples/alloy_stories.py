@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from .base import LISTENER_GRANT, with_listener
+from .base import LISTENER_GRANT, PROVEN, governed, with_listener
 from .documents import Permissions, Rule
 from .store import Store
 from .story import Case, Story, pair
@@ -29,4 +29,4 @@ def stories() -> Iterator[Story]:
 
 def _listener(published: str) -> Store:
     rules = (Rule(publish=(published,), subscribe=("rt/chatter",)),)
-    return with_listener(permissions=Permissions(grants=(replace(LISTENER_GRANT, rules=rules),)))
+    return governed(with_listener(permissions=Permissions(grants=(replace(LISTENER_GRANT, rules=rules),))), PROVEN)

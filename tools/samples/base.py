@@ -1,7 +1,7 @@
 """The small healthy keystores that the pairs of samples start from, as quiet as a keystore can be.
 
-Rights are two topics long. The governance authenticates the origin of every message and encrypts it, so that
-a sample shows what it is for and little else.
+Rights are two topics long. The governance encrypts every message, so that a sample shows what it is for and little
+else; where somebody reads, that readers can forge (KA724, as under sros2's own governance).
 """
 
 from __future__ import annotations
@@ -31,6 +31,9 @@ LISTENER = Enclave(
 )
 
 QUIET = DomainRule(rtps="ENCRYPT_WITH_ORIGIN_AUTHENTICATION")
+
+PROVEN = DomainRule(topics=(TopicRule(metadata="ENCRYPT_WITH_ORIGIN_AUTHENTICATION"),))
+"""Readers cannot pass for writers."""
 
 ONE = Store(
     identity_ca=IDENTITY_CA,

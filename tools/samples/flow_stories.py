@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from .base import LISTENER, LISTENER_GRANT, PERMISSIONS_CA, TALKER, TALKER_GRANT, TWO, with_listener
+from .base import LISTENER, LISTENER_GRANT, PERMISSIONS_CA, PROVEN, TALKER, TALKER_GRANT, TWO, governed, with_listener
 from .documents import DISCOVERY, Criterion, DomainRule, Governance, Permissions, Rule, TopicRule, edited
 from .healthy import TURTLESIM, VEHICLE, healthy
 from .policy import Node, grant
@@ -56,7 +56,7 @@ def _answering(subscribed: str) -> Store:
         replace(TALKER, permissions=Permissions(grants=(heard,))),
         replace(LISTENER, permissions=Permissions(grants=(said,))),
     )
-    return replace(TWO, enclaves=enclaves)
+    return governed(replace(TWO, enclaves=enclaves), PROVEN)
 
 
 def _story(family: str, name: str, text: str, store: Store, options: tuple[str, ...] = ()) -> Story:

@@ -11,6 +11,7 @@ from .base import (
     LISTENER_CERTIFICATE,
     LISTENER_GRANT,
     PERMISSIONS_CA,
+    PROVEN,
     QUIET,
     TALKER_CERTIFICATE,
     TALKER_GRANT,
@@ -234,8 +235,8 @@ def _insiders() -> Iterator[Story]:
             governed(TWO, DomainRule()),
         ),
         good=Case(
-            "Every message carries proof of which participant sent it.",
-            governed(TWO, DomainRule(rtps="SIGN_WITH_ORIGIN_AUTHENTICATION")),
+            "Every submessage carries proof of which participant sent it.",
+            governed(TWO, PROVEN),
         ),
     )
     relaying = replace(LISTENER_GRANT, rules=(Rule(relay=("rt/chatter",)), DISCOVERY))

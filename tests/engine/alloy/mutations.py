@@ -242,7 +242,7 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
             on("domain_rules", 0, allow_unauthenticated_participants=True),
             on("topic_rules", 0, metadata_protection_kind=NONE),
         ),
-        {"only-authenticated-participants-join", REPLAY},
+        {"only-authenticated-participants-join", "readers-cannot-forge", REPLAY},
     ),
     "a relay": (relay, set()),
     "a relay of what is in the clear": (
@@ -284,7 +284,7 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     ),
     "payload in clear, messages encrypted": (
         on("topic_rules", 0, metadata_protection_kind=SIGN, data_protection_kind=NONE),
-        {"nobody-reads-without-a-grant"},
+        {"nobody-reads-without-a-grant", "readers-cannot-forge"},
     ),
     # access control
     "read access control off": (
@@ -297,6 +297,14 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     ),
     "join access control off": (on("domain_rules", 0, enable_join_access_control=False), {"grants-are-enforced"}),
     "no origin authentication": (shared_keys, {"readers-cannot-forge"}),
+    "messages alone tell whose they are": (
+        both(shared_keys, on("domain_rules", 0, rtps_protection_kind=ProtectionKind.ENCRYPT_WITH_ORIGIN_AUTHENTICATION)),
+        {"readers-cannot-forge"},
+    ),
+    "messages alone tell whose they are, nothing else is protected": (
+        on("topic_rules", 0, metadata_protection_kind=NONE, data_protection_kind=NONE),
+        {"readers-cannot-forge"} | INSIDERS,
+    ),
     "payloads encrypted, nothing else": (
         both(
             on("domain_rules", 0, rtps_protection_kind=NONE),
@@ -325,7 +333,7 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     ),
     "ungoverned": (on("topic_rules", 0, channels=frozenset()), set()),
     # first match and dates
-    "weak topic rule first": (weak_rule_first, {"grants-are-enforced", "nobody-reads-without-a-grant"}),
+    "weak topic rule first": (weak_rule_first, {"grants-are-enforced", "readers-cannot-forge"} | INSIDERS),
     "weak topic rule last": (weak_rule_last, set()),
     "all kinds NONE, and the talker denied before it is allowed: nothing to read": (
         both(earlier_deny, ALL_NONE),
