@@ -93,6 +93,33 @@ fun written: Realm -> Channel { { realm: Realm, channel: Enclave.(may_write[real
 /** Channels on which there may be somebody to deceive: some enclave may read. */
 fun read: Realm -> Channel { { realm: Realm, channel: Enclave.(may_read[realm]) } }
 
+-- who attacks nobody signs no permissions and issues no identities to itself, whatever its key is
+
+/** Domains that such enclaves join as themselves, with documents that are there. */
+fun joins_as_itself[realm: Realm]: Enclave -> Domain {
+	let grants = entering[realm.accepted], known = realm.(authentic & (self_granting + issuing)),
+		let_in = realm in requires_grant implies grants.Grant + of_unknown_rights else Enclave |
+		(known & let_in) -> realm.join_uncontrolled
+		+ { e: known, d: e.(grants.joining + of_unknown_rights -> Domain) & realm.governed_domain }
+}
+
+/** Channels that such enclaves have by an attack alone, of those for which rights of the kind `allowed` are asked. */
+fun usurped[realm: Realm, uncontrolled: set Channel, allowed: Grant -> Channel]: Enclave -> Channel {
+	realm.(self_granting + issuing) -> Channel
+	- { e: realm.(self_granting + issuing), c: e.(joins_as_itself[realm]).~in_domain
+		& (uncontrolled + e.(with_met[held[realm.accepted].allowed] + of_unknown_rights -> Channel)) }
+}
+
+/** Channels on which peers match a writer of the enclave while it attacks nobody. */
+fun writes_honestly[realm: Realm]: Enclave -> Channel {
+	may_write[realm] - usurped[realm, realm.write_uncontrolled, publish_allowed]
+}
+
+/** Channels on which peers match a reader of the enclave while it attacks nobody. */
+fun reads_honestly[realm: Realm]: Enclave -> Channel {
+	may_read[realm] - usurped[realm, realm.read_uncontrolled, subscribe_allowed]
+}
+
 -- endpoints that honest peers refuse are there all the same, and send and listen, protected as their own realm says
 
 /** Channels with a writer, though it may be one that nobody takes for permitted. */

@@ -44,17 +44,17 @@ fun in_any_guise[attackers: set Enclave + Outsider, each: Enclave -> Channel]: E
 fun of_strangers[realm: Realm]: Enclave -> Channel { (Enclave - in_realm.realm) -> Channel }
 
 /** Channels that each member of a realm subscribes to by right. */
-fun takes[realm: Realm]: Enclave -> Channel { may_read[realm] - of_strangers[realm] }
+fun takes[realm: Realm]: Enclave -> Channel { reads_honestly[realm] - of_strangers[realm] }
 
 -- by right: members of two realms each ask for the rights of the other
 -- Of a reader its own realm is asked too. Of a writer it is not: what a realm forbids its own is no protection for
 -- others.
 
 /** Channels on which members of the realm `sending` write to members of `receiving`. */
-fun sends[sending, receiving: Realm]: Enclave -> Channel { may_write[receiving] - of_strangers[sending] }
+fun sends[sending, receiving: Realm]: Enclave -> Channel { writes_honestly[receiving] - of_strangers[sending] }
 
 /** Channels on which members of `receiving` read what members of `sending` write: these give them their keys. */
-fun receives[sending, receiving: Realm]: Enclave -> Channel { takes[receiving] & may_read[sending] }
+fun receives[sending, receiving: Realm]: Enclave -> Channel { takes[receiving] & reads_honestly[sending] }
 
 -- imposed
 
@@ -67,11 +67,14 @@ fun imposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider)
  * Channels that each member of a realm reads if the writer attacks: whoever attacks gives its keys to anybody, so that
  * nothing binds the reader but its own implementation.
  */
-fun hears[realm: Realm]: Enclave -> Channel { takes[realm] + { e: in_realm.realm, c: e.reads_alone } }
+fun heeds[realm: Realm]: Enclave -> Channel { takes[realm] + { e: in_realm.realm, c: e.reads_alone } }
+
+/** The same of members that attack: with whatever permissions they sign themselves. */
+fun hears[realm: Realm]: Enclave -> Channel { may_read[realm] - of_strangers[realm] + heeds[realm] }
 
 /** Channels that each participant reads of one who attacks, through a member of the realm as whom it acts. */
 fun is_told[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
-	in_any_guise[eavesdroppers, hears[realm]]
+	heeds[realm] + { e: eavesdroppers & Enclave, c: e.acts_as.(hears[realm]) }
 }
 
 /** Channels that each participant gets as a reader; of one who attacks also those that it is told. */
@@ -90,7 +93,7 @@ fun emits_alone[realm: Realm]: Enclave -> Channel { { e: in_realm.realm, c: e.wr
  * imposes.
  */
 fun exposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
-	in_any_guise[forgers, may_write[realm] + emits_alone[realm]] + imposes[forgers, realm]
+	in_any_guise[forgers, writes_honestly[realm] + emits_alone[realm]] + imposes[forgers, realm]
 }
 
 /**
@@ -128,7 +131,7 @@ fun getters[channels: set Channel, eavesdroppers: set Enclave + Outsider, realm:
 
 /** Participants whose samples members of the realm take on one of `channels`, or `eavesdroppers`, if they read there. */
 fun putters[channels: set Channel, forgers, eavesdroppers: set Enclave + Outsider, realm: Realm]: set Enclave + Outsider {
-	(may_write[realm] + imposes[forgers, realm]
+	(writes_honestly[realm] + imposes[forgers, realm]
 		+ { e: eavesdroppers & Enclave, c: e.acts_as.(emits_alone[realm]) }).channels
 }
 

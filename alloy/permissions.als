@@ -80,13 +80,11 @@ fun may_be_granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel 
 	some opaque & Document implies Enclave -> Channel else granted[realm, allowed] + (opaque & Enclave) -> Channel
 }
 
-/**
- * Enclaves that may have any right: by a document that they sign themselves, or by one that we could not read. That may
- * name anybody, so it makes all of them unbounded.
- */
-fun unbounded[realm: Realm]: set Enclave {
-	some opaque & Document implies Enclave else opaque & Enclave + realm.self_granting
-}
+/** Enclaves that may have been granted any right: all, where some document could not be read, which may name anybody. */
+fun of_unknown_rights: set Enclave { some opaque & Document implies Enclave else opaque & Enclave }
+
+/** Enclaves that may have any right: by a document that they sign themselves, or by one that we could not read. */
+fun unbounded[realm: Realm]: set Enclave { of_unknown_rights + realm.self_granting }
 
 /**
  * What peers in a realm concede to each enclave: rights of the kind `allowed`, by whatever it can present; to one that

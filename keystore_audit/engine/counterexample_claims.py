@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.dataclass import replace
 from keystore_audit.engine import causes
 from keystore_audit.engine.counterexample_case import Case, step_at
-from keystore_audit.engine.counterexample_rights import SELF_SIGNED, Way, as_anybody, way
+from keystore_audit.engine.counterexample_rights import Way, as_anybody, way
 from keystore_audit.engine.native_claims import Claims, claims_at
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims.elsewhere import UNREAD, same_elsewhere
@@ -42,9 +42,7 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
         ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
         reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(way.why for way in ways if way.why))
         attacker = Attacker.HONEST if by_right(system, claim, answer.path) else claim.attacker
-        signing = attacker is Attacker.HONEST and any(SELF_SIGNED in way.why for way in ways)
-        under = UNDER[attacker] + (" other than by signing itself permissions" if signing else "")
-        text = f"{route(system, claim, answer.path)} ({under}{when}).{reasons}"
+        text = f"{route(system, claim, answer.path)} ({UNDER[attacker]}{when}).{reasons}"
         return Counterexample(text=text, steps=tuple(dict.fromkeys(step for way in ways for step in way.steps)))
     witness = answer.witnesses[0] if answer.witnesses else {}
     if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
@@ -297,7 +295,7 @@ def by_right(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> bool:
                 if not begins_or_ends:
                     return False
                 continue
-            able = view.abilities(enclave)
+            able = view.honest(enclave)
             if not (able.may_write if operation == Operation.PUBLISH else able.may_read) >> hop.channel & 1:
                 return False
             realms.add(system.enclaves[enclave].realm)

@@ -27,7 +27,6 @@ _BY_PATTERN: Final = "it may be in a partition that is a pattern, which meets th
 """How a right is used that is about other partitions (KA637)."""
 
 
-SELF_SIGNED: Final = "it can sign itself permissions that its peers accept"
 
 _BY_ITSELF: Final[dict[Operation, str]] = {
     Operation.SUBSCRIBE: "its own implementation lets it read there; honest peers would not, but who attacks "
@@ -138,7 +137,7 @@ def _conceded(case: Case, number: int, operation: Operation) -> Way | None:
     if causes.has_authority_key(system, case.realm, enclave.identity):
         return Way(why="its key is that of the permissions CA", steps=identity)
     if case.view.self_granting(number):
-        return Way(why=SELF_SIGNED, steps=identity)
+        return Way(why="it can sign itself permissions that its peers accept", steps=identity)
     if case.view.issuing(number):
         why = "its key is that of an identity CA, so that it can issue itself the identity of whomever a grant names"
         return Way(why=why, steps=identity)

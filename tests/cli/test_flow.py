@@ -136,7 +136,7 @@ def test_each_hop_has_a_name_and_the_line_that_grants_it() -> None:
             ("/random", "/turtlesim", "--through", "/multiplexer"),
             "relays",
             "cyclonedds-0.10",
-            "other than by signing itself permissions). /random: it can sign itself permissions that its peers accept.",
+            "(if some of those named attack). /random: it can sign itself permissions that its peers accept.",
             ["enclaves/random/cert.pem", "enclaves/turtlesim/cert.pem"],
         ),
     ],

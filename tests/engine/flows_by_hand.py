@@ -33,6 +33,9 @@ class Powers:
     publishes: frozenset[int]
     joins: frozenset[int]
 
+    honest_writes: frozenset[int]
+    honest_reads: frozenset[int]
+
     def learns(self) -> frozenset[int]:
         return self.reads | self.overhears
 
@@ -65,6 +68,34 @@ class ByHand:
             forges=frozenset(members(able.forges)),
             publishes=frozenset(members(able.may_write)) | (granted & within),
             joins=frozenset(members(joined)),
+            honest_writes=self._honestly(enclave, realm, Operation.PUBLISH) & frozenset(members(able.may_write)),
+            honest_reads=self._honestly(enclave, realm, Operation.SUBSCRIBE) & frozenset(members(able.may_read)),
+        )
+
+    def _honestly(self, enclave: int, realm: int, operation: Operation) -> frozenset[int]:
+        """As itself, by what documents grant it that are there, wherever it may be a participant by them."""
+        view, atom, s, p = self.views[realm], self.system.enclaves[enclave], self.system, self.views[realm].protection
+        if not view.authenticated(enclave):
+            return frozenset()
+        if atom.opaque or any(document.opaque for document in s.documents):
+            return frozenset(range(len(s.channels)))
+        admitting = self.permissions.admitting(atom.identity, view.accepted)
+        let_in = admitting or not s.requires_grant
+        controlled = p.write_controlled if operation is Operation.PUBLISH else p.read_controlled
+        allowed = {
+            met
+            for grant in self.permissions.chosen(atom.identity, view.accepted)
+            for channel in members(self.permissions.allowed(grant, operation))
+            for met in (channel, *(s.meets[channel] if s.meets else ()))
+        }
+        return frozenset(
+            number
+            for number, channel in enumerate(s.channels)
+            if (number in allowed or not controlled >> number & 1)
+            and (
+                (let_in and not p.join_controlled >> channel.domain & 1)
+                or any(self.permissions.joins(grant) >> channel.domain & 1 for grant in admitting)
+            )
         )
 
     def own_powers(self, enclave: int, realm: int) -> tuple[frozenset[int], frozenset[int]]:
@@ -153,15 +184,17 @@ class Flow:
         if claim.attacker is Attacker.SOURCE and not self.able:
             self.forgers = self.source
 
-    def writes(self, enclave: int, realm: int) -> frozenset[int]:
+    def writes(self, enclave: int, realm: int, *, attacks: bool = False) -> frozenset[int]:
         if self.able:
             return self.hand.own_powers(enclave, realm)[0]
-        return self.hand.powers(enclave, realm).writes
+        powers = self.hand.powers(enclave, realm)
+        return powers.writes if self.relays or attacks else powers.honest_writes
 
     def reads(self, enclave: int, realm: int) -> frozenset[int]:
         if self.able:
             return self.hand.own_powers(enclave, realm)[1]
-        return self.hand.powers(enclave, realm).reads
+        powers = self.hand.powers(enclave, realm)
+        return powers.reads if self.relays else powers.honest_reads
 
     def member(self, enclave: int) -> int:
         return self.hand.system.enclaves[enclave].realm
@@ -218,7 +251,7 @@ class Flow:
         for e in (*hand.enclaves, OUTSIDER):
             sent = self.imposes(e, realm)
             for mask in () if e == OUTSIDER else hand.acts_as(e) if e in self.forgers else {e}:
-                sent |= self.writes(mask, realm) | hand.written_alone(mask, realm)
+                sent |= self.writes(mask, realm, attacks=e in self.forgers) | hand.written_alone(mask, realm)
             for c in sent:
                 if c in hand.in_clear(realm):
                     yield e, c, OUTSIDER

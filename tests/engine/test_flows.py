@@ -55,6 +55,9 @@ class Definitions:
     def able(self, what: str, enclave: int, realm: int) -> set[int]:
         return {*members(getattr(self.view[realm].abilities(enclave), what))}
 
+    def honestly(self, what: str, enclave: int, realm: int) -> set[int]:
+        return {*members(getattr(self.view[realm].honest(enclave), what))}
+
     def acts_as(self, enclave: int) -> set[int]:
         atoms = self.system.enclaves
         if atoms[enclave].opaque:
@@ -68,11 +71,15 @@ class Definitions:
         return None if identity is None else self.system.certificates[identity].key
 
     def takes(self, enclave: int) -> set[int]:
-        return self.able("may_read", enclave, self.member(enclave))
+        return self.honestly("may_read", enclave, self.member(enclave))
 
-    def hears(self, enclave: int) -> set[int]:
+    def heeds(self, enclave: int) -> set[int]:
         """Of an attacker, who gives its keys to anybody."""
         return self.takes(enclave) | self.system.enclaves[enclave].reads_alone
+
+    def hears(self, enclave: int) -> set[int]:
+        """The same, if it attacks itself."""
+        return self.able("may_read", enclave, self.member(enclave)) | self.heeds(enclave)
 
     def shows(self, enclave: int) -> set[int]:
         """To an attacker, who takes samples from anybody."""
@@ -95,8 +102,8 @@ class Definitions:
         """What anybody on the network reads of who is honest."""
         if e == OUTSIDER:
             return set()
-        found = self.shows(e) & self.readable(self.member(e))
-        return found.union(*(self.able("may_write", e, realm) & self.readable(realm) for realm in self.realms))
+        found = self.system.enclaves[e].writes_alone & self.readable(self.member(e))
+        return found.union(*(self.honestly("may_write", e, realm) & self.readable(realm) for realm in self.realms))
 
     def attacking(self, e: int, realm: int) -> set[int]:
         """What is on the network of who attacks, as the realm protects it."""
@@ -111,7 +118,7 @@ class Definitions:
         if e == OUTSIDER:
             return set()
         there, here = self.member(f), self.member(e)
-        return self.able("may_write", e, there) & self.takes(f) & self.able("may_read", f, here)
+        return self.honestly("may_write", e, there) & self.takes(f) & self.honestly("may_read", f, here)
 
     def attacked(self, e: int, f: int) -> set[int]:
         """Hops under relays."""
@@ -143,7 +150,7 @@ class Definitions:
                     for realm in self.realms:
                         found = found | (self.attacking(e, realm) & self.readable(realm))
                 else:
-                    found = found | (self.forced(e, self.member(f)) & self.hears(f))
+                    found = found | (self.forced(e, self.member(f)) & self.heeds(f))
         return found - claim.left_out
 
     def got(self, claim: ClaimAtom, f: int) -> set[int]:
@@ -166,7 +173,7 @@ class Definitions:
         found = {c for realm in self.realms for c in self.injectable(realm)} if attacking else set()
         if e == OUTSIDER:
             return found
-        found |= {c for realm in self.realms for c in self.able("may_write", e, realm)}
+        found |= {c for realm in self.realms for c in self.honestly("may_write", e, realm)}
         for g in self.acts_as(e) if attacking else ():
             if claim.attacker is Attacker.RELAYS:
                 found |= self.shows(g)

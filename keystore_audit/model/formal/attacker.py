@@ -64,6 +64,7 @@ class RealmView:
         self._rights: dict[tuple[int | None, Operation, bool], int] = {}
         self._self_granting: dict[int, bool] = {}
         self._abilities: dict[int, Abilities] = {}
+        self._honest: dict[int, Abilities] = {}
 
     def vouched(self, pool: frozenset[int], certificate: int, *, in_force: bool) -> bool:
         """Whether an authority among `pool`, within its validity if `in_force`, issued the certificate,
@@ -271,10 +272,26 @@ class RealmView:
         """What the enclave can do to the realm's channels; worked out once."""
         if enclave not in self._abilities:
             rights = [self.presentable(enclave, operation) for operation in Operation]
-            atom = self._system.enclaves[enclave]
-            alone = (bits(atom.writes_alone), bits(atom.reads_alone)) if atom.realm == self._number else (0, 0)
-            self._abilities[enclave] = self._able(self.joined(enclave), rights, *alone)
+            self._abilities[enclave] = self._able(self.joined(enclave), rights, *self._alone(enclave))
         return self._abilities[enclave]
+
+    def honest(self, enclave: int) -> Abilities:
+        """What it can do while it attacks nobody: as itself, and with documents that it did not sign just for that."""
+        if not (self.self_granting(enclave) or self.issuing(enclave)):
+            return self.abilities(enclave)
+        if enclave not in self._honest:
+            atom = self._system.enclaves[enclave]
+            anything = self._any_opaque or atom.opaque
+            everything, documents = self._permissions.all_channels, self.accepted
+            rights = [everything if anything else self._right(atom.identity, op, genuine=False) for op in Operation]
+            joined = self._joined_with(enclave, documents, anything=anything, issuing=False)
+            self._honest[enclave] = self._able(joined, rights, *self._alone(enclave))
+        return self._honest[enclave]
+
+    def _alone(self, enclave: int) -> tuple[int, int]:
+        """What its own implementation lets a member write, and read."""
+        atom = self._system.enclaves[enclave]
+        return (bits(atom.writes_alone), bits(atom.reads_alone)) if atom.realm == self._number else (0, 0)
 
     def everybody(self) -> Iterator[Abilities]:
         """What each enclave can do."""

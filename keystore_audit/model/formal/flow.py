@@ -8,12 +8,12 @@ enclave.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass, replace
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import Abilities, RealmView
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.own_rights import OwnRights
@@ -123,21 +123,21 @@ class Flows:
 
     def by_right(self, *, own: bool = False) -> list[Lane]:
         """By realm of sender and receiver: what may be written and read by right, on both sides."""
-        rights: Sequence[RealmView | OwnRights] = self._own if own else self._realms
+        rights = [each.abilities for each in self._own] if own else [each.honest for each in self._realms]
         everybody = range(len(self._system.enclaves))
         used = sorted(set(self._member))
         lanes = []
         for there in used:
-            written = [rights[there].abilities(enclave).may_write for enclave in everybody]
-            read = [rights[there].abilities(e).may_read if self._member[e] == there else 0 for e in everybody]
+            written = [rights[there](enclave).may_write for enclave in everybody]
+            read = [rights[there](e).may_read if self._member[e] == there else 0 for e in everybody]
             for here in used:
                 if own and not self._system.realms[here].talks_to(self._system.realms[there]):
                     continue
                 sent, shared = written, read
                 if here != there:
-                    shared = [one and one & rights[here].abilities(e).may_read for e, one in enumerate(read)]
+                    shared = [one and one & rights[here](e).may_read for e, one in enumerate(read)]
                     if own:
-                        sent = [one and one & rights[here].abilities(e).may_write for e, one in enumerate(written)]
+                        sent = [one and one & rights[here](e).may_write for e, one in enumerate(written)]
                 if len(used) > 1:
                     sent = [one if self._member[e] == here else 0 for e, one in enumerate(sent)]
                 lanes.append(Lane([*sent, 0], [*shared, 0]))
@@ -148,8 +148,8 @@ class Flows:
         puts = [0] * (self.outsider + 1)
         for realm, view in enumerate(self._realms):
             if view.readable:
-                for enclave, shown in enumerate(self._shows(realm)):
-                    puts[enclave] |= shown & view.readable
+                for enclave in range(self.outsider):
+                    puts[enclave] |= view.honest(enclave).writes_at_all & view.readable
         return Lane(puts, [*([0] * self.outsider), self.readable])
 
     def _attacked(self) -> list[Lane]:
@@ -161,7 +161,7 @@ class Flows:
         lanes = []
         for realm, view in enumerate(self._realms):
             made = self._joined(self.as_any([self._forged(view, enclave) for enclave in everybody]), view.injectable)
-            lanes.append(Lane(made, [*self.as_any(self._hears(realm)), 0]))
+            lanes.append(Lane(made, [*self.as_any(self._of_members(realm, view.abilities)), 0]))
             shown = [*self.as_any(self._shows(realm)), 0]
             known = self.as_any([able.knows for able in view.everybody()])
             sent = [one | other for one, other in zip(made, shown, strict=True)]
@@ -180,7 +180,7 @@ class Flows:
                 sent[enclave] = made[enclave] | union(shown[each] for each in acting)
             if source.outsider:
                 made[self.outsider] = view.injectable
-            lanes.append(Lane(made, [*self._hears(realm), 0]))
+            lanes.append(Lane(made, [*self._of_members(realm, view.honest), 0]))
             lanes.append(Lane(sent, [*([0] * self.outsider), view.readable]))
         return lanes
 
@@ -199,10 +199,9 @@ class Flows:
         """Channels on which readers of some realm take samples from anybody."""
         return union(view.injectable for view in self._realms)
 
-    def _hears(self, realm: int) -> list[int]:
+    def _of_members(self, realm: int, able: Callable[[int], Abilities]) -> list[int]:
         """By enclave: the channels that it reads if whoever writes is ready to give its keys to anybody."""
-        view = self._realms[realm]
-        return [view.abilities(e).reads_at_all if m == realm else 0 for e, m in enumerate(self._member)]
+        return [able(e).reads_at_all if m == realm else 0 for e, m in enumerate(self._member)]
 
     def _shows(self, realm: int) -> list[int]:
         """By enclave: the channels that it writes for the realm, by right, or for those who ask for none."""
@@ -254,7 +253,7 @@ class Flows:
         if search.own:
             return [*(self._own[m].abilities(e).may_read for e, m in enumerate(self._member)), 0]
         if search.attacker is not Attacker.RELAYS:
-            return [*(self._realms[m].abilities(e).may_read for e, m in enumerate(self._member)), self.readable]
+            return [*(self._realms[m].honest(e).may_read for e, m in enumerate(self._member)), self.readable]
         taken = [0] * self.outsider
         for view in self._realms:
             taken = [one | each.reads_at_all | each.knows for one, each in zip(taken, view.everybody(), strict=True)]
@@ -269,10 +268,9 @@ class Flows:
         for view in self._realms:
             for enclave in range(self.outsider):
                 able = view.abilities(enclave)
-                put[enclave] |= able.writes_at_all if relays else able.may_write
-                forged[enclave] |= able.forges
-        attacked = self.as_any([one | other for one, other in zip(put, forged, strict=True)])
-        attacked = self._joined(attacked, self.injectable)
+                put[enclave] |= view.honest(enclave).may_write
+                forged[enclave] |= able.forges | (able.writes_at_all if relays else able.may_write)
+        attacked = self._joined(self.as_any(forged), self.injectable)
         if relays:
             return attacked
         put.append(0)

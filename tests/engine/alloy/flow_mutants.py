@@ -5,7 +5,7 @@ from __future__ import annotations
 MUTANTS = {
     "a reader does not ask for the rights of the writer's realm": (
         "a realm that trusts less",
-        "& may_read[sending]",
+        "& reads_honestly[sending]",
         "",
     ),
     "an enclave acts as itself alone": (
@@ -133,7 +133,7 @@ MUTANTS = {
     "no implementation refuses its own writers": ("able, a writer refused", " - refused_writes", ""),
     "honest writers give their keys to whoever reads": (
         "a stubborn reader, honestly",
-        "takes[receiving] & may_read[sending]",
+        "takes[receiving] & reads_honestly[sending]",
         "hears[receiving]",
     ),
     "who attacks takes samples from those alone that peers let write": (
@@ -153,8 +153,8 @@ MUTANTS = {
     ),
     "who attacks gets a sample by right alone": (
         "a stubborn reader of a channel",
-        "{ e: eavesdroppers & Enclave, c: e.acts_as.(hears[realm]) }",
-        "{ e: eavesdroppers & Enclave, c: e.acts_as.(takes[realm]) }",
+        "\ttakes[realm] + { e: eavesdroppers & Enclave, c: e.acts_as.(hears[realm]) }",
+        "\ttakes[realm] + { e: eavesdroppers & Enclave, c: e.acts_as.(takes[realm]) }",
     ),
     "honest readers of a channel get what peers refuse them": (
         "a stubborn reader, the source alone",
@@ -207,6 +207,27 @@ MUTANTS = {
         "issued to itself, unknown itself",
         "realm.(authentic + issuing)",
         "realm.authentic",
+    ),
+    "honest readers sign themselves rights": (
+        "a reader that could sign itself a right",
+        "/** Channels on which peers match a reader of the enclave while it attacks nobody. */\n"
+        "fun reads_honestly[realm: Realm]: Enclave -> Channel {\n\tmay_read[realm] - ",
+        "fun reads_honestly[realm: Realm]: Enclave -> Channel {\n\tmay_read[realm] - none -> none & ",
+    ),
+    "honest writers sign themselves rights": (
+        "a writer that could sign itself a right",
+        "\tmay_write[realm] - usurped",
+        "\tmay_write[realm] - none -> none & usurped",
+    ),
+    "who could attack has no rights of its own": (
+        "a writer that could sign itself a right, and has it",
+        "(uncontrolled + e.(with_met",
+        "(none & e.(with_met",
+    ),
+    "who could attack joins as somebody else": (
+        "a writer that could issue itself an identity",
+        "known = realm.(authentic & (self_granting + issuing)),",
+        "known = realm.(self_granting + issuing),",
     ),
     "publishers need a grant": (
         "writers whom nobody asks",

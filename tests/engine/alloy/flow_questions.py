@@ -332,7 +332,35 @@ def questions() -> list[Question]:
         (stubborn(), claim(on_channel(OTHER_TOPIC), at(TALKER), source), False, "a stubborn reader, the source alone"),
         (chain(), claim(on_channel(OTHER_TOPIC), at(TALKER)), False),
         # who has the key of an identity CA is whomever a grant names
-        (issuing(chain(), TALKER), claim(at(LISTENER), at(TALKER), source), True, "issued to itself"),
+        (issuing(chain(), TALKER), claim(at(LISTENER), at(TALKER)), True, "issued to itself"),
+        (issuing(chain(), TALKER), claim(at(LISTENER), at(TALKER), source), False),
+        # who attacks nobody does neither that, nor sign itself a right
+        (
+            self_granting(chain()),
+            claim(at(LISTENER), at(TALKER), honest),
+            False,
+            "a reader that could sign itself a right",
+        ),
+        (self_granting(chain()), claim(at(LISTENER), at(TALKER)), True),
+        (
+            self_granting(chain()),
+            claim(at(TALKER), at(THIRD), honest, left_out=(CHATTER,)),
+            False,
+            "a writer that could sign itself a right",
+        ),
+        (self_granting(chain()), claim(at(TALKER), at(THIRD), source, left_out=(CHATTER,)), True),
+        (
+            self_granting(chain()),
+            claim(at(TALKER), at(LISTENER), honest),
+            True,
+            "a writer that could sign itself a right, and has it",
+        ),
+        (
+            issuing(unknown(chain(), TALKER), TALKER),
+            claim(at(TALKER), at(LISTENER), honest),
+            False,
+            "a writer that could issue itself an identity",
+        ),
         (issuing(chain(), LISTENER), claim(at(THIRD), at(TALKER), source), False),
         (shut_out(), claim(at(TALKER), at(THIRD)), False),
         (issuing(shut_out(), THIRD), claim(at(TALKER), at(THIRD)), True, "issued to itself, let in as another"),

@@ -107,7 +107,7 @@ check EncryptedMessagesCutTheOutsiderOff {
  * but what peers let it: relays do no more than honest.
  */
 check AGoodKeystoreMakesEverybodyHonest {
-	(no opaque and no one_key and no self_granting and no allow_unauthenticated_participants
+	(no opaque and no one_key and no self_granting + issuing and no allow_unauthenticated_participants
 		and no reads_alone + writes_alone
 		and TopicRule in enable_read_access_control & enable_write_access_control
 		and TopicRule.metadata_protection_kind in authenticating_origin & encrypting
