@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
 from keystore_audit.engine.shorter_subjects import shorter_subjects
@@ -95,7 +95,9 @@ def _over_time(
     for at, stages in flows.items():
         if stages is not None:
             status, example = kept_status(flows), describe_kept(systems[at], systems[at].claims[number], stages)
-            return ProfileResult(status=status, engines=dict.fromkeys(result.engines, status), counterexample=example)
+            return ProfileResult(status=status, engines={"native": status}, counterexample=example)
+    if any(kept[at].looks_beyond(systems[at].claims[number]) for at in kind):
+        return replace(result, engines={"native": result.status})
     return result
 
 

@@ -27,7 +27,6 @@ _BY_PATTERN: Final = "it may be in a partition that is a pattern, which meets th
 """How a right is used that is about other partitions (KA637)."""
 
 
-
 _BY_ITSELF: Final[dict[Operation, str]] = {
     Operation.SUBSCRIBE: "its own implementation lets it read there; honest peers would not, but who attacks "
     "gives its keys to anybody",

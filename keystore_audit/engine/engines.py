@@ -75,7 +75,7 @@ def _alloy(
         return _failed(EngineStatus.FAILED, version, error, required=True), None
     atoms = max((decision.atoms for decision in found), key=lambda sizes: sizes[1], default=None)
     run = EngineRun(name="alloy", version=version, status=EngineStatus.OK, reason="", required=True, atoms=atoms)
-    return run, [decision.answers for decision in found]
+    return run, native.checked([decision.answers for decision in found])
 
 
 def _statuses(answers: Mapping[str, Answer]) -> dict[str, Status]:

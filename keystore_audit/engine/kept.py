@@ -1,7 +1,7 @@
 """Flows over time: what somebody got at one moment it may keep, and pass on at a later one (docs/model.md, Claims).
 
 Each engine decides each moment by itself. This is worked out natively alone, and only where no moment violates a claim
-that must hold until a date: so it can make nothing hold.
+that must hold until a date; so what is said of several moments is the native engine's answer alone.
 """
 
 from __future__ import annotations
@@ -52,6 +52,10 @@ class KeptFlows:
                 return stages
             keeping = self._flows(moment).reached(replace(search, keeping=keeping))
         return None
+
+    def looks_beyond(self, claim: ClaimAtom) -> bool:
+        """Whether there are several moments until the claim's end, so that each by itself does not decide it."""
+        return claim.until is not None and len(self._moments(claim.until)) > 1
 
     def takes_time(self, claim: ClaimAtom) -> bool:
         """Whether there is such a flow, and none as soon at one moment alone."""

@@ -58,6 +58,8 @@ def _worst(parts: Sequence[ProfileResult]) -> ProfileResult:
     examples = [part.counterexample for part in alike if part.counterexample is not None]
     return ProfileResult(
         status=status,
-        engines={name: min((part.engines[name] for part in parts), key=order.index) for name in parts[0].engines},
+        engines=dict.fromkeys(
+            frozenset.intersection(*(frozenset(part.engines) for part in parts)) or {"native"}, status
+        ),
         counterexample=min(examples, key=lambda example: len(example.steps), default=None),
     )

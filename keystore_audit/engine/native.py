@@ -13,7 +13,8 @@ from itertools import islice
 from keystore_audit.engine.native_identities import shared_identities, shared_subjects
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal import outsiders
-from keystore_audit.model.formal.attacker import Abilities, RealmView, realm_views
+from keystore_audit.model.formal.abilities import Abilities
+from keystore_audit.model.formal.attacker import RealmView, realm_views
 from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.permission import Decisions, Permissions
@@ -52,6 +53,16 @@ class NativeEngine:
         A witness is given for each violating assignment, up to MAX_WITNESSES.
         """
         return tuple(_Questions(s, None, self._shared(s)).answers() for s in self.systems)
+
+    def checked(self, told: Sequence[Mapping[str, Answer]]) -> tuple[dict[str, Answer], ...]:
+        """What another engine said of each system; UNKNOWN where it shows a violation that is none here.
+
+        A keystore that violates something by one engine's word and not by its example is not decided.
+        """
+        return tuple(
+            _Questions(system, None, self._shared(system)).checked(answers)
+            for system, answers in zip(self.systems, told, strict=True)
+        )
 
     def claim_answers(self) -> tuple[dict[str, Answer], ...]:
         """The same about claims alone."""
@@ -103,6 +114,23 @@ class _Questions:
 
     def answers(self) -> dict[str, Answer]:
         return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims() | self.determinism()
+
+    def checked(self, told: Mapping[str, Answer]) -> dict[str, Answer]:
+        """The answers of another engine, where what they show is so."""
+        shown = {name: answer for name, answer in told.items() if answer.witnesses or answer.path}
+        wrong = {name for name in shown.keys() & _QUESTIONS.keys() if not self._confirms(name, shown[name])}
+        if any(claim.id in shown for claim in self._system.claims):
+            from keystore_audit.engine.native_claims import claims_at
+
+            for claim in self._system.claims:
+                answer = shown.get(claim.id)
+                moment = self._moment if answer is None or answer.moment is None else answer.moment
+                if answer is not None and not claims_at(self._system, moment, self._decisions).confirms(claim, answer):
+                    wrong.add(claim.id)
+        return {name: Answer(status=Status.UNKNOWN) if name in wrong else answer for name, answer in told.items()}
+
+    def _confirms(self, name: str, told: Answer) -> bool:
+        return all(any(each == found for found in _QUESTIONS[name](self)) for each in told.witnesses)
 
     def statuses(self) -> dict[str, Status]:
         found = {prop.id: _status(next(_QUESTIONS[prop.id](self), None)) for prop in PROPERTIES}

@@ -9,7 +9,7 @@ from keystore_audit.dataclass import replace
 from keystore_audit.model.formal.attacker import RealmView, realm_views
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.flow import Flows, Leg, search_of
+from keystore_audit.model.formal.flow import Flows, Leg, Search, search_of
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Answer, Hop, Role, Status, Witness
@@ -40,6 +40,35 @@ class Claims:
     def violations(self, claim: ClaimAtom) -> Iterator[Found]:
         """All that violates the claim; of a flow, a shortest one alone."""
         return _KINDS[claim.kind](self, claim)
+
+    def confirms(self, claim: ClaimAtom, told: Answer) -> bool:
+        """Whether what another engine shows violates the claim."""
+        if told.path:
+            return self._is_flow(search_of(claim), told.path)
+        shown = (each.items() for each in told.witnesses)
+        return all(any(each <= found.items() for found, _legs in self.violations(claim)) for each in shown)
+
+    def _is_flow(self, search: Search, path: Sequence[Hop]) -> bool:
+        """Whether the path leads from the source to the target, hop by hop."""
+        flows, source, target = self._flows, search.source, search.target
+        lanes, got, put = flows.lanes(search), flows.getters(search), flows.putters(search)
+        ends = [flows.outsider if each is None else each for hop in path for each in (hop.sender, hop.receiver)]
+        if ends[1:-1:2] != ends[2::2]:
+            return False
+        if not (source.channels or ends[0] in flows.nodes(source)):
+            return False
+        if not (target.channels or ends[-1] in flows.nodes(target)):
+            return False
+        for number, (sender, hop, receiver) in enumerate(zip(ends[::2], path, ends[1::2], strict=True)):
+            if number == 0 and source.channels:
+                possible = hop.channel in source.channels and got[receiver] >> hop.channel & 1
+            elif number == len(path) - 1 and target.channels:
+                possible = hop.channel in target.channels and put[sender] >> hop.channel & 1
+            else:
+                possible = any((lane.puts[sender] & lane.gets[receiver]) >> hop.channel & 1 for lane in lanes)
+            if not possible:
+                return False
+        return True
 
     def flows(self, claim: ClaimAtom) -> Iterator[Found]:
         """A shortest flow from source to target."""

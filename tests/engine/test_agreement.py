@@ -93,6 +93,25 @@ def test_asking_about_all_at_once_finds_each_answer_that_is_otherwise(tmp_path: 
     assert list(compare_batch([system], [alone | {each: not holds}])) == [[each]]
 
 
+def test_what_an_engine_shows_must_violate_what_it_says() -> None:
+    """Natively, before anybody is shown it; a flow hop by hop."""
+    wrong = replace(healthy(), claims=(claim(at(LISTENER), at(TALKER)),))
+    right = replace(wrong, claims=(claim(at(TALKER), at(LISTENER)),))
+    [answers] = NativeEngine([right]).answers
+    assert NativeEngine([right]).checked([answers])[0] == answers
+    [checked] = NativeEngine([wrong]).checked([answers])
+    assert checked == answers | {"asked": Answer(status=Status.UNKNOWN)}
+    for seed in (1, 4, 12, 15):
+        system = some_system(seed)
+        [answers] = NativeEngine([system]).answers
+        for name, answer in answers.items():
+            for each in answer.witnesses[:1]:
+                if name not in {claim.id for claim in system.claims}:
+                    other = replace(answer, witnesses=(dict.fromkeys(each, 9999),))
+                    [checked] = NativeEngine([system]).checked([{name: other}])
+                    assert checked[name].status is Status.UNKNOWN
+
+
 def test_who_may_not_be_passed_is_no_place_of_the_only_pair_either() -> None:
     able = replace(claim(at(TALKER), at(LISTENER), kind=ClaimKind.ABLE), pairs=((at(TALKER), at(LISTENER)),))
     claims = [replace(able, through=frozenset(through)) for through in ((), (TALKER,))]

@@ -8,45 +8,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal.abilities import Abilities
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.protection import Protection, open_protection, protection
 from keystore_audit.model.formal.system import System
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Abilities:
-    """What an enclave can do, as sets of governed channels of the domains that it can join.
-
-    `may_write`: peers take its samples as those of a permitted writer. `may_read`: peers give it their samples and
-    keys. `may_relay`: peers give it the keys of their submessages. `overhears`: it reads the payload with the keys of
-    any participant, or of a relay. `forges`: it holds every key that a writer's samples are authenticated with
-    (DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the metadata kind
-    authenticates the origin; that of messages does not, see docs/model.md).
-    `writes_at_all`, `reads_at_all`: with those of its endpoints, if it is of the realm, that honest peers refuse: they
-    are there all the same.
-    """
-
-    may_write: int
-    may_read: int
-    may_relay: int
-    overhears: int
-    forges: int
-    writes_at_all: int
-    reads_at_all: int
-
-    def by_right(self, operation: Operation) -> int:
-        """Channels on which peers let it do this."""
-        if operation is Operation.PUBLISH:
-            return self.may_write
-        return self.may_read if operation is Operation.SUBSCRIBE else self.may_relay
-
-    @property
-    def knows(self) -> int:
-        """Channels whose samples it learns, as a reader or from packets."""
-        return self.may_read | self.overhears
 
 
 class RealmView:

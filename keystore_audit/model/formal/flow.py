@@ -13,7 +13,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 from keystore_audit.dataclass import dataclass, replace
-from keystore_audit.model.formal.attacker import Abilities, RealmView
+from keystore_audit.model.formal.abilities import Abilities
+from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.own_rights import OwnRights

@@ -5,7 +5,8 @@ Peers take it, and its own implementation does not refuse it.
 
 from __future__ import annotations
 
-from keystore_audit.model.formal.attacker import Abilities, RealmView
+from keystore_audit.model.formal.abilities import Abilities
+from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.system import System
 

@@ -298,7 +298,9 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     "join access control off": (on("domain_rules", 0, enable_join_access_control=False), {"grants-are-enforced"}),
     "no origin authentication": (shared_keys, {"readers-cannot-forge"}),
     "messages alone tell whose they are": (
-        both(shared_keys, on("domain_rules", 0, rtps_protection_kind=ProtectionKind.ENCRYPT_WITH_ORIGIN_AUTHENTICATION)),
+        both(
+            shared_keys, on("domain_rules", 0, rtps_protection_kind=ProtectionKind.ENCRYPT_WITH_ORIGIN_AUTHENTICATION)
+        ),
         {"readers-cannot-forge"},
     ),
     "messages alone tell whose they are, nothing else is protected": (

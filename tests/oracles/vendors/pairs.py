@@ -99,9 +99,7 @@ class Process:
         told = {"PRESENTED_PERMISSIONS": side.presented, "PASSED_FOR": side.passes_for}
         environment = {**os.environ, **{name: str(path) for name, path in told.items() if path is not None}}
         pipe = subprocess.PIPE
-        self._process = subprocess.Popen(
-            [program, *arguments], stdin=pipe, stdout=pipe, stderr=pipe, env=environment
-        )
+        self._process = subprocess.Popen([program, *arguments], stdin=pipe, stdout=pipe, stderr=pipe, env=environment)
         self._complaints: list[bytes] = []
         self._drain = threading.Thread(target=self._take_complaints, daemon=True)
         self._drain.start()

@@ -6,7 +6,6 @@ writer of another participant, which may publish "owned" (forged_source.h).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -16,7 +15,7 @@ import pytest
 from tests.oracles.vendors.enclave import publish, subscribe
 from tests.oracles.vendors.pairs import Pairs, Side
 from tests.oracles.vendors.pairs_case import CAS, PLAIN_FIRST, PLAIN_SECOND
-from tests.oracles.vendors.pairs_material import EVERY_DOMAIN, EVERYTHING, Enclave, governance, grant, permissions
+from tests.oracles.vendors.pairs_material import EVERY_DOMAIN, governance, grant, permissions
 from tests.oracles.vendors.recipe import allow, pubsub, topic_rule
 
 pytestmark = pytest.mark.xdist_group("vendors-pairs")  # the programs are compiled once
@@ -58,9 +57,7 @@ def _heard(vendor: Pairs, rtps: str, metadata: str, directory: Path) -> frozense
         "second": replace(PLAIN_SECOND, permissions=both),
         "owner": replace(PLAIN_SECOND, identity=CAS.issue("/owner"), permissions=both),
     }
-    at = {
-        name: replace(enclave, governance=signed).write(directory / name) for name, enclave in enclaves.items()
-    }
+    at = {name: replace(enclave, governance=signed).write(directory / name) for name, enclave in enclaves.items()}
     reader = Side(enclave=at["first"], endpoints=(subscribe("owned"), subscribe("other")))
     forger = Side(enclave=at["second"], endpoints=(publish("other"),), compromised=True, passes_for=at["owner"])
     first, _second = vendor.meet(reader, forger).sides
