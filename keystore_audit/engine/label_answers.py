@@ -56,10 +56,9 @@ def _worst(parts: Sequence[ProfileResult]) -> ProfileResult:
     status = min((part.status for part in parts), key=order.index)
     alike = [part for part in parts if part.status is status]
     examples = [part.counterexample for part in alike if part.counterexample is not None]
+    decided = frozenset.intersection(*(frozenset(part.engines) for part in parts)) or {"native"}
     return ProfileResult(
         status=status,
-        engines=dict.fromkeys(
-            frozenset.intersection(*(frozenset(part.engines) for part in parts)) or {"native"}, status
-        ),
+        engines=dict.fromkeys(sorted(decided), status),
         counterexample=min(examples, key=lambda example: len(example.steps), default=None),
     )

@@ -50,10 +50,10 @@ def shipped() -> dict[str, str]:
     return {path.name: path.read_text() for path in resources.alloy().glob("*.als")}
 
 
-def decide_batch(systems: Sequence[System]) -> list[dict[str, bool]]:
-    """For each system, whether each property (by id) holds."""
+def decide_batch(systems: Sequence[System], changed: Mapping[str, str] | None = None) -> list[dict[str, bool]]:
+    """For each system, whether each property (by id) holds. `changed`: modules to use instead."""
     with tempfile.TemporaryDirectory(prefix="alloy-batch-") as directory:
-        modules = shipped()
+        modules = shipped() | dict(changed or {})
         return [_decide(Path(directory), modules, system) for system in systems]
 
 

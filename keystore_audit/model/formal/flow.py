@@ -147,7 +147,7 @@ class Flows:
     def _listened(self) -> Lane:
         """Whoever is on the network listens, and honest enclaves do not hide what their governance leaves in clear."""
         puts = [0] * (self.outsider + 1)
-        for realm, view in enumerate(self._realms):
+        for view in self._realms:
             if view.readable:
                 for enclave in range(self.outsider):
                     puts[enclave] |= view.honest(enclave).writes_at_all & view.readable

@@ -7,10 +7,12 @@ from dataclasses import replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.system import Reading
 from tests.engine.systems import (
     CHATTER,
     IDENTITY_CA,
     LISTENER,
+    LISTENER_IDENTITY,
     OTHER_TOPIC,
     PERMISSIONS_CA,
     TALKER,
@@ -22,6 +24,8 @@ from tests.engine.systems import (
 
 THIRD = 2
 """An enclave that subscribes to what the listener passes on."""
+
+FOURTH = 3
 
 
 def chain() -> Builder:
@@ -201,4 +205,18 @@ def unknown(b: Builder, enclave: int) -> Builder:
 def unauthenticated(b: Builder) -> Builder:
     """Participants without an identity are let in."""
     b.domain_rules[0] = replace(b.domain_rules[0], allow_unauthenticated_participants=True)
+    return b
+
+
+def opaque_third() -> Builder:
+    b = chain()
+    b.reading = Reading.MAY
+    b.enclaves[THIRD] = replace(b.enclaves[THIRD], identity=None, opaque=True)
+    return b
+
+
+def with_listeners_key(b: Builder) -> Builder:
+    """A fourth, without rights, whose key is the listener's."""
+    identity = b.certificate([IDENTITY_CA], key=b.certificates[LISTENER_IDENTITY].key)
+    b.enclave(0, identity, b.document([PERMISSIONS_CA]))
     return b

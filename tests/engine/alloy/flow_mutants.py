@@ -13,6 +13,16 @@ MUTANTS = {
         "fun acts_as: Enclave -> Enclave {",
         "fun acts_as: Enclave -> Enclave { iden & Enclave -> Enclave }\nfun unused: Enclave -> Enclave {",
     ),
+    "who could not be read is nobody else": (
+        "one that may be anybody",
+        " + one_key + (opaque & Enclave) -> Enclave + Enclave -> (opaque & Enclave)",
+        " + one_key",
+    ),
+    "eavesdroppers have no keys but their own": (
+        "heard with another's key",
+        "c: e.acts_as.(knows[realm]) }",
+        "c: e.(knows[realm]) }",
+    ),
     "forgers have no keys but their own": (
         "one key, at the source",
         "c: e.acts_as.(feeds[realm])",
@@ -210,9 +220,8 @@ MUTANTS = {
     ),
     "honest readers sign themselves rights": (
         "a reader that could sign itself a right",
-        "/** Channels on which peers match a reader of the enclave while it attacks nobody. */\n"
-        "fun reads_honestly[realm: Realm]: Enclave -> Channel {\n\tmay_read[realm] - ",
-        "fun reads_honestly[realm: Realm]: Enclave -> Channel {\n\tmay_read[realm] - none -> none & ",
+        "\tmay_read[realm] - usurped",
+        "\tmay_read[realm] - none -> none & usurped",
     ),
     "honest writers sign themselves rights": (
         "a writer that could sign itself a right",

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from tests.engine.alloy.flow_builders import (
+    FOURTH,
     OUT,
     THIRD,
     at,
@@ -23,6 +24,7 @@ from tests.engine.alloy.flow_builders import (
     let_in,
     on_channel,
     one_ca,
+    opaque_third,
     over,
     reading,
     relaying,
@@ -33,6 +35,7 @@ from tests.engine.alloy.flow_builders import (
     unauthenticated,
     unknown,
     weak,
+    with_listeners_key,
     with_readers,
 )
 from tests.engine.systems import (
@@ -396,6 +399,17 @@ def questions() -> list[Question]:
         (weak(rtps=none, data=none), claim(at(TALKER), OUT, honest), False),
         (weak(rtps=none, metadata=sign, data=none), claim(on_channel(CHATTER), OUT, honest), True),
         (weak(rtps=none, data=none), claim(on_channel(CHATTER), OUT, honest), False),
+        # whose identity could not be read may have the key of anybody
+        (opaque_third(), claim(at(LISTENER), at(TALKER), through=(THIRD,)), True, "one that may be anybody"),
+        (chain(), claim(at(LISTENER), at(TALKER), through=(THIRD,)), False),
+        # who has a reader's key reads what nobody takes
+        (
+            with_listeners_key(wilful(chain())),
+            claim(at(THIRD), at(FOURTH), through=(LISTENER,)),
+            True,
+            "heard with another's key",
+        ),
+        (with_listeners_key(chain()), claim(at(THIRD), at(FOURTH), through=(LISTENER,)), False),
         # what is forged is on the network too
         (silent(weak(**clear)), claim(at(THIRD), OUT), True, "forged, and heard"),
         (silent(weak(**clear)), claim(at(THIRD), OUT, source), True),

@@ -15,6 +15,7 @@ from tests.engine.systems import (
     IDENTITY_CA,
     LISTENER,
     LISTENER_IDENTITY,
+    LISTENER_PERMISSIONS,
     OTHER_TOPIC,
     PERMISSIONS_CA,
     TALKER,
@@ -112,6 +113,11 @@ def listener_publishes(channel: int, domain: int) -> Change:
         b.rule(1, [domain], publish=[channel])
 
     return change
+
+
+def second_grant(b: Builder) -> None:
+    """Of the listener, behind the one that counts."""
+    b.rule(b.grant(LISTENER_PERMISSIONS, [LISTENER_IDENTITY]), [1], publish=[ELSEWHERE])
 
 
 def talker_publishes_there(b: Builder) -> None:
@@ -345,6 +351,27 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
         both(expired_first_grant, on("topic_rules", 0, enable_write_access_control=False)),
         {"grants-are-enforced", "nobody-writes-without-a-grant"},
     ),
+    "a grant that is over, and where it counts nobody is asked": (
+        both(
+            lambda b: setattr(b, "skips_grants_out_of_date", False),
+            on("grants", 0, not_after=1),
+            on("topic_rules", 0, enable_write_access_control=False),
+        ),
+        {"nobody-writes-without-a-grant"},
+    ),
+    "a rule of one domain about a topic of another": (
+        both(second_domain, listener_publishes(ELSEWHERE, 0), lambda b: b.rule(1, [1])),
+        set(),
+    ),
+    "a denial in another domain, where writers are not asked": (
+        both(
+            second_domain,
+            on("topic_rules", 0, enable_write_access_control=False),
+            lambda b: b.rule(1, [1], publish=[ELSEWHERE], allow=False),
+        ),
+        {"grants-are-enforced", "nobody-writes-without-a-grant"},
+    ),
+    "a second grant, which would make a bridge": (both(second_domain, second_grant), set()),
     # endpoints that honest peers refuse
     "the talker denied and all kinds NONE, but its own implementation lets it write": (
         both(earlier_deny, ALL_NONE, on("enclaves", TALKER, writes_alone=frozenset({CHATTER}))),
@@ -407,3 +434,38 @@ def mutated(change: Change) -> System:
     builder = healthy_builder()
     change(builder)
     return builder.system()
+
+
+MODEL_MUTANTS = {
+    "grants out of date count": (
+        "a grant that is over, and where it counts nobody is asked",
+        "g: first.c & in_force }",
+        "g: first.c }",
+    ),
+    "grants out of date are not passed over": (
+        "expired grant first",
+        "g: Grant - (skipped_out_of_date - in_force), c",
+        "g: Grant, c",
+    ),
+    "rules are about all domains": (
+        "a rule of one domain about a topic of another",
+        "{ r: Rule, c: r.criteria | c.in_domain in r.domains }",
+        "{ r: Rule, c: r.criteria }",
+    ),
+    "denials let in": (
+        "a denial in another domain, where writers are not asked",
+        "{ g: Grant, d: (g.rule & allow_rule).domains }",
+        "{ g: Grant, d: g.rule.domains }",
+    ),
+    "every grant counts": (
+        "a second grant, which would make a bridge",
+        "first = eligible - preceded_by.eligible |",
+        "first = eligible |",
+    ),
+    "messages tell whose they are": (
+        "messages alone tell whose they are",
+        "realm.(submessage_protection[authenticating_origin])",
+        "realm.(message_protection[authenticating_origin] + submessage_protection[authenticating_origin])",
+    ),
+}
+"""What it would mean; a change of the above that finds it out; one change of the modules."""

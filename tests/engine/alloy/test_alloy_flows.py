@@ -139,6 +139,16 @@ def test_every_change_of_the_model_changes_an_answer() -> None:
     assert survived == []
 
 
+def test_a_datum_passes_nobody_whom_the_claim_names(tmp_path: Path) -> None:
+    """Also where no compartment said before that there is no flow; without that condition, one is found."""
+    system = replace(chain().system(), claims=(claim(at(TALKER), at(THIRD), through=(LISTENER,)),))
+    modules = shipped() | {"keystore.als": facts(system), paths.MAIN: paths.write_paths(system, (0,))}
+    assert outcomes(tmp_path, modules, paths.MAIN) == {"Path0": False}
+    condition = "Datum.holder in through implies"
+    mutant = {"propagation.als": modules["propagation.als"].replace(condition, "no Datum implies")}
+    assert outcomes(tmp_path, modules | mutant, paths.MAIN) == {"Path0": True}
+
+
 def narrow_grant_first() -> Builder:
     """A grant of nothing that ends at instant 3 stands before the talker's: it then becomes able to publish."""
     b = chain()

@@ -16,7 +16,7 @@ from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, MODULES, commands,
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.properties import PROPERTIES
 from tests.engine import systems
-from tests.engine.alloy.mutations import MUTATIONS, Change, both, mutated, on
+from tests.engine.alloy.mutations import MODEL_MUTANTS, MUTATIONS, Change, both, mutated, on
 from tests.engine.alloy_batch import decide_batch, outcomes, shipped
 from tests.engine.systems import (
     CHATTER,
@@ -39,6 +39,19 @@ def test_every_change_breaks_exactly_the_properties_that_it_should() -> None:
         if violated != broken:
             wrong[name] = (sorted(violated - broken), sorted(broken - violated))
     assert wrong == {}
+
+
+def test_every_change_of_the_model_changes_an_answer() -> None:
+    """Each mutant is found out by Alloy's own answer about one of the systems."""
+    survived = []
+    for name, (row, old, new) in MODEL_MUTANTS.items():
+        change, broken = MUTATIONS[row]
+        modules = shipped()
+        [changed] = (module for module in MODULES if old in modules[module])
+        [answers] = decide_batch([mutated(change)], {changed: modules[changed].replace(old, new)})
+        if {identifier for identifier, holds in answers.items() if not holds} == broken:
+            survived.append(name)
+    assert survived == []
 
 
 def test_every_property_is_broken_by_some_change_of_something_that_was_read() -> None:
