@@ -13,6 +13,7 @@ from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.formats import FORMATS
 from keystore_audit.formats import render as _render
+from keystore_audit.model.trust.authorities import Authorities
 from keystore_audit.options import DEFAULT_NOTICE, ENGINES, Options, user_files
 from keystore_audit.pipeline import audit as _audit
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
@@ -50,6 +51,8 @@ def audit(
     deployed: bool = False,
     select: Sequence[str] = (),
     ignore: Sequence[str] = (),
+    expect_identity_ca: Sequence[PathLike] = (),
+    expect_permissions_ca: Sequence[PathLike] = (),
     settings: PathLike | None = None,
     baseline: PathLike | None = None,
     policy: PathLike | None = None,
@@ -74,6 +77,7 @@ def audit(
     check_arguments(locals())
     from keystore_audit.model.local_time import time_zone as zone_named
     from keystore_audit.rules.named import rule_code
+    from keystore_audit.settings.authorities import expected
     from keystore_audit.settings.settings import read_baseline, read_settings
 
     if engine not in ENGINES:
@@ -99,6 +103,12 @@ def audit(
         deployed=deployed,
         select=tuple(map(rule_code, select)),
         ignore=tuple(map(rule_code, ignore)),
+        authorities=expected(
+            asserted.authorities if asserted is not None else Authorities(),
+            tuple(map(os.fspath, expect_identity_ca)),
+            tuple(map(os.fspath, expect_permissions_ca)),
+            (os.fspath(path),),
+        ),
         settings=asserted,
         baseline=None if baseline is None else read_baseline(Path(baseline), (os.fspath(path),)),
         policy=_path(policy),

@@ -73,6 +73,8 @@ _EXPECTED: Final[Mapping[str, tuple[Check, str]]] = {
     "deployed": (_FLAG, "a bool"),
     "select": (_each(_TEXT), "a sequence of codes"),
     "ignore": (_each(_TEXT), "a sequence of codes"),
+    "expect_identity_ca": (_each(_file), "a sequence of fingerprints and paths"),
+    "expect_permissions_ca": (_each(_file), "a sequence of fingerprints and paths"),
     "settings": (_or_none(_file), "a path or None"),
     "baseline": (_or_none(_file), "a path or None"),
     "policy": (_or_none(_file), "a path or None"),

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
 
     from keystore_audit.engine.alloy.user_file import UserFile
+    from keystore_audit.model.trust.authorities import Authorities
     from keystore_audit.settings.settings import Baseline, Settings
 
 ENGINES: Final = ("auto", "both", "alloy", "native")
@@ -82,6 +83,8 @@ class Options:
     deployed: bool = False
     select: tuple[str, ...] = field(default=())
     ignore: tuple[str, ...] = field(default=())
+    authorities: Authorities | None = None
+    """Those that settings or options declare."""
     settings: Settings | None = None
     settings_passed_over: str = ""
     """That settings lay where they are looked for and were not used, and why."""

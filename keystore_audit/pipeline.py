@@ -27,13 +27,17 @@ from keystore_audit.model.inventory import certificates_of, system_documents
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Profile, resolve
+from keystore_audit.model.trust import authorities as trust
 from keystore_audit.options import Options, Progress
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AlloyResult, EngineStatus, PropertyResult
 from keystore_audit.report.content import (
+    AS_FOUND,
     ASSUMPTIONS,
     MAX_RANKED,
     NOT_CHECKED,
+    Anchor,
+    Anchors,
     EnclaveEntry,
     Report,
     Scope,
@@ -122,6 +126,7 @@ def audit(
         environment=environment,
         observed=_compared(intents, keystore, profiles, accesses, options),
         acceptances=accepted,
+        authorities=options.authorities or trust.Authorities(),
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
@@ -224,6 +229,7 @@ def _report(
 ) -> Report:
     outcome, exit_code = verdict(judgement.findings, options.fail_on, complete=complete(context, judgement))
     answered = [run for run in context.engines if run.status is EngineStatus.OK]
+    anchors = trust.trusted(context.keystore, context.authorities)
     agree = all(result.engines_agree for result in context.results)
     return Report(
         version=__version__,
@@ -244,6 +250,7 @@ def _report(
         assumptions=(
             *ASSUMPTIONS,
             *assumed_of(each.name for each in context.profiles),
+            *(() if all(each.declared for each in anchors) else (AS_FOUND,)),
             *_in_zone(options),
             *_launched_with(options),
         ),
@@ -252,6 +259,7 @@ def _report(
         enclaves=_enclaves(context),
         properties=context.results,
         findings=judgement.findings,
+        authorities=tuple(map(_anchors, anchors)),
         outcomes=judgement.outcomes,
         scope=_scope(context),
         deployed=options.deployed,
@@ -261,6 +269,14 @@ def _report(
         settings=options.settings.file if options.settings else None,
         baseline=options.baseline.file if options.baseline else None,
         inputs=inputs,
+    )
+
+
+def _anchors(found: trust.Anchors) -> Anchors:
+    return Anchors(
+        role=found.role.value.partition("_")[0],
+        declared=tuple(sorted(found.declared)),
+        here=tuple(Anchor(subject=c.subject, path=c.path, sha256=c.sha256, key=c.key) for c in found.certificates),
     )
 
 

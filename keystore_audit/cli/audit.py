@@ -91,6 +91,7 @@ MAX_JOBS: Final = 1024
     multiple=True,
     help="Properties of your own in Alloy, which Alloy alone decides (repeatable).",
 )
+@opt.authority_options
 @settings.option
 @settings.baseline_option
 @click.option("--deployed", is_flag=True, help="This tree goes on a robot: CA private keys in it are critical.")
@@ -167,6 +168,7 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         launches=given["launches"],
         launch_arguments=dict(given["launch_arguments"]),
         overview=formats.HTML in settings.formats_of(given),
+        authorities=settings.authorities(given, asserted, keystores),
         settings=asserted,
         settings_passed_over=settings.passed_over(given),
         baseline=settings.baseline(given, keystores),

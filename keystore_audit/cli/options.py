@@ -268,6 +268,21 @@ observation_options: Final = _together(
 """Those that name graphs and launch files."""
 
 
+authority_options: Final = _together(
+    *(
+        click.option(
+            f"--expect-{role}-ca",
+            f"{role}_cas",
+            multiple=True,
+            metavar="FINGERPRINT|FILE",
+            help=f"The {role} CA that you trust: sha256:... of certificate or key, or the certificate (repeatable).",
+        )
+        for role in ("identity", "permissions")
+    )
+)
+"""Those that declare whom the user trusts."""
+
+
 def use_color(choice: str, *, terminal: bool) -> bool:
     """Whether to colour: what `--color` says, else NO_COLOR, else FORCE_COLOR, else only a terminal that can."""
     if choice != "auto":

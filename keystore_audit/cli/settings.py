@@ -13,6 +13,7 @@ from keystore_audit.ci import in_ci
 from keystore_audit.cli import options as opt
 
 if TYPE_CHECKING:
+    from keystore_audit.model.trust.authorities import Authorities
     from keystore_audit.settings.settings import Baseline, Settings
 
 STATEMENTS: Final = ("statement", "svr")
@@ -61,6 +62,15 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Settings | Non
     from keystore_audit.settings.settings import read_settings
 
     return read_settings(path, keystores)
+
+
+def authorities(given: Mapping[str, Any], found: Settings | None, keystores: Sequence[str]) -> Authorities:
+    """The authorities that settings or options declare. Raises errors.UsageError."""
+    from keystore_audit.model.trust.authorities import Authorities
+    from keystore_audit.settings.authorities import expected
+
+    declared = found.authorities if found is not None else Authorities()
+    return expected(declared, given["identity_cas"], given["permissions_cas"], keystores)
 
 
 def passed_over(given: Mapping[str, Any]) -> str:

@@ -32,6 +32,13 @@ ASSUMPTIONS: Final = (
 """What every verdict rests on; said first in every report."""
 
 
+AS_FOUND: Final = (
+    "Authorities as found: nobody declared whom the robots are to trust, and whoever could put another certificate in "
+    "its place has (-v prints the fingerprints and the settings that declare them)."
+)
+"""Where authorities are not declared."""
+
+
 def assumed_of(profiles: Iterable[str]) -> Iterator[str]:
     """What verdicts rest on beside, under some of these profiles."""
     trusting = [name for name in profiles if name in VARIANTS and VARIANTS[name].trust.trusts_declarations]
@@ -93,6 +100,27 @@ class EnclaveEntry:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Anchor:
+    """A trusted authority; `sha256` of the certificate and `key` of its public key (SubjectPublicKeyInfo)."""
+
+    subject: str
+    path: str
+    sha256: str
+    key: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Anchors:
+    """Who is trusted in a role (`identity` or `permissions`): the fingerprints `declared`, and which of the authorities
+    of the CA files have them; where none are declared, the one found.
+    """
+
+    role: str
+    declared: tuple[str, ...]
+    here: tuple[Anchor, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Scope:
     """What was looked at, and what was not: the last lines of a report.
 
@@ -144,6 +172,7 @@ class Report:
     enclaves: tuple[EnclaveEntry, ...]
     properties: tuple[PropertyResult, ...]
     findings: tuple[Finding, ...]
+    authorities: tuple[Anchors, ...]
     outcomes: Outcomes
     scope: Scope
     settings: GivenFile | None = None
@@ -163,6 +192,11 @@ class Report:
     blast_radius: tuple[Ranking, ...] | None = None
     """Enclaves by what their keys open; None where there are more than MAX_RANKED and no page asks, none where it was
     too much work."""
+
+    @property
+    def authorities_declared(self) -> bool:
+        """Whether somebody said of both roles who is trusted."""
+        return all(each.declared for each in self.authorities)
 
     @property
     def summary(self) -> dict[Severity, int]:

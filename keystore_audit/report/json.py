@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from keystore_audit.findings import Finding, Location, Outcomes, Result, Severity, Suppression
 from keystore_audit.given import GivenFile
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult, PropertyResult
-from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, NoReport, Report
+from keystore_audit.report.content import MAX_RANKED, Anchors, EnclaveEntry, NoReport, Report
 from keystore_audit.report.encoded import BETWEEN, array, document, encoded, keys, told
 from keystore_audit.text import instant
 
@@ -70,6 +70,7 @@ def _report(report: Report) -> dict[str, Any]:
         "exit_code": report.exit_code,
         "weakened": list(report.weakened),
         "assumptions": list(report.assumptions),
+        "authorities": {each.role: anchors(each) for each in report.authorities},
         "engines": {run.name: _engine(run) for run in report.engines},
         "engines_agree": report.engines_agree,
         "enclaves": [_enclave(entry) for entry in report.enclaves],
@@ -97,6 +98,22 @@ def _encoded(outcomes: Outcomes) -> list[str]:
             pieces.append(f"{start}{f'{ends[outcome]}{BETWEEN}{start}'.join(told)}{ends[outcome]}")
             place += count
     return pieces
+
+
+def anchors(found: Anchors) -> dict[str, Any]:
+    """Who is trusted in a role, with what declares it."""
+    return {
+        "declared": [f"sha256:{each}" for each in found.declared],
+        "here": [
+            {
+                "subject": each.subject,
+                "path": each.path,
+                "certificate": f"sha256:{each.sha256}",
+                "key": f"sha256:{each.key}",
+            }
+            for each in found.here
+        ],
+    }
 
 
 def counts(summary: Mapping[Severity, int]) -> dict[str, int]:

@@ -3,7 +3,8 @@
 Subjects are the files with the SHA-256 of the bytes that were read. Two predicates (in-toto attestation
 framework, spec/predicates): `test-result/v0.1`, which can tell of a failure, and `svr/v0.2`, whose properties are those
 that hold. An incomplete audit never passes in either. One whose gate was weakened is WARNED at best, and so is one of a
-keystore with files that nobody hashed: what they hold later would go unseen.
+keystore with files that nobody hashed, since what they hold later would go unseen, and one of authorities that nobody
+declared, since whoever could write in the folder chose them.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import encoded
+from keystore_audit.report.json import anchors
 from keystore_audit.text import instant
 
 STATEMENT: Final = "https://in-toto.io/Statement/v1"
@@ -66,8 +68,9 @@ def _result(report: Report, *, warned: bool) -> str:
 
 
 def _sound(report: Report) -> bool:
-    """Whether it passed at full strength, and all that it speaks for was hashed."""
-    return report.verdict is Verdict.PASS and not report.weakened and not report.uncovered
+    """Whether it passed at full strength, all that it speaks for was hashed, and somebody said who is trusted."""
+    hashed = not report.uncovered
+    return report.verdict is Verdict.PASS and not report.weakened and hashed and report.authorities_declared
 
 
 def _deciding(report: Report) -> set[str]:
@@ -115,4 +118,5 @@ def _details(report: Report) -> dict[str, Any]:
         "engines": {run.name: run.version or report.version for run in report.engines if run.status is EngineStatus.OK},
         "weakened": list(report.weakened),
         "assumptions": list(report.assumptions),
+        "authorities": {each.role: anchors(each) for each in report.authorities},
     }

@@ -16,7 +16,7 @@ from keystore_audit.grouped import grouped
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
-from keystore_audit.report import ranking
+from keystore_audit.report import authorities_text, ranking
 from keystore_audit.report.content import EnclaveEntry, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import ENGINE_WORDS, sentence, until, warnings
 from keystore_audit.report.findings_text import put_findings
@@ -79,6 +79,7 @@ def render(report: Report, view: View = PLAIN) -> str:
             page.put(beside, indent=2)
         _properties(page, report.properties)
         if view.verbose:
+            authorities_text.put(page, report)
             ranking.put(page, report.blast_radius or ())
             _outcomes(page, report.outcomes)
         _checked(page, report, verbose=view.verbose)

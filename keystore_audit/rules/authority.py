@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
+from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
+from keystore_audit.model.trust.authorities import Anchors, authority_files, trusted
 from keystore_audit.model.trust.verdicts import is_authority
 from keystore_audit.rules.acceptance import PINNED, UNPINNED
 from keystore_audit.rules.certificate import RENEW_AUTHORITY, at, what
@@ -100,38 +102,81 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
         )
 
 
-_ROLES: Final = ((Role.IDENTITY_CA, "identity CAs"), (Role.PERMISSIONS_CA, "permissions CAs"))
+_NAMES: Final = {Role.IDENTITY_CA: "identity CA", Role.PERMISSIONS_CA: "permissions CA"}
 
 
 @rule(
     "KA223",
-    Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.3.1 and 9.4.1.1 (participants of a domain share their authorities)",
-    remedy="Give every enclave the same CA files, links to public/ as sros2 makes them, and issue and sign again "
-    "what the others issued and signed.",
+    Severity.HIGH,
+    clause="DDS-Security 1.1, 9.3.1 and 9.4.1.1 (participants of a domain share their authorities); measured",
+    remedy="If nobody meant to trust it, take it out: give every enclave the same CA files, links to public/ as sros2 "
+    "makes them, and issue and sign again what others issued and signed. If it is meant, declare it in the settings: "
+    "[authorities], with the fingerprints that -v prints.",
 )
-def enclaves_trust_different_cas(keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """Enclaves trust different authorities, so that they refuse each other.
+def unexpected_authority(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A CA file holds an authority that is not the expected one, or lacks that one.
 
-    It is the trace of an authority that was renewed for some of them. Keystores that are meant to be separate are
-    better kept in separate directories. Compared are keys.
+    Whoever has the key of such an authority issues identities and signs permissions for whom he likes: with one
+    appended to both CA files a stranger's participant drives the others (measured on Fast DDS). An enclave with another
+    one refuses its peers, or trusts somebody else. Expected are the authorities that settings or options declare, by
+    the fingerprint of certificate or key; where none are declared, the first certificate of the file in public/, and
+    without public/ whatever all enclaves have alike. Another certificate of the same key is no other authority, save
+    where the certificate itself was declared. Medium where all are declared and enclaves have different ones, so that
+    they refuse each other. Separate keystores are better kept in separate directories.
     """
-    for role, name in _ROLES:
-        trusted: dict[frozenset[str], list[tuple[Enclave, CertificateFile]]] = {}
-        for enclave in keystore.enclaves:
-            file = enclave.identity_ca if role is Role.IDENTITY_CA else enclave.permissions_ca
-            if file is not None and file.certificates:
-                keys = frozenset(certificate.key for certificate in file.certificates)
-                trusted.setdefault(keys, []).append((enclave, file))
-        if len(trusted) > 1:
-            groups = sorted(trusted.values(), key=len, reverse=True)
-            said = "; ".join(
-                f"{listed([group[0][1].file.place])} for {paths(enclave for enclave, _ in group)}"
-                for group in groups[:3]
-            )
-            yield Violation(
-                message=f"Enclaves trust {len(groups)} different {name}: {said}.",
-                # The minority first: it is what has to change.
-                locations=places(Location(path=file.file.place) for group in reversed(groups) for _, file in group),
-                key=_trusting((role.value, keys, [enclave for enclave, _ in group]) for keys, group in trusted.items()),
-            )
+    for anchors in trusted(keystore, context.authorities):
+        public, read = authority_files(keystore, anchors.role)
+        files = [each for each in read if each[0].certificates]
+        if public is not None and all(public is not file for file, _enclaves in files):
+            files.append((public, ()))
+        if anchors.declared or anchors.certificates:
+            wrong = gathered((anchors.foreign(each[0]), each) for each in files)
+            right = wrong.pop((), [])
+            for group in wrong.values():
+                yield _unexpected(anchors, group)
+            yield from _different(anchors, right, Severity.MEDIUM)
+        else:  # none is more trusted than another
+            yield from _different(anchors, files)
+
+
+_Files = Sequence[tuple[CertificateFile, tuple[Enclave, ...]]]
+"""CA files with the enclaves that read them."""
+
+
+def _unexpected(anchors: Anchors, group: _Files) -> Violation:
+    """What these files hold alike, beside what is expected or in place of it."""
+    foreign = [each for file, _enclaves in group for each in file.certificates if not anchors.trusts(each)]
+    enclaves = [enclave for _file, several in group for enclave in several]
+    first = group[0][0]
+    beside = any(map(anchors.trusts, first.certificates))
+    held = listed({c.sha256: f"{quoted(c.subject)} (sha256:{c.sha256})" for c in foreign}.values())
+    of = f" of {paths(enclaves)}" if enclaves else ""
+    expected = listed(quoted(each.subject) for each in anchors.certificates) or "none that is here"
+    why = f"as found in {anchors.found_in}" if anchors.found_in else "as declared"
+    return Violation(
+        message=f"The {_NAMES[anchors.role]} file {first.file.place}{of} holds {held}"
+        f"{' too' if beside else ''}, expected {expected} alone, {why}.",
+        locations=places(located(each) for each in foreign),
+        enclave=sole(enclaves),
+        key=_trusting([(anchors.role.value, (each.sha256 for each in foreign), enclaves)]),
+    )
+
+
+def _different(anchors: Anchors, files: _Files, severity: Severity | None = None) -> Iterator[Violation]:
+    """That enclaves have different authorities, where they do."""
+    trusting = grouped(files, lambda each: frozenset(certificate.key for certificate in each[0].certificates))
+    if len(trusting) < 2:
+        return
+    concerned = {keys: [e for _file, enclaves in group for e in enclaves] for keys, group in trusting.items()}
+    ordered = sorted(trusting, key=lambda keys: len(concerned[keys]), reverse=True)
+    said = "; ".join(
+        f"{listed([trusting[keys][0][0].file.place])} for {paths(concerned[keys]) or 'new enclaves'}"
+        for keys in ordered[:3]
+    )
+    yield Violation(
+        message=f"Enclaves trust {len(trusting)} different {_NAMES[anchors.role]}s: {said}.",
+        # The minority first: it is what has to change.
+        locations=places(Location(path=file.file.place) for keys in reversed(ordered) for file, _ in trusting[keys]),
+        severity=severity,
+        key=_trusting((anchors.role.value, keys, enclaves) for keys, enclaves in concerned.items()),
+    )

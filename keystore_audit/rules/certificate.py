@@ -13,6 +13,7 @@ from keystore_audit.keystore.certificate import IN_DER, Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.model.trust.authorities import trusted
 from keystore_audit.rules.commands import CREATE_ENCLAVE, ISSUE_IDENTITY, RENEW_CA
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
@@ -116,14 +117,15 @@ def certificate_unreadable(use: CertificateUse, _context: Context) -> Iterator[V
     remedy="Leave one certificate in the file, in that of an authority the one that issues or signs, and nothing else: "
     "`openssl x509 -in FILE -out new.pem`, in the keystore's root, writes the first.",
 )
-def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The file holds more than one certificate.
 
     Of an identity file only the first certificate is read, a chain in it is not used. Of a CA file Fast DDS takes all
     certificates and revocation lists, Cyclone DDS the first certificate (measured): one file, two meanings. Fast DDS
     tells peers the name of the first certificate of the permissions CA file, and refuses those that tell another one
     (read in its source): while an authority is changed, the order has to be the same everywhere. Claims of `able` count
-    that. sros2's readable dump before a certificate is no such thing.
+    that. sros2's readable dump before a certificate is no such thing. Of authorities that nobody expects there
+    unexpected-authority speaks.
     """
     certificates, lists = use.certificates.certificates, use.certificates.revocation_lists
     differ = (
@@ -131,7 +133,9 @@ def certificate_file_holds_more(use: CertificateUse, _context: Context) -> Itera
         if use.authority
         else "run times read the first certificate and no further"
     )
-    more = [located(c, f"certificate {quoted(c.subject)}") for c in certificates[1:]]
+    anchors = [each for each in trusted(context.keystore, context.authorities) if each.role in use.roles]
+    known = [c for c in certificates[1:] if all(each.trusts(c) for each in anchors)]  # else unexpected-authority
+    more = [located(c, f"certificate {quoted(c.subject)}") for c in known]
     more += [located(r, "a revocation list") for r in lists]
     if more:
         held = f"{len(certificates)} certificates" if len(certificates) > 1 else "a certificate"

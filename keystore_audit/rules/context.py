@@ -12,6 +12,7 @@ from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.profiles import Profile
+from keystore_audit.model.trust.authorities import Authorities
 from keystore_audit.properties.result import EngineRun, PropertyResult
 from keystore_audit.settings.suppressions import Acceptance
 
@@ -55,6 +56,8 @@ class Context:
     drift: Drift | None = None
     """The keystore compared with the policy; None where none was named."""
     observed: Observation | None = None
+    authorities: Authorities = Authorities()
+    """Those that settings or options declare."""
     acceptances: tuple[Acceptance, ...] = ()
     """Findings that settings and a baseline accept, in the order in which they are looked for."""
 

@@ -12,7 +12,9 @@ from keystore_audit.given import GivenFile
 from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.forwards import Declared, Determinism
 from keystore_audit.model.claims.labels import Labelling
+from keystore_audit.model.trust.authorities import Authorities
 from keystore_audit.settings.acceptances import read_accepted, read_suppressions
+from keystore_audit.settings.authorities import read_authorities
 from keystore_audit.settings.claims import read_properties
 from keystore_audit.settings.labels import KEYS as LABEL_KEYS
 from keystore_audit.settings.labels import read_labels, read_single_writers
@@ -38,6 +40,7 @@ class Settings:
     """
 
     file: GivenFile
+    authorities: Authorities = Authorities()
     claims: tuple[Claim, ...] = ()
     labels: Labelling | None = None
     declared: Declared = field(default_factory=Declared)
@@ -66,11 +69,12 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
     """
     file = read_table(path, keystores, MAX_BYTES)
     root = file.root
-    root.only("property", "forward", *LABEL_KEYS, "suppression", "max_suppression_days")
+    root.only("authorities", "property", "forward", *LABEL_KEYS, "suppression", "max_suppression_days")
     labels = read_labels(root)
     claims, declared = read_properties(root)
     return Settings(
         file=file.given,
+        authorities=read_authorities(root),
         claims=_unique((*claims, *(labels.claims() if labels else ()), *read_single_writers(root)), declared),
         labels=labels,
         declared=declared,

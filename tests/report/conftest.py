@@ -13,7 +13,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
-from keystore_audit.report.content import EnclaveEntry, Report, Scope, Verdict
+from keystore_audit.report.content import Anchor, Anchors, EnclaveEntry, Report, Scope, Verdict
 
 PROFILES = ("spec", "fastdds-2.6", "cyclonedds-0.10")
 CAN_START = Usability(usable=True, reasons=())
@@ -119,6 +119,12 @@ def _properties(name: str) -> tuple[PropertyResult, ...]:
     )
 
 
+AUTHORITIES = tuple(
+    Anchors(role=role, declared=(), here=(Anchor(subject="CN=CA", path="public/ca.cert.pem", sha256=sha, key=key),))
+    for role, sha, key in (("identity", "a" * 64, "b" * 64), ("permissions", "c" * 64, "d" * 64))
+)
+
+
 def _full(name: str) -> Report:
     refused = Usability(usable=False, reasons=("permissions.p7s is signed by no permissions CA",))
     return Report(
@@ -155,6 +161,7 @@ def _full(name: str) -> Report:
         ),
         properties=_properties(name),
         findings=_findings(name),
+        authorities=AUTHORITIES,
         outcomes=Outcomes(
             rows=(
                 Row(

@@ -27,8 +27,7 @@ from .base import (
 from .certificates import Certificate, day
 from .documents import Permissions
 from .keys import Key
-from .smime import signed_by
-from .store import Store, encoded
+from .store import Store
 from .story import Case, Story, pair
 
 THIS_UPDATE = day(2026, 10, 1)
@@ -262,19 +261,20 @@ def _together() -> Iterator[Story]:
         ),
         good=Case("Two authorities with different keys.", ONE),
     )
-    other = replace(PERMISSIONS_CA, key=Key(label="rules, another permissions CA"), subject="otherCA")
-    seal = signed_by(other).smime
-    documents = {
-        "permissions_ca.cert.pem": other.pem(),
-        "governance.p7s": seal(encoded(TWO.governance)),
-    }
+    issuing = replace(IDENTITY_CA, key=Key(label="rules, another identity CA"), subject="theirIdentityCA")
+    signing = replace(PERMISSIONS_CA, key=Key(label="rules, another permissions CA"), subject="theirPermissionsCA")
     yield from pair(
         "KA223",
         bad=Case(
-            "The listener trusts another permissions CA, which signed its documents. Each refuses the "
-            "other's rights, so that the two never talk: the trace of an authority that was renewed for "
-            "half of the fleet.",
-            with_listener(seal=seal, changes=documents),
+            "Somebody appended authorities of his own to both CA files of public/. Where run times read the whole "
+            "file, whomever he gives an identity and permissions takes part in everything (measured on Fast DDS).",
+            replace(
+                ONE,
+                changes={
+                    "public/identity_ca.cert.pem": IDENTITY_CA.pem() + issuing.pem(),
+                    "public/permissions_ca.cert.pem": PERMISSIONS_CA.pem() + signing.pem(),
+                },
+            ),
         ),
-        good=Case("Both trust the same authorities.", TWO),
+        good=Case("One authority in each file, and the same for all enclaves.", ONE),
     )

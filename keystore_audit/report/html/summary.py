@@ -7,6 +7,7 @@ from typing import Final
 
 from keystore_audit.findings import Severity
 from keystore_audit.properties.property import Status
+from keystore_audit.report.authorities_text import HOW, settings
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.engine_words import engine, until, warnings
 from keystore_audit.report.html.element import NOTHING, Html, digest, element, items, joined, lines, name
@@ -114,11 +115,23 @@ def _facts(sheet: Sheet) -> Html:
                 )
             ),
         ),
+        *_authorities(report),
         ("SHA-256", digest(report.digest)),
         *_files(report),
     ]
     pairs = [element("div", element("dt", label), element("dd", value)) for label, value in rows]
     return element("dl", lines(pairs), class_="facts")
+
+
+def _authorities(report: Report) -> Iterator[tuple[str, Html | str]]:
+    told = "declared" if report.authorities_declared else "as found"
+    for anchors in report.authorities:
+        rows = [
+            element("div", name(each.subject), what, digest(f"sha256:{fingerprint}"))
+            for each in anchors.here
+            for what, fingerprint in ((" certificate ", each.sha256), (" key ", each.key))
+        ]
+        yield f"{anchors.role} CA, {told}", lines(rows) if rows else "none that can be told"
 
 
 def _files(report: Report) -> Iterator[tuple[str, Html | str]]:
@@ -129,4 +142,6 @@ def _files(report: Report) -> Iterator[tuple[str, Html | str]]:
 def _rests(report: Report) -> Html:
     assumed = element("div", element("h2", "Assumed"), items(report.assumptions))
     unchecked = element("div", element("h2", "Not checked"), items(report.scope.not_checked))
-    return element("div", assumed, unchecked, class_="assumed")
+    declared = lines(element("div", element("code", line)) for line in settings(report))
+    lines_to_paste = element("div", element("p", HOW), declared) if declared != NOTHING else NOTHING
+    return element("div", assumed, lines_to_paste, unchecked, class_="assumed")
