@@ -237,12 +237,29 @@ def authorities_of(keystore: Keystore) -> Iterator[Certificate]:
         yield from filter(is_authority, file.certificates[1:])
 
 
+def _standing_elsewhere(keystore: Keystore) -> Iterator[Certificate]:
+    """Identities of enclaves that no authority vouches for and that stand in the identity CA file of another enclave.
+
+    That one takes them (measured on Fast DDS), whatever their own CA file says, which is nothing to who has the key.
+    """
+    files = dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca)
+    every = {certificate.sha256: certificate for file in files for certificate in file.certificates}
+    for enclave in keystore.enclaves:
+        identity = enclave.identity
+        if identity is None or identity.sha256 not in every:
+            continue
+        own = {certificate.sha256 for certificate in enclave.trusts(Role.IDENTITY_CA)}
+        if identity.sha256 not in own and stands_alone(identity, every.values()):
+            yield identity
+
+
 def _outside(keystore: Keystore) -> Mapping[str, tuple[Certificate, str | None]]:
     """By SHA-256 the certificates that are no enclave's alone, authorities apart; with a file as in `AtLarge`."""
     authorities = {certificate.sha256 for certificate in authorities_of(keystore)}
     again = (c for _enclave, others in certified_again(keystore) for c in others if c.sha256 not in authorities)
     found: dict[str, tuple[Certificate, str | None]] = {
-        certificate.sha256: (certificate, None) for certificate in (*again, *keystore.identities.copies)
+        certificate.sha256: (certificate, None)
+        for certificate in (*again, *keystore.identities.copies, *_standing_elsewhere(keystore))
     }
     for strays, certain in ((keystore.identities.found, True), (keystore.identities.possible, False)):
         for stray in strays:

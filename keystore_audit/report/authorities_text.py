@@ -16,8 +16,8 @@ def put(page: Page, report: Report) -> None:
         page.put(f"{anchors.role} CA", "" if anchors.here else ": none that can be told", indent=2)
         for each in anchors.here:
             page.put(f"{each.subject}, {each.path}", indent=4)
-            page.labelled("certificate", f"sha256:{each.sha256}", indent=4, column=16)
-            page.labelled("key", f"sha256:{each.key}", indent=4, column=16)
+            page.labelled("certificate", f"sha256:{each.sha256}", indent=4, column=6)
+            page.labelled("its key", f"sha256:{each.key}", indent=4, column=6)
     found = list(settings(report))
     if found:
         page.put(HOW, indent=2)

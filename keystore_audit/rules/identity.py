@@ -200,6 +200,31 @@ def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tup
 
 
 @rule(
+    "KA231",
+    Severity.MEDIUM,
+    clause="RFC 5280, 4.2.1.9 (basicConstraints); measured: Fast DDS and Cyclone DDS refuse what it issued",
+    remedy="Issue the identity again with CA:FALSE. " + ISSUE_AGAIN,
+    applies=is_identity,
+)
+def identity_is_authority(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+    """The identity certificate says CA:TRUE, so that the enclave may issue certificates as its identity CA does.
+
+    Measured, Fast DDS 2.9.1 and Cyclone DDS 0.10.2 refuse identities that it issued: peers are shown one certificate
+    and know the identity CA's alone. They are let in as soon as a CA file holds the enclave's certificate or a peer
+    is shown a chain. sros2 makes no such certificate.
+    """
+    for enclave, certificate in _carriers(use):
+        if certificate.is_ca:
+            yield Violation(
+                message=f"{what(use, certificate)} says CA:TRUE (expected CA:FALSE): {enclave.path} may issue "
+                "identities.",
+                locations=(located(certificate),),
+                enclave=enclave.path,
+                key=certificate.sha256,
+            )
+
+
+@rule(
     "KA220",
     Severity.LOW,
     clause="ros2/sros2, create_enclave (the enclave's path is the common name)",

@@ -261,6 +261,15 @@ def _together() -> Iterator[Story]:
         ),
         good=Case("Two authorities with different keys.", ONE),
     )
+    yield from pair(
+        "KA231",
+        bad=Case(
+            "The talker's identity was issued from the template for authorities: with CA:TRUE, as if it were to issue "
+            "identities itself.",
+            with_talker(certificate=replace(TALKER_CERTIFICATE, ca=True)),
+        ),
+        good=Case("The identity says CA:FALSE.", ONE),
+    )
     issuing = replace(IDENTITY_CA, key=Key(label="rules, another identity CA"), subject="theirIdentityCA")
     signing = replace(PERMISSIONS_CA, key=Key(label="rules, another permissions CA"), subject="theirPermissionsCA")
     yield from pair(

@@ -77,8 +77,8 @@ class Authorities:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Enclave:
-    """The files of one enclave; the documents signed already. The CAs are those that it trusts itself; `permissions_ca`
-    replaces the file of one.
+    """The files of one enclave; the documents signed already. The CAs are those that it trusts itself; their files are
+    replaced by `identity_ca` and `permissions_ca`.
     """
 
     authorities: Authorities
@@ -87,6 +87,7 @@ class Enclave:
     permissions: bytes
     key: PrivateKey | None = None
     crl: x509.CertificateRevocationList | None = None
+    identity_ca: bytes | None = None
     permissions_ca: bytes | None = None
 
     def contents(self) -> dict[str, bytes]:
@@ -94,7 +95,7 @@ class Enclave:
         key = self.identity if self.key is None else Signed(self.key, self.identity.certificate)
         revocations = {} if self.crl is None else {"crl.pem": self.crl.public_bytes(Encoding.PEM)}
         return {
-            "identity_ca.cert.pem": self.authorities.identity.pem,
+            "identity_ca.cert.pem": self.identity_ca or self.authorities.identity.pem,
             "permissions_ca.cert.pem": self.permissions_ca or self.authorities.permissions.pem,
             "cert.pem": self.identity.pem,
             "key.pem": key.key_pem,
