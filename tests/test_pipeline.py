@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
 
 from tests.test_samples import SAMPLES, as_built
 
@@ -45,6 +47,12 @@ class Workspace:
     def take(self, sample: str) -> None:
         """Make `keys/` of a sample, with the time of its samples."""
         as_built(SAMPLES / f"{sample}.toml", self.folder / "keys")
+        lines = ["[authorities]"]
+        for role in ("identity", "permissions"):
+            pem = (self.folder / f"keys/public/{role}_ca.cert.pem").read_bytes()
+            digest = x509.load_pem_x509_certificate(pem).fingerprint(hashes.SHA256())
+            lines.append(f'{role} = ["sha256:{digest.hex()}"]')
+        (self.folder / "keystore-audit.toml").write_text("\n".join(lines))
 
     def run(self, script: str, **more: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(

@@ -33,9 +33,17 @@ def keystore(tmp_path: Path) -> Path:
     return copy
 
 
-def statement(keystore: Path, *options: str, kind: str = "svr") -> dict[str, Any]:
+def declared(sample: Path = SAMPLE) -> list[str]:
+    """The options that declare the authorities of a sample."""
+    roles = ("identity", "permissions")
+    files = {role: sample / f"public/{role}_ca.cert.pem" for role in roles}
+    return [word for role in roles for word in (f"--expect-{role}-ca", str(files[role]))]
+
+
+def statement(keystore: Path, *options: str, kind: str = "svr", trusting: Path | None = SAMPLE) -> dict[str, Any]:
     target = keystore.parent / "statement.json"
-    run(["audit", str(keystore), "--engine", "native", "-q", "-o", f"{kind}={target}", *options])
+    given = declared(trusting) if trusting is not None else []
+    run(["audit", str(keystore), "--engine", "native", "-q", "-o", f"{kind}={target}", *given, *options])
     loaded: dict[str, Any] = json.loads(target.read_text())
     return loaded
 
@@ -144,17 +152,17 @@ def test_a_swapped_large_file_breaks_it(keystore: Path, name: str) -> None:
 @pytest.mark.parametrize("size", [MAX_SEARCHED, MAX_SEARCHED + 1, 10 * 1024**3])
 def test_what_nobody_hashed_passes_in_no_statement(tmp_path: Path, size: int) -> None:
     """Of a file that is larger than what is searched nobody knows what is in it: an identity with its key (KA668)."""
-    root = tmp_path / "keys"
-    shutil.copytree(SAMPLE.parents[1] / "rules/KA115-deprecated-layout/good", root, symlinks=True)
+    root, sample = tmp_path / "keys", SAMPLE.parents[1] / "rules/KA115-deprecated-layout/good"
+    shutil.copytree(sample, root, symlinks=True)
     (root / "enclaves/talker/key.pem").chmod(0o600)
     with (root / "map.bin").open("wb") as sparse:
         sparse.write(b"a map\n\n")
         sparse.truncate(size)
     hashed = size <= MAX_SEARCHED
-    said = statement(root)
+    said = statement(root, trusting=sample)
     assert bool(said["predicate"]["properties"]) is hashed
     assert ("map.bin" in {subject["name"] for subject in said["subject"]}) is hashed
-    result = statement(root, kind="statement")["predicate"]
+    result = statement(root, kind="statement", trusting=sample)["predicate"]
     assert result["result"] == ("PASSED" if hashed else "FAILED")
     assert result["keystoreAudit"]["uncovered"] == ([] if hashed else ["map.bin"])
     report = audit(str(root), Options(at=NOW, engine="native"))
@@ -163,6 +171,26 @@ def test_what_nobody_hashed_passes_in_no_statement(tmp_path: Path, size: int) ->
     assert [each.locations[0].path for each in report.findings if each.code == "KA668"] == (
         [] if hashed else ["map.bin"]
     )
+
+
+def test_nobody_attests_to_authorities_that_nobody_declared(tmp_path: Path) -> None:
+    """Neither PASS in any form nor a property; verdict and exit code stay."""
+    root, sample = tmp_path / "keys", SAMPLE.parents[1] / "rules/KA115-deprecated-layout/good"
+    shutil.copytree(sample, root, symlinks=True)
+    (root / "enclaves/talker/key.pem").chmod(0o600)
+    told = {}
+    for trusting in (None, sample):
+        result = statement(root, kind="statement", trusting=trusting)["predicate"]
+        properties = statement(root, trusting=trusting)["predicate"]["properties"]
+        assert result["keystoreAudit"]["verdict"] == "pass"
+        told[trusting] = result["result"], "KEYSTORE_AUDIT_PASS" in properties, bool(properties)
+        assumed = " ".join(result["keystoreAudit"]["assumptions"])
+        assert ("Authorities as found" in assumed) is (trusting is None)
+        said = result["keystoreAudit"]["authorities"]["identity"]["declared"]
+        assert bool(said) is (trusting is not None)
+    assert told == {None: ("WARNED", False, False), sample: ("PASSED", True, True)}
+    half = statement(root, *declared(sample)[:2], trusting=None)["predicate"]["properties"]
+    assert half == [], "one role is not enough"
 
 
 @pytest.mark.parametrize(

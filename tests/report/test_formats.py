@@ -221,8 +221,9 @@ def parsed(text: str) -> Any:
 
 
 def sound(make_report: MakeReport, **changes: object) -> Report:
-    """A report that passes at full strength, without any finding."""
+    """A report that passes at full strength, without any finding, of declared authorities."""
     given = {
+        "authorities": tuple(replace(each, declared=("a" * 64,)) for each in make_report().authorities),
         "verdict": Verdict.PASS,
         "exit_code": 0,
         "weakened": (),
@@ -254,6 +255,7 @@ class TestStatements:
 
         assert results(sound(make_report)) == ("PASSED", True)
         assert results(sound(make_report, weakened=("--ignore KA2",))) == ("WARNED", False)
+        assert results(sound(make_report, authorities=make_report().authorities)) == ("WARNED", False)
         assert results(sound(make_report, verdict=Verdict.INCOMPLETE, exit_code=4)) == ("FAILED", False)
         assert results(sound(make_report, verdict=Verdict.FAIL, exit_code=1)) == ("FAILED", False)
         low = (Outcome(rule="KA205", subject="x", outcome=Result.FAIL),)

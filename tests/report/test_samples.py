@@ -152,7 +152,7 @@ def _statement(text: str, report: Report, keystore: Path) -> None:
         content = (keystore / unquote(subject["name"])).read_bytes()
         assert subject["digest"]["sha256"] == hashlib.sha256(content).hexdigest()
     if document["predicateType"].endswith("svr/v0.2"):
-        assert bool(predicate["properties"]) is (report.verdict is Verdict.PASS and not report.weakened)
+        assert predicate["properties"] == []  # --at weakens, and nobody declared whom to trust
         assert predicate["timeCreated"] == f"{report.at:%Y-%m-%dT%H:%M:%SZ}"
     else:
         json_format.ParseDict(predicate, test_result_pb2.TestResult(), ignore_unknown_fields=True)

@@ -176,6 +176,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "KA221": (identity(critical="1.3.6.1.4.1.99999.1"), ["KA221"]),
     "KA222": (one_authority, ["KA222"]),
     "KA223": (other_authority, ["KA223"]),
+    "KA231": (identity(ca=True), ["KA231"]),
     "KA224": (talker(certificate=changed(certificates(CERT, pem("/talker")), serial=(1 << 199) - 1)), ["KA224"]),
     "KA225": (lambda _: keystore(enclave("/talker"), namesake("/listener")), ["KA220", "KA225"]),
     "KA226": (

@@ -38,7 +38,7 @@ from tests.rules import (
 
 CATALOGUE = {
     "KA1": range(101, 121),
-    "KA2": range(201, 230),
+    "KA2": (*range(201, 230), 231),
     "KA3": range(301, 318),
     "KA4": range(401, 424),
     "KA5": range(501, 523),

@@ -126,11 +126,7 @@ def _facts(sheet: Sheet) -> Html:
 def _authorities(report: Report) -> Iterator[tuple[str, Html | str]]:
     told = "declared" if report.authorities_declared else "as found"
     for anchors in report.authorities:
-        rows = [
-            element("div", name(each.subject), what, digest(f"sha256:{fingerprint}"))
-            for each in anchors.here
-            for what, fingerprint in ((" certificate ", each.sha256), (" key ", each.key))
-        ]
+        rows = [joined([name(each.subject), " ", element("code", f"sha256:{each.sha256}")]) for each in anchors.here]
         yield f"{anchors.role} CA, {told}", lines(rows) if rows else "none that can be told"
 
 
@@ -142,6 +138,6 @@ def _files(report: Report) -> Iterator[tuple[str, Html | str]]:
 def _rests(report: Report) -> Html:
     assumed = element("div", element("h2", "Assumed"), items(report.assumptions))
     unchecked = element("div", element("h2", "Not checked"), items(report.scope.not_checked))
-    declared = lines(element("div", element("code", line)) for line in settings(report))
+    declared = lines(element("code", line) for line in settings(report))
     lines_to_paste = element("div", element("p", HOW), declared) if declared != NOTHING else NOTHING
     return element("div", assumed, lines_to_paste, unchecked, class_="assumed")
