@@ -230,3 +230,43 @@ def _listing(root: Path) -> list[tuple[str, int]]:
 def test_what_an_attacker_is_assumed_to_announce_is_said(diff: Diff, profile: str, kind: str, told: bool) -> None:
     _code, out = diff(VEHICLE, WEAKER, "--profile", profile, "-f", kind)
     assert ("an attacker announces" in " ".join(out.split())) == told
+
+
+@pytest.fixture
+def vehicles(tmp_path: Path) -> tuple[Path, Path]:
+    """The same vehicle, of which the second gives a wider grant."""
+    for name, sample in (("old", VEHICLE), ("new", WIDER)):
+        shutil.copytree(sample, tmp_path / name, symlinks=True)
+    return tmp_path / "old", tmp_path / "new"
+
+
+@pytest.mark.parametrize("name", ["identity_ca", "permissions_ca"])
+@pytest.mark.parametrize("change", ["more", "fewer"])
+def test_other_authorities_are_told_first(name: str, change: str, vehicles: tuple[Path, Path], diff: Diff) -> None:
+    """Before what is gained by a grant, also where one is taken out."""
+    theirs = (SAMPLES / "rules/KA223-unexpected-authority/bad/public/identity_ca.cert.pem").read_bytes()
+    old, new = vehicles
+    kinds = [each["kind"] for each in document(diff(old, new, "-f", "json")[1])["changes"]]
+    assert "authority" not in kinds
+    assert kinds
+    file = (new if change == "more" else old) / f"public/{name}.cert.pem"
+    file.write_bytes(file.read_bytes() + theirs[theirs.rindex(b"-----BEGIN") :])
+    changes = document(diff(old, new, "-f", "json")[1])["changes"]
+    assert changes[0]["kind"] == "authority"
+    assert changes[0]["direction"] == ("gained" if change == "more" else "lost")
+    assert kinds[0] in [each["kind"] for each in changes]
+
+
+def test_an_authority_of_new_enclaves_alone_is_told(vehicles: tuple[Path, Path], diff: Diff) -> None:
+    """In public/, from where enclaves that are made later get it, or of an enclave that OLD has not."""
+    old, _new = vehicles
+    other = SAMPLES / "rules/KA223-unexpected-authority/good/public/identity_ca.cert.pem"
+    new = old.with_name("again")
+    shutil.copytree(old, new, symlinks=True)
+    assert diff(old, new)[0] == 0
+    enclave = next((new / "enclaves").glob("*/cert.pem")).parent
+    shutil.copytree(enclave, new / "enclaves/late")
+    late = new / "enclaves/late/identity_ca.cert.pem"
+    late.write_bytes(other.read_bytes())
+    first = document(diff(old, new, "-f", "json")[1])["changes"][0]
+    assert (first["kind"], first["direction"]) == ("authority", "gained")

@@ -189,7 +189,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
         ["KA202", "KA228"],
     ),
     "KA227": (
-        talker(certificate=certificates(CERT, pem("", label="/talker"))),
+        talker(certificate=certificates(CERT, pem("", label="/talker", ca=False))),
         ["KA227", "KA503", "KA519"],
     ),
 }

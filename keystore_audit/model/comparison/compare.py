@@ -21,7 +21,7 @@ from keystore_audit.model.comparison.later import later_changes
 from keystore_audit.model.comparison.others import OthersGrants, carriers
 from keystore_audit.model.comparison.reach import Reach
 from keystore_audit.model.comparison.sides import Sides
-from keystore_audit.model.comparison.trust import trust_changes
+from keystore_audit.model.comparison.trust import AUTHORITY, trust_changes
 from keystore_audit.model.profiles import Profile
 
 _LAYERS: Final = list(Layer)
@@ -71,7 +71,8 @@ def compare(
     )
 
 
-def _order(draft: Draft) -> tuple[int, int, str, tuple[str, ...], str]:
-    """By layer; gains come first, and last what nobody notices."""
+def _order(draft: Draft) -> tuple[bool, int, int, str, tuple[str, ...], str]:
+    """Other authorities first, on which all rests; else by layer; gains come first, and last what nobody notices."""
     what = draft.what + "".join(f"{aspect.what} {aspect.old} {aspect.new}" for aspect in draft.aspects)
-    return _LAYERS.index(draft.layer), ORDER.index(draft.direction), draft.kind, draft.enclaves, what
+    other = draft.kind != AUTHORITY
+    return other, _LAYERS.index(draft.layer), ORDER.index(draft.direction), draft.kind, draft.enclaves, what

@@ -19,10 +19,12 @@ from keystore_audit.model.comparison.keys import foreign_keys
 from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import Typed, beside_enclaves, governance_apart, governance_at_large
+from keystore_audit.model.trust.authorities import authority_files
 from keystore_audit.model.trust.verdicts import Acceptance, envelope, may_have_issued
 from keystore_audit.text import some
 
 ADDED: Final = "enclave-added"
+AUTHORITY: Final = "authority"
 REMOVED: Final = "enclave-removed"
 SUBJECT: Final = "identity-subject"
 FILE: Final = "file"
@@ -32,7 +34,7 @@ _IDENTITY_CA: Final = "identity CA"
 _Value = TypeVar("_Value")
 
 _EVERYBODY: Final = frozenset(
-    {ADDED, REMOVED, SUBJECT, FILE, "identity-key", "identity-issuer", "identity-authority", "authority", "signer"}
+    {ADDED, REMOVED, SUBJECT, FILE, "identity-key", "identity-issuer", "identity-authority", AUTHORITY, "signer"}
     | {"signature", "revocation"}
 )
 """Kinds of changes that bear on what peers accept from any enclave."""
@@ -58,7 +60,7 @@ def trust_changes(sides: Sides) -> list[Draft]:
         held = found.setdefault(key, ([], [], one, other))
         held[0].append(path)
         held[1].append(fact.aspects)
-    drafts = [*_of_keystores(*sides.keystores), *identities_let_in(sides), *_of_enclaves(sides)]
+    drafts = [*_of_keystores(*sides.keystores), *_anchors(sides), *identities_let_in(sides), *_of_enclaves(sides)]
     for fact, (paths, aspects, one, other) in found.items():
         drafts.append(_draft(fact._replace(aspects=spanned(aspects)), tuple(dict.fromkeys(paths)), one, other))
     for draft in drafts:
@@ -102,6 +104,30 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
         else:
             draft.direction = Direction.CHANGED  # it has no effect, until somebody puts it in the place of another
         yield draft
+
+
+def _anchors(sides: Sides) -> Iterator[Draft]:
+    """Authorities that came or went in files of which no enclave of both tells: in public/, or of other enclaves."""
+    for role, word in ((Role.IDENTITY_CA, _IDENTITY_CA), (Role.PERMISSIONS_CA, PERMISSIONS_CA)):
+        held: list[dict[str, Certificate]] = []
+        for keystore in sides.keystores:
+            public, read = authority_files(keystore, role)
+            files = [*([public] if public else ()), *(file for file, _enclaves in read)]
+            held.append({certificate.key: certificate for file in files for certificate in file.certificates})
+        told = set[str]()
+        for path in sides.common:
+            one, other = ({c.key for c in by_path[path].trusts(role)} for by_path in sides.enclaves)
+            told |= one ^ other
+        gone, come = (
+            [certificate for key, certificate in mine.items() if key not in others and key not in told]
+            for mine, others in (held, held[::-1])
+        )
+        if gone or come:
+            direction = direction_of(gains=bool(come), losses=bool(gone))
+            aspect = Aspect(what=word, old=_told(gone), new=_told(come), direction=direction)
+            what = f"the {word} in public/, or of enclaves that one keystore alone has, is another"
+            fact = Fact(AUTHORITY, direction, what, (aspect,))
+            yield _draft(fact, (), place_of(gone[0] if gone else None), place_of(come[0] if come else None))
 
 
 def _authority_keys(keystore: Keystore) -> Mapping[bool, Mapping[str, str]]:
@@ -280,7 +306,7 @@ def _authority_facts(roles: list[str], before: CertificateFile, after: Certifica
         verb = others if gone and come else f"{have} {'more' if come else 'fewer'} keys"
         told = _told(gone), _told(come)
         aspects = tuple(Aspect(what=role, old=told[0], new=told[1], direction=direction) for role in roles)
-        yield Fact("authority", direction, f"the {words} {verb}", aspects)
+        yield Fact(AUTHORITY, direction, f"the {words} {verb}", aspects)
         return
     reissued = list(_validity_facts(words, old, new))
     yield from reissued
