@@ -105,8 +105,8 @@ def audit(
         ignore=tuple(map(rule_code, ignore)),
         authorities=expected(
             asserted.authorities if asserted is not None else Authorities(),
-            tuple(map(os.fspath, expect_identity_ca)),
-            tuple(map(os.fspath, expect_permissions_ca)),
+            [os.fspath(each) for each in expect_identity_ca],
+            [os.fspath(each) for each in expect_permissions_ca],
             (os.fspath(path),),
         ),
         settings=asserted,

@@ -202,7 +202,7 @@ def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tup
 @rule(
     "KA231",
     Severity.MEDIUM,
-    clause="RFC 5280, 4.2.1.9 (basicConstraints); measured: Fast DDS and Cyclone DDS refuse what it issued",
+    clause="RFC 5280, 4.2.1.9 (basicConstraints)",
     remedy="Issue the identity again with CA:FALSE. " + ISSUE_AGAIN,
     applies=is_identity,
 )
