@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -144,3 +145,19 @@ def test_python_declares_it_too(settings: Path) -> None:
         api.audit(GOOD, expect_identity_ca=["sha256:"])
     with pytest.raises(api.UsageError, match="a sequence of"):
         api.audit(GOOD, expect_identity_ca="sha256:")
+
+
+@pytest.mark.parametrize("content", [None, b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n"])
+def test_whom_a_file_that_cannot_be_read_trusts_is_unknown(
+    content: bytes | None, keystore_audit: Run, settings: Path, tmp_path: Path
+) -> None:
+    """None: a PKCS#11 reference beside the file, which Fast DDS reads in its place."""
+    root = tmp_path / "keys"
+    shutil.copytree(GOOD, root, symlinks=True)
+    file = root / "enclaves/talker/identity_ca.cert.pem"
+    file.unlink()
+    file.write_bytes(content or (GOOD / "public/identity_ca.cert.pem").read_bytes())
+    if content is None:
+        assert audited(keystore_audit, root, "--settings", settings)[0] == 0
+        file.with_suffix(".p11").write_bytes(b"pkcs11:object=ca")
+    assert audited(keystore_audit, root, "--settings", settings)[0] == 4

@@ -9,9 +9,12 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.engine.engines import Engines
+from keystore_audit.findings import Severity
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.model.profiles import resolve
+from keystore_audit.options import Options
+from keystore_audit.pipeline import audit
 from keystore_audit.properties.property import Status
 from tests.keystore.builder import authority, certificate
 from tests.oracles.vendors.pairs import Pairs
@@ -102,3 +105,14 @@ def test_whom_fast_dds_lets_in_is_a_participant(title: str, tmp_path: Path) -> N
         engines=Engines(choice="native", jar=None, offline=True, timeout=60),
     )
     assert (found.status is Status.HOLDS) is (measured == "..")
+
+
+@pytest.mark.parametrize(
+    ("first", "expected"),
+    [(replace(PLAIN_FIRST, **BOTH), {Severity.HIGH}), (PLAIN_FIRST, set())],
+    ids=["appended", "not"],
+)
+def test_what_lets_strangers_in_is_high(first: Enclave, expected: set[Severity], tmp_path: Path) -> None:
+    first.write(tmp_path / "enclaves/first")
+    report = audit(str(tmp_path), Options(at=AT, engine="native"))
+    assert {each.severity for each in report.findings if each.code == "KA223"} == expected
