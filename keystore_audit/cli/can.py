@@ -34,11 +34,7 @@ EXPECTED: Final = ("allow", "deny")
 @opt.reading_options
 @opt.format_option("How the answer is written.", "text", "json")
 @click.option("--effective", is_flag=True, help="The exit code is about what peers accept, not about own checks.")
-@opt.choice(
-    "--expect",
-    words=EXPECTED,
-    help="Exit with 0 only if every answer is this (deny: of each topic that it would send on).",
-)
+@opt.choice("--expect", words=EXPECTED, help="Exit with 0 only if every answer is this.")
 @click.option(
     "--batch",
     type=click.Path(allow_dash=True, dir_okay=False, exists=True),
@@ -57,7 +53,7 @@ def command(keystore: str, words: tuple[str, ...], **given: Any) -> int:
     \b
     Exit codes:
       0   every profile allows (or answers as --expect says)
-      1   some profile denies
+      1   some profile denies, or allows a part alone
       4   some profile's answer is unknown
     """  # noqa: D301 - click's mark for lines that stay as they are
     if given["batch"] is not None:
@@ -138,10 +134,9 @@ def _exit_code(answers: Collection[Answer], *, effective: bool, expected: str | 
     from keystore_audit.model.question import Ruling
 
     rulings = {answer.ruling(effective=effective) for answer in answers}
-    found = {answer.denied(effective=effective) for answer in answers} if expected == Ruling.DENY.value else rulings
-    if Ruling.UNKNOWN in rulings | found:
+    if Ruling.UNKNOWN in rulings:
         return EXIT_INCOMPLETE
-    return 0 if {each.value for each in found} == {expected or "allow"} else 1
+    return 0 if rulings == {Ruling(expected or "allow")} else 1
 
 
 def _batch(keystore: str, given: dict[str, Any]) -> int:

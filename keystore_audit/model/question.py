@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import Enum
+from typing import Final
 
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
@@ -11,10 +12,11 @@ from keystore_audit.keystore.permissions import Operation
 
 
 class Ruling(str, Enum):
-    """The three values of a decision (design section 3)."""
+    """The values of a decision (design section 3). PARTLY: of a service or an action alone."""
 
     ALLOW = "allow"
     DENY = "deny"
+    PARTLY = "partly"
     UNKNOWN = "unknown"
 
 
@@ -30,7 +32,7 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
+class Half:
     """What is answered of one of the DDS topics of a service or an action."""
 
     operation: Operation
@@ -48,8 +50,8 @@ class Answer:
 
     `usable`: whether a participant is created in the domain. `decision`: whether its own implementation lets it; deny
     where it is not usable. `effective`: whether some peer in the keystore accepts it. `reason`: of the decision, a
-    sentence without its full stop; `location`: the line that decides, if there is one. `parts`: of a service or an
-    action, whose answer is that to whether all of it may be done.
+    sentence without its full stop; `location`: the line that decides, if there is one. `halves`: of a service or an
+    action.
     """
 
     usable: bool | None
@@ -57,39 +59,42 @@ class Answer:
     effective: Ruling
     reason: str
     location: Location | None
-    parts: tuple[Part, ...] = ()
+    halves: tuple[Half, ...] = ()
 
     def ruling(self, *, effective: bool) -> Ruling:
         """What peers accept, or the decision."""
         return self.effective if effective else self.decision
 
-    def denied(self, *, effective: bool) -> Ruling:
-        """The same to whether none of it is done: what is sent counts.
 
-        Servers carry out a request whether or not its sender may read the reply, and clients take a reply.
-        """
-        sent = [part for part in self.parts if part.operation is Operation.PUBLISH]
-        if not sent:
-            return self.ruling(effective=effective)
-        return max((part.effective if effective else part.decision for part in sent), key=_OBSTACLES.index)
-
-
-_OBSTACLES = (Ruling.DENY, Ruling.UNKNOWN, Ruling.ALLOW)
+_OBSTACLES: Final = (Ruling.DENY, Ruling.UNKNOWN, Ruling.ALLOW)
+"""Whose reason is told, of the channels of a service or an action."""
 
 
 def joint(questions: Sequence[Question], answers: Sequence[Answer]) -> Answer:
-    """One answer to whether all of it may be done; of several questions, it says which one decides.
-
-    Deny outranks unknown, since one channel denied is enough.
-    """
+    """One answer about all of it, with the reason of what stands in the way."""
+    if len(questions) == 1:
+        return answers[0]
     question, decisive = min(zip(questions, answers, strict=True), key=lambda each: _OBSTACLES.index(each[1].decision))
     reason = decisive.reason
-    if len(questions) > 1 and decisive.usable:
+    if decisive.usable:
         which = "" if decisive.decision is not Ruling.ALLOW else f"each of the {len(questions)} is allowed, e.g. "
         reason = f"{which}{question.operation.value} {question.topic}: {reason}"
-    effective = min((answer.effective for answer in answers), key=_OBSTACLES.index)
-    parts = tuple(
-        Part(operation=asked.operation, topic=asked.topic, decision=answer.decision, effective=answer.effective)
-        for asked, answer in zip(questions, answers, strict=True)
+    return replace(
+        decisive,
+        decision=_together({answer.decision for answer in answers}),
+        effective=_together({answer.effective for answer in answers}),
+        reason=reason,
+        halves=tuple(
+            Half(operation=asked.operation, topic=asked.topic, decision=answer.decision, effective=answer.effective)
+            for asked, answer in zip(questions, answers, strict=True)
+        ),
     )
-    return replace(decisive, effective=effective, reason=reason, parts=parts if len(parts) > 1 else ())
+
+
+def _together(rulings: set[Ruling]) -> Ruling:
+    """Half of a service is no denial of it: servers carry out a request whether or not its sender may read the reply,
+    and clients take a reply (measured).
+    """
+    if rulings >= {Ruling.ALLOW, Ruling.DENY}:
+        return Ruling.PARTLY
+    return Ruling.UNKNOWN if Ruling.UNKNOWN in rulings else rulings.pop()

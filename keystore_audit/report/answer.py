@@ -66,15 +66,15 @@ def _described(answer: Answer) -> dict[str, object]:
         "path": answer.location.path if answer.location else None,
         "line": answer.location.line if answer.location else None,
     }
-    if answer.parts:
-        described["parts"] = [
+    if answer.halves:
+        described["halves"] = [
             {
-                "operation": part.operation.value,
-                "name": part.topic,
-                "decision": part.decision.value,
-                "effective": part.effective.value,
+                "dds_name": half.topic,
+                "operation": half.operation.value,
+                "decision": half.decision.value,
+                "effective": half.effective.value,
             }
-            for part in answer.parts
+            for half in answer.halves
         ]
     return described
 
@@ -104,9 +104,10 @@ def _answer(answer: Answer, under: str) -> list[str]:
     lines.append(_sentence(answer.reason))
     if answer.location is not None:
         lines.append(terminal(f"  {answer.location}"))
-    allowed = ", ".join(str(part) for part in answer.parts if part.decision is Ruling.ALLOW)
-    if allowed and answer.decision is not Ruling.ALLOW:
-        lines.append(_sentence(f"its own implementation allows a part of it: {allowed}"))
+    if answer.decision is Ruling.PARTLY:
+        halves = {ruling: _halves(answer, ruling, effective=False) for ruling in Ruling}
+        said = [f"{words} {halves[ruling]}" for ruling, words in _ITSELF.items() if halves[ruling]]
+        lines.append(_sentence(f"its own implementation {'; '.join(said)}"))
     if answer.usable is not None:
         start = f"its participant {'starts' if answer.usable else 'does not start'}"
         but = "but " if answer.effective is not answer.decision else ""
@@ -116,35 +117,32 @@ def _answer(answer: Answer, under: str) -> list[str]:
     return lines
 
 
+def _halves(answer: Answer, ruling: Ruling, *, effective: bool) -> str:
+    """The DDS topics of a service or an action that are answered so."""
+    return ", ".join(str(half) for half in answer.halves if (half.effective if effective else half.decision) is ruling)
+
+
 def _accept(answer: Answer) -> str:
-    """What peers do; of a service or an action, with the parts that they accept where they do not accept it all."""
-    said = _ACCEPT[answer.effective, answer.decision]
-    if answer.effective is Ruling.ALLOW or not answer.parts:
-        return said.format("what is asked")
-    taken, open_ = (
-        ", ".join(str(part) for part in answer.parts if part.effective is ruling)
-        for ruling in (Ruling.ALLOW, Ruling.UNKNOWN)
-    )
-    told = [said.format("all of it" if taken or open_ else "any of it")]
-    told += [words.format(parts) for words, parts in ((_TAKEN, taken), (_OPEN, open_)) if parts]
-    return "; ".join(told)
+    """What peers do; of a service or an action, with the halves that they accept where they do not accept it all."""
+    if answer.effective is Ruling.ALLOW or not answer.halves:
+        return _PEERS[answer.effective].format("what is asked") + _ASIDE.get((answer.effective, answer.decision), "")
+    halves = {ruling: _halves(answer, ruling, effective=True) for ruling in Ruling}
+    told = [words.format(halves[ruling]) for ruling, words in _PEERS.items() if halves[ruling]]
+    return "; ".join(told) + _ASIDE.get((answer.effective, answer.decision), "")
 
 
-_TAKEN: Final = "some peer accepts {}"
-_REFUSED: Final = "no peer accepts {}"
-_OPEN: Final = "whether any peer accepts {} cannot be told"
-_ACCEPT: Final = {
-    (Ruling.ALLOW, Ruling.ALLOW): _TAKEN,
-    (Ruling.ALLOW, Ruling.DENY): f"{_TAKEN} from whoever holds the enclave's keys and skips its own checks",
-    (Ruling.ALLOW, Ruling.UNKNOWN): _TAKEN,
-    (Ruling.DENY, Ruling.ALLOW): f"{_REFUSED}, except one that attacks",
-    (Ruling.DENY, Ruling.DENY): _REFUSED,
-    (Ruling.DENY, Ruling.UNKNOWN): _REFUSED,
-    (Ruling.UNKNOWN, Ruling.ALLOW): _OPEN,
-    (Ruling.UNKNOWN, Ruling.DENY): _OPEN,
-    (Ruling.UNKNOWN, Ruling.UNKNOWN): _OPEN,
+_ITSELF: Final = {Ruling.ALLOW: "allows", Ruling.DENY: "denies", Ruling.UNKNOWN: "may allow or deny"}
+_PEERS: Final = {
+    Ruling.ALLOW: "some peer accepts {}",
+    Ruling.DENY: "no peer accepts {}",
+    Ruling.UNKNOWN: "whether any peer accepts {} cannot be told",
 }
-"""What peers do, beside what the enclave's own implementation does."""
+_ASIDE: Final = {
+    (Ruling.ALLOW, Ruling.DENY): " from whoever holds the enclave's keys and skips its own checks",
+    (Ruling.ALLOW, Ruling.PARTLY): " from whoever holds the enclave's keys and skips its own checks",
+    (Ruling.DENY, Ruling.ALLOW): ", except one that attacks",
+}
+"""Where peers do something else than the enclave's own implementation."""
 
 
 def _sentence(text: str) -> str:

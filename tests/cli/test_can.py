@@ -19,8 +19,9 @@ from keystore_audit.model import question as questions
 from keystore_audit.model.names import dds_channels
 from keystore_audit.model.profiles import DEFAULT
 from keystore_audit.model.question import Answer, Question, Ruling
-from tests.cli.keystores import AT, answer, keystore, rule
+from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, rule, signed_keystore
 from tests.keystore.builder import GOVERNANCE
+from tests.schemas import schema
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 TURTLESIM = SAMPLES / "healthy/turtlesim"
@@ -29,10 +30,9 @@ UNREADABLE = SAMPLES / "unknown/unreadable_enclave"
 DEFAULT_ALLOW = SAMPLES / "rules/KA509-default-allow/bad"
 SHARED_CA = SAMPLES / "stock/talker_listener"
 
-ALLOW, DENY, UNKNOWN = "allow", "deny", "unknown"
+ALLOW, DENY, PARTLY, UNKNOWN = "allow", "deny", "partly", "unknown"
 ANSWER_KEYS = ["enclave", "operation", "name", "dds_names", "domain", "partition", "decisions", "at", "assumptions"]
 DECISION_KEYS = ["usable", "decision", "effective", "reason", "path", "line"]
-PART_KEYS = ["operation", "name", "decision", "effective"]
 
 
 def decisions(*args: str | Path) -> tuple[int, dict[str, Any]]:
@@ -42,12 +42,11 @@ def decisions(*args: str | Path) -> tuple[int, dict[str, Any]]:
     document = json.loads(out)
     assert list(document) == ANSWER_KEYS
     assert document["at"] == AT
+    schema("can").validate(document)
     names = document["dds_names"]
     for each in document["decisions"].values():
-        assert list(each) == (DECISION_KEYS if len(names) == 1 else [*DECISION_KEYS, "parts"])
-        parts = each.get("parts", [])
-        assert all(list(part) == PART_KEYS for part in parts)
-        assert [part["name"] for part in parts] == (names if len(names) > 1 else [])
+        assert list(each) == (DECISION_KEYS if len(names) == 1 else [*DECISION_KEYS, "halves"])
+        assert [half["dds_name"] for half in each.get("halves", [])] == (names if len(names) > 1 else [])
     return code, document
 
 
@@ -122,46 +121,73 @@ HEARS = (rule(subscribe=("rr/addReply", "rq/addRequest")),)
 ANSWERS = (rule(publish=("rr/addReply",)),)
 CALLS = (rule(publish=("rq/go/_action/cancel_goalRequest",)),)
 TELLS = (rule(publish=("rt/go/_action/feedback",)),)
+NOTHING = (rule(publish=("rt/other",)),)
 
 
 @pytest.mark.parametrize(
-    ("rules", "words", "code"),
+    ("rules", "words", "ruling"),
     [
-        (ASKS, "request /add", 1),
-        (ASKS_AND_HEARS, "request /add", 1),
-        (HEARS, "request /add", 0),
-        (HEARS, "reply /add", 0),
-        (ANSWERS, "request /add", 0),
-        (ANSWERS, "reply /add", 1),
-        (ASKS, "reply /add", 0),
-        (CALLS, "call /go", 1),
-        (CALLS, "execute /go", 0),
-        (TELLS, "call /go", 0),
-        (TELLS, "execute /go", 1),
+        (ASKS, "request /add", PARTLY),
+        (ASKS_AND_HEARS, "request /add", ALLOW),
+        (HEARS, "request /add", PARTLY),
+        (HEARS, "reply /add", PARTLY),
+        (ANSWERS, "request /add", DENY),
+        (ANSWERS, "reply /add", PARTLY),
+        (ASKS, "reply /add", DENY),
+        (CALLS, "call /go", PARTLY),
+        (CALLS, "execute /go", DENY),
+        (TELLS, "call /go", DENY),
+        (TELLS, "execute /go", PARTLY),
+        (NOTHING, "request /add", DENY),
+        (NOTHING, "execute /go", DENY),
     ],
 )
-@pytest.mark.parametrize("effective", [(), ("--effective",)])
-def test_a_service_is_denied_where_nothing_of_it_may_be_sent(
-    rules: tuple[str, ...], words: str, code: int, effective: tuple[str, ...], tmp_path: Path
+def test_half_of_a_service_is_neither_allowed_nor_denied(
+    rules: tuple[str, ...], words: str, ruling: str, tmp_path: Path
 ) -> None:
-    """Without the right to read the reply the server carries out the request all the same."""
+    """Without the right to read the reply the server carries out the request all the same, and clients take a reply."""
     store = keystore(tmp_path / "k", {"/c": rules, "/s": (rule(publish=("*",), subscribe=("*",)),)})
-    assert decisions(store, "/c", *words.split(), "--expect", "deny", *effective)[0] == code
-    allowed = rules == ASKS_AND_HEARS and words.startswith("request")
-    for expected in ((), ("--expect", "allow")):
-        assert decisions(store, "/c", *words.split(), *expected, *effective)[0] == (0 if allowed else 1)
+    for effective in ((), ("--effective",)):
+        for expected in (ALLOW, DENY):
+            code, document = decisions(store, "/c", *words.split(), "--expect", expected, *effective)
+            assert code == (0 if ruling == expected else 1)
+            assert {each["decision"] for each in document["decisions"].values()} == {ruling}
+            assert {each["effective"] for each in document["decisions"].values()} == {ruling}
+        assert decisions(store, "/c", *words.split(), *effective)[0] == (0 if ruling == ALLOW else 1)
 
 
-def test_a_part_that_is_allowed_is_named(tmp_path: Path) -> None:
+def test_the_halves_are_named(tmp_path: Path) -> None:
     store = keystore(tmp_path / "k", {"/c": ASKS})
-    _code, out = answer("can", store, "/c", "request", "/add", "--at", AT)
+    _code, document = decisions(store, "/c", "request", "/add", "--profile", "spec")
+    assert document["decisions"]["spec"]["halves"] == [
+        {"dds_name": "rq/addRequest", "operation": "publish", "decision": ALLOW, "effective": ALLOW},
+        {"dds_name": "rr/addReply", "operation": "subscribe", "decision": DENY, "effective": DENY},
+    ]
+    _code, out = answer("can", store, "/c", "request", "/add", "--at", AT, "--profile", "spec")
+    assert "\nPARTLY   " in out
     flat = " ".join(out.split())
-    assert "Its own implementation allows a part of it: publish rq/addRequest." in flat
-    assert "no peer accepts all of it; some peer accepts publish rq/addRequest." in flat
-    _code, out = answer("can", store, "/c", "reply", "/add", "--at", AT)
+    assert "Its own implementation allows publish rq/addRequest; denies subscribe rr/addReply." in flat
+    assert "some peer accepts publish rq/addRequest; no peer accepts subscribe rr/addReply." in flat
+    _code, out = answer("can", store, "/c", "reply", "/add", "--at", AT, "--profile", "spec")
     flat = " ".join(out.split())
-    assert "part of it" not in flat
-    assert "no peer accepts any of it." in flat
+    assert "\nDENY     " in out
+    assert "Its own implementation" not in flat
+    assert "no peer accepts publish rr/addReply, subscribe rq/addRequest." in flat
+
+
+def test_peers_may_accept_a_half_more(tmp_path: Path) -> None:
+    """A document of another enclave that names this one, too, is one that it may present."""
+    replies = rule(publish=("rr/addReply",), subscribe=("rr/addReply",))
+    documents = {"/c": document_of(grant_of("/c", *ASKS)), "/s": document_of(grant_of("/s"), grant_of("/c", replies))}
+    store = signed_keystore(tmp_path / "k", documents)
+    for rules, decision, effective in (("request", PARTLY, ALLOW), ("reply", DENY, PARTLY)):
+        code, document = decisions(store, "/c", rules, "/add", "--profile", "spec", "--effective")
+        assert code == (effective != ALLOW)
+        assert document["decisions"]["spec"]["decision"] == decision
+        assert document["decisions"]["spec"]["effective"] == effective
+    _code, out = answer("can", store, "/c", "request", "/add", "--at", AT, "--profile", "spec")
+    flat = " ".join(out.split())
+    assert "some peer accepts what is asked from whoever holds the enclave's keys and skips its own checks." in flat
 
 
 @pytest.mark.parametrize(
@@ -440,11 +466,11 @@ def test_batch_answers_are_those_of_single_questions(
         assert decisions(TURTLESIM, *words, "--", name)[1] == line
 
 
-RULINGS = st.sampled_from(list(Ruling))
+SINGLE = st.sampled_from([Ruling.ALLOW, Ruling.DENY, Ruling.UNKNOWN])
 
 
-@given(st.lists(st.tuples(RULINGS, RULINGS), min_size=1, max_size=9))
-def test_a_whole_is_allowed_only_where_all_of_it_is(rulings: list[tuple[Ruling, Ruling]]) -> None:
+@given(st.lists(st.tuples(SINGLE, SINGLE), min_size=1, max_size=9))
+def test_a_whole_is_what_its_halves_are(rulings: list[tuple[Ruling, Ruling]]) -> None:
     asked = [Question(enclave="/e", operation=Operation.PUBLISH, topic=str(n)) for n in range(len(rulings))]
     given_ = [
         Answer(usable=True, decision=decision, effective=effective, reason=f"r{n}", location=None)
@@ -452,11 +478,48 @@ def test_a_whole_is_allowed_only_where_all_of_it_is(rulings: list[tuple[Ruling, 
     ]
     whole = questions.joint(asked, given_)
     for of, found in ((0, whole.decision), (1, whole.effective)):
-        values = {each[of] for each in rulings}
-        expected = (
-            Ruling.DENY if Ruling.DENY in values else Ruling.UNKNOWN if Ruling.UNKNOWN in values else Ruling.ALLOW
-        )
-        assert found is expected
+        assert found.value == together({each[of].value for each in rulings})
+    assert [(half.decision, half.effective) for half in whole.halves] == (rulings if len(rulings) > 1 else [])
+
+
+def together(rulings: set[str]) -> str:
+    """What `can` answers of a service or an action whose DDS topics are answered so (design section 5)."""
+    if ALLOW in rulings and DENY in rulings:
+        return PARTLY
+    if UNKNOWN in rulings:
+        return UNKNOWN
+    return ALLOW if rulings == {ALLOW} else DENY
+
+
+ROLES = [("request", "/add"), ("reply", "/add"), ("call", "/go"), ("execute", "/go")]
+NAMES = st.lists(
+    st.sampled_from(["rq/*", "rr/*Reply", "rq/addRequest", "rr/go/_action/*", "rt/go/_action/status", "*"]),
+    max_size=2,
+).map(tuple)
+
+
+@settings(max_examples=20)
+@given(rules=st.lists(st.tuples(NAMES, NAMES, st.booleans()), min_size=1, max_size=3), role=st.sampled_from(ROLES))
+def test_halves_are_what_each_dds_name_is_by_itself(
+    rules: list[tuple[tuple[str, ...], tuple[str, ...], bool]],
+    role: tuple[str, str],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    own = tuple(rule(publish, subscribe, allow=allow) for publish, subscribe, allow in rules if publish or subscribe)
+    everything = (rule(publish=("*",), subscribe=("*",)),)
+    store = keystore(tmp_path_factory.mktemp("can") / "k", {"/c": own, "/s": everything})
+    for place in (store, UNREADABLE):
+        enclave = "/c" if place == store else "/listener"
+        _code, document = decisions(place, enclave, *role)
+        singles = [
+            decisions(place, enclave, operation.value, "--kind", "dds", "--", name)[1]["decisions"]
+            for operation, name in dds_channels(*role)
+        ]
+        for profile, whole in document["decisions"].items():
+            alone = [single[profile] for single in singles]
+            for of in ("decision", "effective"):
+                assert [half[of] for half in whole["halves"]] == [each[of] for each in alone]
+                assert whole[of] == together({each[of] for each in alone})
 
 
 @pytest.mark.parametrize(("operation", "name"), [("call", "/fibonacci"), ("request", "/add_two_ints")])
