@@ -48,7 +48,7 @@ class Document:
     file: Typed | None
 
 
-@lru_cache(maxsize=2)  # a comparison has two; asked by whoever looks at all documents
+@lru_cache(maxsize=3)  # a comparison has three; asked by whoever looks at all documents
 def documents_of(keystore: Keystore) -> tuple[Document, ...]:
     """Every distinct document that bears on rights, by place: what enclaves carry, and strays that a peer may take.
 
@@ -268,7 +268,7 @@ def _outside(keystore: Keystore) -> Mapping[str, tuple[Certificate, str | None]]
     return found
 
 
-@lru_cache(maxsize=2)  # asked by the systems, for doubts under each kind of implementation, and by a rule
+@lru_cache(maxsize=3)  # asked by the systems, for doubts under each kind of implementation, and by a rule
 def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]:
     """By whose certificates somebody may join `at` an instant (aware UTC) or later, beside the enclaves, by place.
 

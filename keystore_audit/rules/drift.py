@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Final
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.model.names import ros_name
 from keystore_audit.rules.commands import CREATE_ENCLAVE, CREATE_PERMISSION
 from keystore_audit.rules.context import Context, given
@@ -100,7 +99,7 @@ def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]
 
 @rule(
     "KA641",
-    Severity.MEDIUM,
+    Severity.HIGH,
     clause=DESIGN,
     remedy=f"Sign what the policy says, {CREATE_PERMISSION}, or write the right into the policy. What was signed "
     "before stays valid until its end: peers take whatever document is presented to them.",
@@ -109,8 +108,8 @@ def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]
 def right_beyond_policy(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Signed permissions give an enclave a right that the policy does not.
 
-    High where an expression gives infinitely many. Looked at are the enclave's own permissions and every other document
-    in the keystore that names it and that a peer may take, since an enclave can present it.
+    More than was reviewed is as severe as less. Looked at are the enclave's own permissions and every other document in
+    the keystore that names it and that a peer may take, since an enclave can present it.
     """
     for found in given(context.drift).enclaves:
         for rights in _alike(found.exceeding.rights):
@@ -121,7 +120,6 @@ def right_beyond_policy(_keystore: Keystore, context: Context) -> Iterator[Viola
                 f"{_more(found.exceeding.more)}.",
                 locations=places((*_both_lines(rights, "the policy denies it"), _introduced(found))),
                 enclave=found.enclave,
-                severity=Severity.HIGH if any(right.endless for right in rights) else None,
                 profiles=rights[0].profiles,
                 key=_key(rights),
             )
@@ -186,7 +184,7 @@ def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Vi
 
 @rule(
     "KA644",
-    Severity.LOW,
+    Severity.HIGH,
     clause=DESIGN,
     remedy="Describe the enclave in the policy, or remove it, and revoke its identity.",
     applies=_is_given,
@@ -194,31 +192,16 @@ def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Vi
 def enclave_not_in_policy(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The keystore has an enclave of which the policy says nothing, so that nobody can tell what it is to do.
 
-    As severe as KA641 where it may do something: medium, and high where it may use infinitely many names, or its
-    permissions cannot be read.
+    It is a participant that nobody reviewed, whatever its permissions say today.
     """
-    for severity, unnamed in grouped(given(context.drift).unnamed, _weight).items():
+    unnamed = given(context.drift).unnamed
+    if unnamed:
         yield Violation(
-            severity=severity,
             message=f"The policy says nothing of {listed(enclave.path for enclave in unnamed)}.",
             locations=places(Location(path=enclave.files.files[Role.PERMISSIONS].place) for enclave in unnamed),
             enclave=unnamed[0].path if len(unnamed) == 1 else None,
             key="\n".join(sorted(enclave.path for enclave in unnamed)),
         )
-
-
-def _weight(enclave: Enclave) -> Severity:
-    """How much it matters that nobody says what the enclave is to do."""
-    file = enclave.permissions
-    if file is None:
-        return Severity.LOW
-    if file.permissions is None:
-        return Severity.HIGH
-    grants = file.permissions.grants
-    topics = [topic for grant in grants for criterion in grant.allowed for topic in criterion.topics]
-    if any(grant.default_allow for grant in grants) or any(has_wildcard(topic.text) for topic in topics):
-        return Severity.HIGH
-    return Severity.MEDIUM if topics else Severity.LOW
 
 
 @rule(

@@ -150,7 +150,8 @@ class Change:
     `what`: a noun phrase or a verb phrase of the enclaves. `enclaves`: the paths of those that it is about; none: the
     keystore as a whole, or outsiders. `operation`: publish, subscribe, relay or join, of a right. `names`: what it is
     about. `profiles`: under which implementations it is a change. `varies`: they differ about the names. `old`, `new`:
-    where that is written in either keystore. `labels`: those asked for that it is about.
+    where that is written in either keystore. `labels`: those asked for that it is about. `until`: when what is lost
+    ends, where peers of NEW take what was signed before (aware UTC, as reports write it).
     """
 
     layer: Layer
@@ -169,6 +170,7 @@ class Change:
     new: Location | None = None
     consequences: tuple[Consequence, ...] = ()
     labels: tuple[str, ...] = ()
+    until: str | None = None
 
     @property
     def gains(self) -> bool:

@@ -21,6 +21,7 @@ from keystore_audit.model.comparison.later import later_changes
 from keystore_audit.model.comparison.others import OthersGrants, carriers
 from keystore_audit.model.comparison.reach import Reach
 from keystore_audit.model.comparison.sides import Sides
+from keystore_audit.model.comparison.still import Still
 from keystore_audit.model.comparison.trust import AUTHORITY, trust_changes
 from keystore_audit.model.profiles import Profile
 
@@ -45,12 +46,13 @@ def compare(
     """
     labels = labels or {}
     sides = Sides(old, new, profiles, at, zone, domain, [glob for each in labels.values() for glob in each.topics])
-    rights = grant_changes(sides)
+    still = Still(sides)
+    rights = grant_changes(sides, still)
     dates = validity_changes(sides, rights)
     later = later_changes(sides, frozenset(path for draft in dates for path in draft.enclaves))
     drafts = [*trust_changes(sides), *governance_changes(sides), *dates, *later, *rights]
     causes = Causes(drafts)
-    unaccounted = [*Reach(sides, causes).work_out(), *influence_changes(sides, causes)]
+    unaccounted = [*Reach(sides, causes, still).work_out(), *influence_changes(sides, causes, still)]
     others = OthersGrants(sides)
     found = [*causes.drafts, *unaccounted, *others.drafts()]
     found += signed_again(sides, found, carriers(others.places, sides))

@@ -47,6 +47,7 @@ class Draft:
     influenced: Influenced | None = None
     old: Location | None = None
     new: Location | None = None
+    until: str | None = None
     effects: dict[Consequence, int] = field(default_factory=dict)
 
     def account_for(self, shown: Draft, *, parts: bool = False) -> None:
@@ -61,6 +62,7 @@ class Draft:
             influenced=shown.influenced,
             parts=parts,
         )
+        self.until = max(filter(None, (self.until, shown.until)), default=None)
         self.effects[effect] = self.effects.get(effect, 0) | shown.channels
 
     def change(self, sides: Sides, labels: tuple[str, ...] = ()) -> Change:
@@ -90,7 +92,9 @@ class Fold(NamedTuple):
     old: Location | None
     new: Location | None
 
-    def draft(self, *, layer: Layer, kind: str, gained: bool, what: str, operation: str | None) -> Draft:
+    def draft(
+        self, *, layer: Layer, kind: str, gained: bool, what: str, operation: str | None, until: str | None
+    ) -> Draft:
         """The change that it is."""
         return Draft(
             layer=layer,
@@ -104,6 +108,7 @@ class Fold(NamedTuple):
             varies=self.varies,
             old=self.old,
             new=self.new,
+            until=until,
         )
 
 

@@ -11,10 +11,10 @@ from keystore_audit.model.comparison.change import Aspect, Direction, Layer
 from keystore_audit.model.comparison.drafts import Draft, Folds
 from keystore_audit.model.comparison.facts import Dates, other_dates, spanned
 from keystore_audit.model.comparison.sides import Pair, Sides, View, is_void
+from keystore_audit.model.comparison.still import JOIN, Still, may
 from keystore_audit.model.formal.bit_sets import lowest, members
 from keystore_audit.model.formal.system import GrantAtom
 
-JOIN: Final = "join"
 WORDS: Final = {
     "publish": "publish",
     "subscribe": "subscribe to",
@@ -58,22 +58,24 @@ class Given(NamedTuple):
 NOTHING: Final = Given(0, 0, 0, 0)
 
 
-def grant_changes(sides: Sides) -> list[Draft]:
+def grant_changes(sides: Sides, still: Still) -> list[Draft]:
     """One draft for each operation and direction, of all enclaves for which the same names changed."""
-    folds = Folds[Right]()
+    folds = Folds[tuple[Right, str | None]]()
     for pair in sides.pairs:
         for path in sides.compared:
             for right, channels, old, new in _differences(sides, pair, path):
-                folds.note(right, path, pair, channels, old, new)
+                for part, until in still.split(pair, path, right.operation, channels, gained=right.gained):
+                    folds.note((right, until), path, pair, part, old, new)
     return [
         fold.draft(
             layer=Layer.GRANTS,
             kind="right",
             gained=right.gained,
-            what=f"may {'' if right.gained else 'no longer '}{WORDS[right.operation]}",
+            what=may(WORDS[right.operation], until, gained=right.gained),
             operation=right.operation,
+            until=until,
         )
-        for right, fold in folds.folded(sides)
+        for (right, until), fold in folds.folded(sides)
     ]
 
 

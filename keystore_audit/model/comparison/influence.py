@@ -9,6 +9,7 @@ from keystore_audit.model.comparison.causes import Causes
 from keystore_audit.model.comparison.change import Direction, Handover, Influenced, Layer
 from keystore_audit.model.comparison.drafts import Draft, in_order, told_beside
 from keystore_audit.model.comparison.sides import Pair, Sides, View
+from keystore_audit.model.comparison.still import PRESENTED_BEFORE, Still
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
@@ -67,19 +68,20 @@ _Pairs = dict[int, int]
 """By participant: those that it reaches on one side alone."""
 
 
-def influence_changes(sides: Sides, causes: Causes) -> list[Draft]:
+def influence_changes(sides: Sides, causes: Causes, still: Still) -> list[Draft]:
     """Adds what follows to the changes that account for it; returns what none does."""
-    found: dict[tuple[Draft | None, bool, Influenced], list[str]] = {}
+    found: dict[tuple[Draft | None, bool, str, Influenced], list[str]] = {}
     for pair in sides.pairs:
         for draft, gained, influenced in _of_pair(sides, causes, pair):
-            found.setdefault((draft, gained, influenced), []).extend(pair.profiles)
+            what = _WORDS[gained] + ("" if gained or not still.remains(pair) else f", {PRESENTED_BEFORE}")
+            found.setdefault((draft, gained, what, influenced), []).extend(pair.profiles)
     own = []
-    for (cause, gained, influenced), profiles in found.items():
+    for (cause, gained, what, influenced), profiles in found.items():
         shown = Draft(
             layer=Layer.INFLUENCE,
             kind="flow",
             direction=Direction.GAINED if gained else Direction.LOST,
-            what=_WORDS[gained],
+            what=what,
             enclaves=(),
             profiles=in_order(profiles, sides),
             influenced=influenced,

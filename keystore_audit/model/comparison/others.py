@@ -14,14 +14,16 @@ from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer
 from keystore_audit.model.comparison.drafts import Draft, Fold, Folds
 from keystore_audit.model.comparison.facts import Dates, told
 from keystore_audit.model.comparison.grants import NOTHING, WORDS, Given, Right, differing, either, given
 from keystore_audit.model.comparison.sides import Pair, Sides, View
+from keystore_audit.model.comparison.still import JOIN, may
 from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.subjects.comparison import same_meaning
+from keystore_audit.text import instant
 
 KINDS: Final = ("right-of-others", "grant-of-others")
 SUBJECT: Final = "grant for"
@@ -52,7 +54,7 @@ _Grants = list[tuple[str, Dates, Given]]
 
 
 class _Key(NamedTuple):
-    """A change for one subject. `later`: of a right that does not count yet.
+    """A change for one subject. `later`: of a right that does not count yet. `until`: when what is lost ends.
 
     `right` None: other dates, or other grants beside it that may name the subject too.
     """
@@ -60,6 +62,7 @@ class _Key(NamedTuple):
     right: Right | None
     later: bool
     dates: tuple[tuple[Dates, ...], tuple[Dates, ...]] | None
+    until: str | None = None
 
 
 class OthersGrants:
@@ -82,6 +85,7 @@ class OthersGrants:
         both = frozenset(self._sides.common)
         staying = [_own_subjects(view, pair, self._sides, side, both) for side, view in enumerate(views)]
         granted = [_granted(view, pair, self._sides, side, own[0] & own[1]) for side, view in enumerate(views)]
+        kept = _granted(pair.kept, pair, self._sides, 2, own[0] & own[1])
         for subject in sorted({*granted[0], *granted[1]}):
             old, new = (each.get(subject) or _Granted() for each in granted)
             for key, channels in self._differences(pair, old, new):
@@ -91,7 +95,8 @@ class OthersGrants:
                     before = old if key.right.gained else new
                     if subject not in staying[key.right.gained] or not before.dates:
                         continue
-                self._found.note(key, subject, pair, channels, old.where, new.where)
+                for part, until in _left(pair, key, kept.get(subject), channels):
+                    self._found.note(key._replace(until=until), subject, pair, part, old.where, new.where)
                 self.places |= old.places | new.places
 
     def _differences(self, pair: Pair, old: _Granted, new: _Granted) -> Iterator[tuple[_Key, int]]:
@@ -112,6 +117,18 @@ class OthersGrants:
             yield _Key(None, False, None), names
 
 
+def _left(pair: Pair, key: _Key, kept: _Granted | None, channels: int) -> Iterator[tuple[int, str | None]]:
+    """Of what is lost, what documents of before still grant, and until when; and (None) the rest."""
+    still = 0
+    if key.right is not None and not key.right.gained and kept is not None and kept.dates:
+        joined = pair.kept.decisions.within(members(kept.ever.joined))
+        still = channels & (joined if key.right.operation == JOIN else kept.ever.of(Operation(key.right.operation)))
+        if still:
+            yield still, instant(max(end for _begin, end in kept.dates if end is not None))
+    if channels & ~still:
+        yield channels & ~still, None
+
+
 def _draft(key: _Key, fold: Fold) -> Draft:
     """One for all subjects for which the same names changed."""
     direction = Direction.CHANGED
@@ -130,6 +147,7 @@ def _draft(key: _Key, fold: Fold) -> Draft:
         varies=fold.varies,
         old=fold.old,
         new=fold.new,
+        until=key.until,
     )
 
 
@@ -267,7 +285,7 @@ def _words(key: _Key, subjects: list[str]) -> str:
     if key.right is None:
         return f"grants for {who} stand among others that may name it too, on"
     when = ", once a grant counts that does not yet," if key.later else ""
-    return f"{who} may{when} {'' if key.right.gained else 'no longer '}{WORDS[key.right.operation]}"
+    return f"{who}{when} {may(WORDS[key.right.operation], key.until, gained=key.right.gained)}"
 
 
 def _aspect(subject: str, direction: Direction) -> Aspect:

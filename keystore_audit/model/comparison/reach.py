@@ -16,7 +16,6 @@ from keystore_audit.model.comparison.causes import Causes, agreeing
 from keystore_audit.model.comparison.change import Direction, Layer
 from keystore_audit.model.comparison.drafts import Draft, Fold, Folds, told_beside
 from keystore_audit.model.comparison.grants import (
-    JOIN,
     NOTHING,
     WORDS,
     Right,
@@ -27,6 +26,7 @@ from keystore_audit.model.comparison.grants import (
     whole,
 )
 from keystore_audit.model.comparison.sides import Pair, Sides, View
+from keystore_audit.model.comparison.still import JOIN, PRESENTED_BEFORE, Still, may
 from keystore_audit.model.comparison.trust import ADDED, REMOVED
 from keystore_audit.model.formal import outsiders
 from keystore_audit.model.formal.bit_sets import members, union
@@ -39,7 +39,8 @@ MAX_APART: Final = 4
 class _Key(NamedTuple):
     """A difference that shows. `draft`: what accounts for it. `operation`: None of what keys alone make possible.
 
-    `own`: of endpoints that the enclave's own implementation makes, whatever its peers accept.
+    `own`: of endpoints that the enclave's own implementation makes, whatever its peers accept. `until`: when what is
+    lost ends.
     """
 
     layer: Layer
@@ -48,14 +49,16 @@ class _Key(NamedTuple):
     operation: str | None = None
     draft: Draft | None = None
     own: bool = False
+    until: str | None = None
 
 
 class Reach:
     """Works out what shows, and which of the changes accounts for it."""
 
-    def __init__(self, sides: Sides, causes: Causes) -> None:
+    def __init__(self, sides: Sides, causes: Causes, still: Still) -> None:
         self._sides = sides
         self._causes = causes
+        self._still = still
         self._found = Folds[_Key]()
 
     def work_out(self) -> list[Draft]:
@@ -89,8 +92,7 @@ class Reach:
                         left &= ~draft.channels
                         told[gained] |= draft.channels
                 told[gained] |= channels
-                what = f"{_with(gained)} {WORDS[operation.value]}"
-                self._attribute(pair, _Key(Layer.ACCESS, what, gained, operation.value), path, left)
+                self._rights(pair, Layer.ACCESS, Right(operation.value, gained), path, left)
             if operation is not Operation.RELAY:
                 self._own_endpoints(pair, path, operation, told)
         heard = [_overheard(view, number) for view, number in zip(views, numbers, strict=True)]
@@ -100,7 +102,15 @@ class Reach:
             ("pass for a writer of", forged, written),
         ):
             for gained, channels in self._both_ways(before & ~by_right, after & ~by_right):
-                self._attribute(pair, _Key(Layer.ATTACKERS, f"{_can(gained)} {what}", gained), path, channels)
+                kept = "" if gained or not self._still.remains(pair) else f", {PRESENTED_BEFORE}"
+                self._attribute(pair, _Key(Layer.ATTACKERS, f"{_can(gained)}{kept} {what}", gained), path, channels)
+
+    def _rights(self, pair: Pair, layer: Layer, right: Right, path: str, channels: int) -> None:
+        """What peers accept, or (of grants) what documents say that they take."""
+        verb = f"{'have a grant to ' if layer is Layer.GRANTS else ''}{WORDS[right.operation]}"
+        for part, until in self._still.split(pair, path, right.operation, channels, gained=right.gained):
+            what = may(verb, until, gained=right.gained)
+            self._attribute(pair, _Key(layer, what, right.gained, right.operation, until=until), path, part)
 
     def _own_endpoints(self, pair: Pair, path: str, operation: Operation, told: dict[bool, int]) -> None:
         """The endpoints that its own implementation makes, where no right that is `told` has said so."""
@@ -119,8 +129,7 @@ class Reach:
         old, new = (reduce(either, (given(view, each) for each in view.presented(path)), NOTHING) for view in views)
         for right, channels in differing(self._sides, pair, old, new) if old != new else ():
             left = channels & ~self._told(pair, path, right)
-            what = f"{'has a' if right.gained else 'no longer has a'} grant to {WORDS[right.operation]}"
-            self._attribute(pair, _Key(Layer.GRANTS, what, right.gained, right.operation), path, left)
+            self._rights(pair, Layer.GRANTS, right, path, left)
 
     def _told(self, pair: Pair, path: str, right: Right) -> int:
         """Where the right is a change of the enclave's own document, or shows in what peers accept."""
@@ -148,9 +157,10 @@ class Reach:
         for path in draft.enclaves:
             for operation in Operation:  # nothing where it could not be read
                 channels = view.accepted(path, operation) & self._sides.mask
-                if channels:
-                    what = f"{_with(gained)} {WORDS[operation.value]}"
-                    self._found.note(_Key(Layer.ACCESS, what, gained, operation.value, draft), path, pair, channels)
+                for part, until in self._still.split(pair, path, operation.value, channels, gained=gained):
+                    what = may(WORDS[operation.value], until, gained=gained)
+                    key = _Key(Layer.ACCESS, what, gained, operation.value, draft, until=until)
+                    self._found.note(key, path, pair, part)
 
     def _both_ways(self, before: int, after: int) -> Iterator[tuple[bool, int]]:
         for gained, channels in ((True, after & ~before), (False, before & ~after)):
@@ -272,7 +282,9 @@ def _granting(view: View, path: str, operation: str, channels: int, *, own: bool
 
 def _shown(key: _Key, fold: Fold) -> Draft:
     kind, gained = _kind(key), key.gained
-    return fold.draft(layer=key.layer, kind=kind, gained=gained, what=key.what, operation=key.operation)
+    return fold.draft(
+        layer=key.layer, kind=kind, gained=gained, what=key.what, operation=key.operation, until=key.until
+    )
 
 
 def _kind(key: _Key) -> str:
@@ -286,10 +298,6 @@ def _kind(key: _Key) -> str:
 def _together(several: list[Fold]) -> Fold:
     whom = [path for fold in several for path in fold.whom]
     return several[0]._replace(whom=whom, channels=union(fold.channels for fold in several))
-
-
-def _with(gained: bool) -> str:
-    return "may" if gained else "may no longer"
 
 
 def _can(gained: bool) -> str:

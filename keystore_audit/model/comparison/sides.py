@@ -16,6 +16,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.claims.globs import region_of
 from keystore_audit.model.comparison.change import Name, Names, Unread
+from keystore_audit.model.comparison.kept import with_what_was
 from keystore_audit.model.domains import Interval, contains, merged
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.effective import Peers
@@ -81,12 +82,16 @@ class View(Peers):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """Both keystores as some profiles read them. `lead`: one of the profiles."""
+    """Both keystores as some profiles read them. `lead`: one of the profiles.
+
+    `kept`: the new one with what the old one alone has beside it, which nobody can call back.
+    """
 
     profiles: tuple[str, ...]
     lead: Profile
     old: View
     new: View
+    kept: View
 
 
 class Sides:
@@ -106,7 +111,10 @@ class Sides:
         domain: int | None,
         topics: Iterable[str] = (),
     ) -> None:
-        self.documents = tuple({each.place: each.file for each in documents_of(keystore)} for keystore in (old, new))
+        self._kept = with_what_was(old, new)
+        self.documents = tuple(
+            {each.place: each.file for each in documents_of(keystore)} for keystore in (old, new, self._kept)
+        )
         self.at = at
         self.profiles = profiles
         self.keystores = (old, new)
@@ -132,11 +140,12 @@ class Sides:
 
     def _paired(self) -> Iterator[Pair]:
         """One pair for the profiles that have both keystores' views in common."""
-        olds, news = (self._views(keystore) for keystore in self.keystores)
-        pairs = grouped(self.profiles, lambda profile: (id(olds[profile.name]), id(news[profile.name])))
+        olds, news, kept = (self._views(keystore) for keystore in (*self.keystores, self._kept))
+        views = (olds, news, kept)
+        pairs = grouped(self.profiles, lambda profile: tuple(id(each[profile.name]) for each in views))
         for alike in pairs.values():
             names = tuple(profile.name for profile in alike)
-            yield Pair(profiles=names, lead=alike[0], old=olds[names[0]], new=news[names[0]])
+            yield Pair(profiles=names, lead=alike[0], old=olds[names[0]], new=news[names[0]], kept=kept[names[0]])
 
     def _views(self, keystore: Keystore) -> dict[str, View]:
         """By profile. What could not be read is told apart: it is not compared."""
