@@ -3,15 +3,41 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from zoneinfo import ZoneInfo
 
-from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.intent.intent import Intent
+from keystore_audit.intent.policy import Policy
+from keystore_audit.keystore.keystore import Keystore, read_keystore
+from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.comparison.change import Comparison
+from keystore_audit.model.comparison.change import Change, Comparison, Direction, Layer
 from keystore_audit.model.comparison.compare import compare
+from keystore_audit.model.comparison.kept import with_what_was
+from keystore_audit.model.intended.drift import EnclaveDrift, drift
+from keystore_audit.model.intended.observed import observe
+from keystore_audit.model.interpret import interpret
+from keystore_audit.model.inventory import system_documents
+from keystore_audit.model.names import ros_name
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Profile
+from keystore_audit.properties import Status
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Intended:
+    """What somebody asked of the keystores: a policy, graphs and launch files, properties of the settings."""
+
+    policy: Policy | None = None
+    intents: Sequence[Intent] = ()
+    claims: Sequence[Claim] = ()
+
+    def __bool__(self) -> bool:
+        return self.policy is not None or bool(self.intents) or bool(self.claims)
 
 
 def compare_keystores(
@@ -23,11 +49,120 @@ def compare_keystores(
     zone: ZoneInfo | None = None,
     domain: int | None = None,
     labels: Mapping[str, Globs] | None = None,
+    intended: Intended | None = None,
 ) -> Comparison:
     """What changed from the keystore at `old` to that at `new`, both as of `at` (aware UTC).
 
-    `labels`: by label, what has it; where there are some, changes about others do not fail.
+    `labels`: by label, what has it; where there are some, changes about others do not fail. `intended`: a right that it
+    names is not to be lost, and one that it forbids not to stay with whoever keeps an old document.
     Raises errors.NothingToAudit where one of them is none, errors.UsageError for a label of nothing in either, and
     errors.BudgetExceeded where there are too many classes of names.
     """
-    return compare(read_keystore(old), read_keystore(new), profiles, at, zone, domain, labels)
+    keystores = read_keystore(old), read_keystore(new)
+    found = compare(*keystores, profiles, at, zone, domain, labels)
+    if not intended:
+        return found
+    kept = with_what_was(*keystores)
+    before, after, still = (_Asked(keystore, intended, profiles, at, zone, domain) for keystore in (*keystores, kept))
+    changes = list(found.changes)
+    names = tuple(profile.name for profile in profiles)
+    for (enclave, _right), words in _beyond(after.lacking(), before.lacking()):
+        changes.append(_change("needed", enclave, words, names, tuple(found.labels)))
+    removed = {path for each in changes if each.kind == "enclave-removed" for path in each.enclaves}
+    unnamed = removed - {each.enclave for each in intended.policy.profiles} if intended.policy is not None else ()
+    forbidden = [((path, None), f"the policy says nothing of {path}") for path in unnamed]
+    forbidden += [((key[0], key[1][0]), words) for key, words in _beyond(still.exceeding(), after.exceeding())]
+    for (path, operation), words in forbidden:
+        changes = [
+            replace(each, against=(*each.against, words))
+            if each.until and path in each.enclaves and operation in (None, each.operation)
+            else each
+            for each in changes
+        ]
+    for name, words in _beyond(still.violated(), after.violated()):
+        if name not in before.violated():
+            until = max((each.until for each in changes if each.until), default=None)
+            change = _change("forbidden", None, f"{words} while what was signed before counts", names, found.labels)
+            changes.append(replace(change, until=until))
+    return replace(found, changes=tuple(changes))
+
+
+def _change(kind: str, enclave: str | None, words: str, profiles: tuple[str, ...], labels: tuple[str, ...]) -> Change:
+    return Change(
+        layer=Layer.ACCESS,
+        kind=kind,
+        direction=Direction.LOST,
+        what=words,
+        enclaves=(enclave,) if enclave is not None else (),
+        profiles=profiles,
+        labels=labels,
+        against=(words,),
+    )
+
+
+_Key = tuple[str | None, tuple[str, ...]]
+
+
+def _beyond(one: Mapping[_Key, str], other: Iterable[_Key]) -> Iterator[tuple[_Key, str]]:
+    known = set(other)
+    yield from ((key, words) for key, words in one.items() if key not in known)
+
+
+class _Asked:
+    """What of the intended does not hold of one keystore, by what tells it apart in words."""
+
+    def __init__(
+        self,
+        keystore: Keystore,
+        intended: Intended,
+        profiles: Sequence[Profile],
+        at: datetime,
+        zone: ZoneInfo | None,
+        domain: int | None,
+    ) -> None:
+        self._keystore, self._intended = keystore, intended
+        self._profiles, self._at, self._domain = profiles, at, domain
+        self._accesses = AccessViews(system_documents(keystore), at, zone)
+
+    def lacking(self) -> dict[_Key, str]:
+        """Rights that the policy or a node has need of and the keystore does not give, and claims that are violated."""
+        found: dict[_Key, str] = {}
+        for each in self._drift():
+            for right in each.lacking.rights if each.own else ():
+                key = each.enclave, (right.operation.value, right.topic, right.partition)
+                found[key] = f"may no longer {right.operation.value} {ros_name(right.topic)}, as the policy says"
+        if self._intended.intents:
+            asked = (self._intended.intents, self._keystore, self._profiles, self._at, self._accesses, self._domain)
+            for need in (missing.need for missing in observe(*asked).missing):
+                what = f"{need.action.value} {need.name}" if need.action is not None else "take part in discovery"
+                found[need.enclave, (need.node, what)] = f"may no longer {what}, as {need.node or 'a node'} does"
+        return found | self.violated()
+
+    def exceeding(self) -> dict[_Key, str]:
+        """Rights that documents give and the policy does not."""
+        return {
+            (each.enclave, (right.operation.value, right.topic, right.partition)): (
+                f"the policy does not let {each.enclave} {right.operation.value} {ros_name(right.topic)}"
+            )
+            for each in self._drift()
+            for right in each.exceeding.rights
+        }
+
+    def _drift(self) -> tuple[EnclaveDrift, ...]:
+        policy = self._intended.policy
+        if policy is None:
+            return ()
+        return drift(self._keystore, policy, self._profiles, self._at, self._accesses, self._domain).enclaves
+
+    def violated(self) -> dict[_Key, str]:
+        """The claims of the settings that do not hold."""
+        if not self._intended.claims:
+            return {}
+        claims, usabilities = self._intended.claims, Usabilities(self._domain, self._accesses)
+        meaning = interpret(self._keystore, self._profiles, self._at, self._accesses, usabilities, claims)
+        answers = NativeEngine(meaning.systems).claim_answers()
+        return {
+            (None, (claim.id,)): f"the property {claim.id} does not hold"
+            for claim in claims
+            if any(each[claim.id].status is Status.VIOLATED for each in answers if claim.id in each)
+        }

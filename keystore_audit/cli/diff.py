@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -12,8 +11,10 @@ from keystore_audit.cli import options as opt
 from keystore_audit.errors import EXIT_INCOMPLETE
 
 if TYPE_CHECKING:
+    from keystore_audit.diff import Intended
     from keystore_audit.model.claims.globs import Globs
     from keystore_audit.model.comparison.change import Comparison, FailOn
+    from keystore_audit.settings.settings import Settings
 
 EXIT_CHANGED: Final = 1
 FORMATS: Final = ("text", "json", "markdown")
@@ -31,7 +32,9 @@ FAIL_ON: Final = ("gained", "any", "none")
     metavar="LABEL",
     help="A change fails only where it is about something with this label of the settings; repeatable.",
 )
-@opt.file("--settings", help="What --label refers to.")
+@opt.file("--settings", help="Properties that a change is not to break, and what --label refers to.")
+@opt.file("--policy", help="An SROS2 policy: a right that it names is not to be lost, and no other to stay in use.")
+@opt.observation_options
 @opt.interpretation_options
 @opt.format_option("How the changes are written.", *FORMATS)
 @opt.verbose_option()
@@ -42,7 +45,8 @@ def command(old: str, new: str, **given: Any) -> int:
 
     \b
     --fail-on:
-      gained  somebody can do more, or protection is weaker
+      gained  anything is worse than before: more than it was, or another thing; or less than --policy,
+              --graph or a property of the settings asks for
       any     any change of meaning
       none    no change
     \b
@@ -55,13 +59,19 @@ def command(old: str, new: str, **given: Any) -> int:
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.diff import compare_keystores
     from keystore_audit.model.comparison.change import FailOn
+    from keystore_audit.settings.settings import read_settings
 
+    read = read_settings(given["settings"], (old, new)) if given["settings"] is not None else None
     comparison = compare_keystores(
         old,
         new,
         **opt.reading(given),
         domain=given["domain"],
-        labels=_labels(given["labels"], given["settings"], (old, new)),
+        labels=_labels(
+            given["labels"],
+            read,
+        ),
+        intended=_intended(given, read),
     )
     fail_on = FailOn(given["fail_on"])
     output.write_stdout(_rendered(comparison, fail_on, given["form"]))
@@ -70,19 +80,29 @@ def command(old: str, new: str, **given: Any) -> int:
     return EXIT_CHANGED if comparison.failing(fail_on) else 0
 
 
-def _labels(labels: tuple[str, ...], settings: Path | None, keystores: tuple[str, str]) -> dict[str, Globs] | None:
-    """By label what has it. Raises errors.UsageError for settings that are none, and for a label without anything."""
-    if bool(labels) != (settings is not None):
-        raise click.UsageError("--label and --settings belong together: FILE says what has the label.")
-    if settings is None:
+def _labels(labels: tuple[str, ...], settings: Settings | None) -> dict[str, Globs] | None:
+    """By label what has it. Raises errors.UsageError for settings without any, and for a label without anything."""
+    if not labels:
         return None
+    if settings is None:
+        raise click.UsageError("--label needs --settings: FILE says what has the label.")
     from keystore_audit.model.comparison.labels import label_globs
-    from keystore_audit.settings.settings import read_settings
 
-    labelling = read_settings(settings, keystores).labels
-    if labelling is None:
-        raise click.UsageError(f"{settings} has no [[label]].")
-    return label_globs(labelling, labels)
+    if settings.labels is None:
+        raise click.UsageError("--label: the settings have no [[label]].")
+    return label_globs(settings.labels, labels)
+
+
+def _intended(given: dict[str, Any], settings: Settings | None) -> Intended:
+    from keystore_audit.diff import Intended
+    from keystore_audit.intent.observed import read_observed
+    from keystore_audit.intent.policy import read_policy
+
+    return Intended(
+        policy=read_policy(given["policy"], None) if given["policy"] is not None else None,
+        intents=read_observed(given["graphs"], given["launches"], given["launch_arguments"]),
+        claims=settings.claims if settings is not None and not given["labels"] else (),
+    )
 
 
 def _rendered(comparison: Comparison, fail_on: FailOn, kind: str) -> str:

@@ -9,6 +9,7 @@ from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import Change, Comparison, Consequence, FailOn, Influenced, Name, Names
 from keystore_audit.model.domains import describe
 from keystore_audit.model.names import parse_dds_name, ros_name
+from keystore_audit.report import diff_words as words
 from keystore_audit.report.content import assumed_of
 from keystore_audit.report.encoded import array, document, encoded, keys
 from keystore_audit.text import instant
@@ -65,6 +66,10 @@ def _change(change: Change, *, fails: bool) -> dict[str, Any]:
         "old": _location(change.old),
         "new": _location(change.new),
         "consequences": [_consequence(each) for each in change.consequences],
+        "until": change.until,
+        "severity": change.severity,
+        "against": list(change.against),
+        "remedy": words.REMEDY if change.until else None,
     }
 
 

@@ -54,6 +54,8 @@ def _item(change: Change, comparison: Comparison, others: tuple[str, ...]) -> st
     named = [f"{side} {escaped(str(place))}" for side, place in places if place is not None]
     where = f" ({', '.join(named)})" if named else ""
     lines = [f"- **{change.direction.value}** {escaped(words.sentence(change, comparison))}{where}"]
+    if (effective := words.effective(change)) is not None:
+        lines.append(f"  - {escaped(effective)}")
     lines += [
         f"  - so *{each.direction.value}*: {escaped(words.consequence(each, comparison))}"
         for each in change.consequences[: words.MAX_CONSEQUENCES]

@@ -42,6 +42,8 @@ def _change(change: Change, comparison: Comparison, others: tuple[str, ...]) -> 
     for side, location in (("old", change.old), ("new", change.new)):
         if location is not None:
             yield terminal(f"      {side} {location}")
+    if (effective := words.effective(change)) is not None:
+        yield unbroken(effective, "      ", "        ")
     for each in change.consequences[: words.MAX_CONSEQUENCES]:
         yield unbroken(words.consequence(each, comparison), f"      {words.MARKS[each.direction]} so ", "        ")
     if len(change.consequences) > words.MAX_CONSEQUENCES:

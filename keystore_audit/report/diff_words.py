@@ -99,6 +99,20 @@ def _joined(paths: Sequence[str], what: str) -> str:
     return f"{enclaves(paths)}{colon} {what}"
 
 
+REMEDY: Final = (
+    "Peers of NEW take what was signed before, so nothing is gone: re-issue the identity under another subject and "
+    "revoke the old one, sign with another permissions CA, or let the grant end."
+)
+
+
+def effective(change: Change) -> str | None:
+    """Of what is lost and not gone: until when, how bad that is, and what to do; or what asks for it."""
+    if change.until is None:
+        return f"{change.severity}: {'; '.join(change.against)}." if change.against else None
+    against = f" ({'; '.join(change.against)})" if change.against else ""
+    return f"{change.severity}: still effective until {change.until}{against}. {REMEDY}"
+
+
 def enclaves(paths: Sequence[str]) -> str:
     """The first of them, and how many more."""
     return some(paths, MAX_ENCLAVES)

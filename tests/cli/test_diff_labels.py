@@ -150,9 +150,7 @@ def test_unknown_stays_unknown(tmp_path: Path) -> None:
     assert compared(tmp_path, BASE.member("/bb", permissions=broken), "--label", "secret") == 4
 
 
-@pytest.mark.parametrize(
-    "wrong", [[], ["--label", "nobody"], ["--label", "secret", "--settings", "missing.toml"]], ids=str
-)
+@pytest.mark.parametrize("wrong", [["--label", "nobody"], ["--label", "secret", "--settings", "missing.toml"]], ids=str)
 def test_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str], wrong: list[str]) -> None:
     assert compared(tmp_path, BASE, *wrong) == 2
     assert capsys.readouterr().out == ""

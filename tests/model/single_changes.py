@@ -180,7 +180,7 @@ CASES = (
     Case(
         "a grant that ends sooner",
         talks(TALKER, end="2030-01-01T00:00:00"),
-        (trust("grant-validity", "changed", "/talker"),),
+        (trust("grant-validity", "lost", "/talker"),),
     ),
     Case(
         "a grant out of date",
@@ -190,11 +190,9 @@ CASES = (
     Case(
         "an identity that ends sooner",
         BASE.member("/talker", end=SOONER),
-        (trust("identity-validity", "changed", "/talker"),),
+        (trust("identity-validity", "lost", "/talker"),),
     ),
-    Case(
-        "an identity out of date", BASE.member("/talker", end=PAST), (trust("identity-validity", "changed", "/talker"),)
-    ),
+    Case("an identity out of date", BASE.member("/talker", end=PAST), (trust("identity-validity", "lost", "/talker"),)),
     Case(
         "an identity with another key",
         BASE.member("/talker", key="another"),
@@ -244,7 +242,7 @@ CASES = (
     Case(
         "an identity CA that ends sooner",
         replace(BASE, identity=(authority("identityCA", end=SOONER),)),
-        (trust("authority-validity", "changed"),),
+        (trust("authority-validity", "lost"),),
     ),
     Case(
         "permissions signed by somebody",
@@ -271,7 +269,7 @@ CASES = (
     Case(
         "a list out of date",
         replace(BASE, revoked=(), crl_end=PAST),
-        (trust("revocation-validity", "changed"),),
+        (trust("revocation-validity", "lost"),),
         replace(BASE, revoked=()),
     ),
     Case(

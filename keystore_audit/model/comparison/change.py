@@ -63,7 +63,7 @@ def joint_direction(aspects: Iterable[Aspect]) -> Direction:
 
 
 class FailOn(str, Enum):
-    """Which changes a release is stopped for."""
+    """Which changes a release is stopped for. GAINED: all but those by which there is less, or nothing else."""
 
     GAINED = "gained"
     ANY = "any"
@@ -151,7 +151,8 @@ class Change:
     keystore as a whole, or outsiders. `operation`: publish, subscribe, relay or join, of a right. `names`: what it is
     about. `profiles`: under which implementations it is a change. `varies`: they differ about the names. `old`, `new`:
     where that is written in either keystore. `labels`: those asked for that it is about. `until`: when what is lost
-    ends, where peers of NEW take what was signed before (aware UTC, as reports write it).
+    ends, where peers of NEW take what was signed before (UTC, as reports write it). `against`: what was asked for
+    (`diff.Intended`) and is not so any more, or not before that.
     """
 
     layer: Layer
@@ -171,11 +172,21 @@ class Change:
     consequences: tuple[Consequence, ...] = ()
     labels: tuple[str, ...] = ()
     until: str | None = None
+    against: tuple[str, ...] = ()
 
     @property
-    def gains(self) -> bool:
-        """Whether somebody can do more than before, by the change itself or what follows from it."""
-        return self.direction.gains or any(each.direction.gains for each in self.consequences)
+    def severity(self) -> str | None:
+        """Of what is still effective, or was asked for and is lost."""
+        return "high" if self.against else ("medium" if self.until else None)
+
+    @property
+    def passes(self) -> bool:
+        """Whether nothing is worse than before: what is neither more nor less is something that nobody reviewed.
+
+        Nor is anything lost that somebody needs, or left to somebody who is not to have it.
+        """
+        less = self.direction in (Direction.LOST, Direction.INFO)
+        return less and not self.against and not any(each.direction.gains for each in self.consequences)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,5 +228,5 @@ class Comparison:
             return ()
         about = [change for change in self.changes if change.labels or not self.labels]
         if fail_on is FailOn.GAINED:
-            return tuple(change for change in about if change.gains)
+            return tuple(change for change in about if not change.passes)
         return tuple(change for change in about if change.direction is not Direction.INFO)

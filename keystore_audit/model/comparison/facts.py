@@ -10,23 +10,24 @@ from typing import NamedTuple
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.model.comparison.change import Aspect, Direction
+from keystore_audit.model.comparison.change import Aspect, Direction, joint_direction
 from keystore_audit.text import instant
 
 Dates = tuple[datetime | None, datetime | None]
 """Beginning and end, aware UTC; None: there is none."""
 
 
-def other_dates(old: Dates, new: Dates) -> tuple[str, tuple[Aspect, ...]]:
-    """What became of the dates, as "begins later and ends later", and each that is another."""
+def other_dates(old: Dates, new: Dates) -> tuple[str, tuple[Aspect, ...], Direction]:
+    """What became of the dates, as "begins later and ends later", each that is another, and if it is for longer."""
     words = []
     aspects = []
     for verb, what, before, after in zip(("begins", "ends"), ("from", "until"), old, new, strict=True):
         if before != after:
             later = after is None or (before is not None and before < after)
             words.append(f"{verb} {'later' if later else 'earlier'}")
-            aspects.append(Aspect(what=what, old=told(before), new=told(after), direction=Direction.CHANGED))
-    return " and ".join(words), tuple(aspects)
+            direction = Direction.GAINED if later == (what == "until") else Direction.LOST
+            aspects.append(Aspect(what=what, old=told(before), new=told(after), direction=direction))
+    return " and ".join(words), tuple(aspects), joint_direction(aspects)
 
 
 def spanned(several: Sequence[tuple[Aspect, ...]]) -> tuple[Aspect, ...]:
@@ -86,7 +87,7 @@ def place_of(certificate: Certificate | None) -> Location | None:
 
 
 def dated(kind: str, what: str, old: Dates, new: Dates) -> Iterator[Fact]:
-    """Other dates: neither more nor less, since everything is decided at one instant."""
+    """Other dates: more where something counts for longer than before."""
     if old != new:
-        words, aspects = other_dates(old, new)
-        yield Fact(kind, Direction.CHANGED, f"{what} {words}", aspects)
+        words, aspects, direction = other_dates(old, new)
+        yield Fact(kind, direction, f"{what} {words}", aspects)

@@ -120,7 +120,7 @@ def validity_changes(sides: Sides, rights: list[Draft]) -> list[Draft]:
     Not where the new dates take all rights away, or give them: `rights` has that.
     """
     told = {path for draft in rights for path in draft.enclaves}
-    found: dict[str, list[_Moved]] = {}
+    found: dict[tuple[str, Direction], list[_Moved]] = {}
     pair = sides.pairs[0]
     for path in sides.compared:
         flips = (pair.old.own_grant(path) is None) != (pair.new.own_grant(path) is None)
@@ -129,16 +129,16 @@ def validity_changes(sides: Sides, rights: list[Draft]) -> list[Draft]:
             continue
         dates = _dates(pair.old, one), _dates(pair.new, other)
         if dates[0] != dates[1]:
-            words, aspects = other_dates(*dates)
-            found.setdefault(words, []).append(_Moved(path, aspects, one.location, other.location))
-    return [_validity_draft(sides, words, moved) for words, moved in found.items()]
+            words, aspects, direction = other_dates(*dates)
+            found.setdefault((words, direction), []).append(_Moved(path, aspects, one.location, other.location))
+    return [_validity_draft(sides, *words, moved) for words, moved in found.items()]
 
 
-def _validity_draft(sides: Sides, words: str, moved: list[_Moved]) -> Draft:
+def _validity_draft(sides: Sides, words: str, direction: Direction, moved: list[_Moved]) -> Draft:
     return Draft(
         layer=Layer.TRUST,
         kind="grant-validity",
-        direction=Direction.CHANGED,
+        direction=direction,
         what=f"its grant {words}",
         enclaves=tuple(each.path for each in moved),
         profiles=tuple(profile.name for profile in sides.profiles),

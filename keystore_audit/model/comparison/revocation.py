@@ -166,6 +166,6 @@ def _of_lists(one: RevocationList, other: RevocationList, at: datetime, *, told:
     dates = tuple((each.this_update, each.next_update) for each in (one, other))
     for fact in dated("revocation-validity", "its revocation lists", *dates):
         in_time = list_in_force(one, at) and list_in_force(other, at)
-        newer = in_time and all(aspect.what == "from" for aspect in fact.aspects)
+        newer = in_time and one.this_update < other.this_update
         again = fact._replace(direction=Direction.INFO, what="its revocation lists were issued again")
         yield again if newer else fact

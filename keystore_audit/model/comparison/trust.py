@@ -18,7 +18,7 @@ from keystore_audit.model.comparison.identities import MAX_PATHS, identities_cer
 from keystore_audit.model.comparison.keys import foreign_keys
 from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
-from keystore_audit.model.inventory import Typed, beside_enclaves, governance_apart, governance_at_large
+from keystore_audit.model.inventory import Typed, beside_enclaves, governance_apart
 from keystore_audit.model.trust.authorities import authority_files
 from keystore_audit.model.trust.verdicts import Acceptance, envelope, may_have_issued
 from keystore_audit.text import some
@@ -89,8 +89,8 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
     """The layout, and whether the authorities' private keys are there."""
     kinds = old.layout.kind.value, new.layout.kind.value
     if kinds[0] != kinds[1]:
-        aspect = Aspect(what="layout", old=kinds[0], new=kinds[1], direction=Direction.CHANGED)
-        yield _draft(Fact("layout", Direction.CHANGED, "the layout", (aspect,)), (), None, None)
+        aspect = Aspect(what="layout", old=kinds[0], new=kinds[1], direction=Direction.INFO)
+        yield _draft(Fact("layout", Direction.INFO, "the layout", (aspect,)), (), None, None)
     keys = [_authority_keys(keystore) for keystore in (old, new)]
     for on_robots, where in ((False, ""), (True, ", among the files that robots get,")):
         what = f"the private key of an authority{where}"
@@ -98,12 +98,7 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
     others = [{file.sha256 or file.place: file.place for file in _other_private_keys(k)} for k in (old, new)]
     yield from _left("private-key", "a private key that is no enclave's", others[0], others[1])
     large = [{stray.file.sha256 or stray.place: stray.place for stray in governance_apart(k)} for k in (old, new)]
-    for draft in _left("governance-at-large", "a signed governance that no enclave carries", large[0], large[1]):
-        if any(map(governance_at_large, (old, new))):
-            draft.what += ", with which whoever has an identity of no enclave may start"
-        else:
-            draft.direction = Direction.CHANGED  # it has no effect, until somebody puts it in the place of another
-        yield draft
+    yield from _left("governance-at-large", "a signed governance that no enclave carries", large[0], large[1])
 
 
 def _anchors(sides: Sides) -> Iterator[Draft]:
