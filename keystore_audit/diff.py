@@ -67,7 +67,7 @@ def compare_keystores(
     changes = list(found.changes)
     names = tuple(profile.name for profile in profiles)
     for (enclave, _right), words in _beyond(after.lacking(), before.lacking()):
-        changes.append(_change("needed", enclave, words, names, tuple(found.labels)))
+        changes.append(_change("needed", enclave, words, names, found.labels))
     removed = {path for each in changes if each.kind == "enclave-removed" for path in each.enclaves}
     unnamed = removed - {each.enclave for each in intended.policy.profiles} if intended.policy is not None else ()
     forbidden = [((path, None), f"the policy says nothing of {path}") for path in unnamed]
@@ -79,11 +79,10 @@ def compare_keystores(
             else each
             for each in changes
         ]
-    for name, words in _beyond(still.violated(), after.violated()):
-        if name not in before.violated():
-            until = max((each.until for each in changes if each.until), default=None)
-            change = _change("forbidden", None, f"{words} while what was signed before counts", names, found.labels)
-            changes.append(replace(change, until=until))
+    until = max((each.until for each in changes if each.until), default=None)
+    for _key, words in _beyond(still.violated(), after.violated()):
+        change = _change("forbidden", None, f"{words} while what was signed before counts", names, found.labels)
+        changes.append(replace(change, until=until))
     return replace(found, changes=tuple(changes))
 
 
