@@ -70,21 +70,12 @@ def test_one_difference_makes_one_rule_speak(code: str) -> None:
     assert [finding.code for finding in spoken(store, meant)] == expected
 
 
-@pytest.mark.parametrize(
-    ("held", "severity"),
-    [
-        (permissions(P7S, grant("/listener", ruled(allows=False, publish=((("rt/*",), None),)))), Severity.LOW),
-        (permissions(P7S, grant("/listener", allow([], ["rt/chatter"]))), Severity.MEDIUM),
-        (permissions(P7S, grant("/listener", allow([], ["rt/*"]))), Severity.HIGH),
-        (permissions(P7S, grant("/listener", default_allow=True)), Severity.HIGH),
-        (UNCLEAR, Severity.HIGH),
-        (None, Severity.LOW),
-    ],
-)
-def test_an_unnamed_enclave_weighs_as_much_as_what_it_may_do(held: Any, severity: Severity) -> None:
+@pytest.mark.parametrize("held", [permissions(P7S, grant("/listener", allow([], ["rt/chatter"]))), UNCLEAR, None])
+def test_an_enclave_that_nobody_reviewed_is_high_whatever_it_may_do(held: Any) -> None:
     talker = enclave("/talker", permissions=permissions(P7S, grant("/talker", CHATTER)))
     found = spoken(keystore(talker, enclave("/listener", permissions=held)), TALKER)
-    assert [(each.code, each.severity) for each in found if each.code == "KA644"] == [("KA644", severity)]
+    assert [each.severity for each in found if each.code == "KA644"] == [Severity.HIGH]
+    assert "KA644" not in {each.code for each in spoken(keystore(talker), TALKER)}
 
 
 def test_without_drift_or_policy_nothing_is_said() -> None:
@@ -118,18 +109,18 @@ def test_all_that_one_enclave_lacks_is_one_finding(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rules", "severity", "words"),
+    ("rules", "words"),
     [
-        ([allow(["rt/chatter", "rt/map"])], Severity.MEDIUM, "publish /map (topic), and its permissions let it."),
-        ([allow(["rt/chatter"], ["rt/chatter"])], Severity.MEDIUM, "subscribe to /chatter (topic)"),
-        ([allow(["rt/chatter", "rt/m*"])], Severity.HIGH, "publish names like /m (topic)"),
-        ([allow(["rt/chatter", "map"])], Severity.MEDIUM, 'publish "map"'),
-        ([ruled(publish=[(["rt/chatter"], ["", "lab"])])], Severity.MEDIUM, "in partition 'lab'"),
+        ([allow(["rt/chatter", "rt/map"])], "publish /map (topic), and its permissions let it."),
+        ([allow(["rt/chatter"], ["rt/chatter"])], "subscribe to /chatter (topic)"),
+        ([allow(["rt/chatter", "rt/m*"])], "publish names like /m (topic)"),
+        ([allow(["rt/chatter", "map"])], 'publish "map"'),
+        ([ruled(publish=[(["rt/chatter"], ["", "lab"])])], "in partition 'lab'"),
     ],
 )
-def test_what_goes_beyond_the_policy(rules: list[Any], severity: Severity, words: str) -> None:
+def test_what_goes_beyond_the_policy(rules: list[Any], words: str) -> None:
     (finding,) = spoken(granted(*rules), TALKER)
-    assert (finding.code, finding.severity) == ("KA641", severity)
+    assert (finding.code, finding.severity) == ("KA641", Severity.HIGH)
     assert words in finding.message
     assert finding.locations[-1].path.endswith("talker.policy.xml")
 
@@ -165,7 +156,7 @@ def test_implementations_that_differ_are_told_apart() -> None:
     old = grant("/talker", allow(["rt/map"]), not_after=text("2021-01-01T00:00:00", 41))
     store = keystore(enclave("/talker", permissions=permissions(P7S, old, grant("/talker", CHATTER))))
     found = spoken(store, TALKER, "fastdds-3.6", "cyclonedds-11")
-    assert [(finding.code, finding.profiles) for finding in found] == [
+    assert sorted((finding.code, finding.profiles) for finding in found) == [
         ("KA640", ("cyclonedds-11",)),
         ("KA641", ("cyclonedds-11",)),
     ]
