@@ -70,6 +70,7 @@ def compare_keystores(
         changes.append(_change("needed", enclave, words, names, found.labels))
     removed = {path for each in changes if each.kind == "enclave-removed" for path in each.enclaves}
     unnamed = removed - {each.enclave for each in intended.policy.profiles} if intended.policy is not None else ()
+    forbidden: list[tuple[tuple[str | None, str | None], str]]
     forbidden = [((path, None), f"the policy says nothing of {path}") for path in unnamed]
     forbidden += [((key[0], key[1][0]), words) for key, words in _beyond(still.exceeding(), after.exceeding())]
     for (path, operation), words in forbidden:

@@ -101,7 +101,7 @@ def _intended(given: dict[str, Any], settings: Settings | None) -> Intended:
     return Intended(
         policy=read_policy(given["policy"], None) if given["policy"] is not None else None,
         intents=read_observed(given["graphs"], given["launches"], given["launch_arguments"]),
-        claims=settings.claims if settings is not None and not given["labels"] else (),
+        claims=[each for each in settings.claims if each.labels is None] if settings is not None else (),
     )
 
 

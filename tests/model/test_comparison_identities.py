@@ -113,7 +113,6 @@ ELSEWHERE = identity("/listener", "/talker", authority("other"))
         ({}, {"public/x_ca.cert.pem": TALKER.pem}, "gained"),
         ({"public/x_ca.cert.pem": TALKER.pem}, {"public/y_ca.cert.pem": TALKER.pem}, None),
         ({"public/x_ca.cert.pem": TALKER.pem}, {"public/x_ca.cert.pem": ELSEWHERE.pem}, "mixed"),
-        ({}, {"public/x_ca.cert.pem": ADMIN.pem}, None),
     ],
 )
 def test_the_key_of_an_enclave_certified_again(old: Files, new: Files, expected: str | None, tmp_path: Path) -> None:

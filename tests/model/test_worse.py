@@ -34,6 +34,7 @@ PAIRS = {
     "validity of a grant": (BASE.member("/talker", permissions=talker(TALKER, end="2030-01-01T00:00:00")), BASE),
     "validity of an authority": (replace(BASE, identity=(authority("identityCA", end=SOONER),)), BASE),
     "unmanaged certificate": (BASE, replace(BASE, files={**KEY, **CERTIFICATE})),
+    "unmanaged certificate without its key": (BASE, replace(BASE, files=CERTIFICATE)),
     "unmanaged permissions": (
         BASE,
         replace(BASE, strays={"more.p7s": talker(TALKER, RELAYS)}),

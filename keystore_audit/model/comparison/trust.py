@@ -18,7 +18,7 @@ from keystore_audit.model.comparison.identities import MAX_PATHS, identities_cer
 from keystore_audit.model.comparison.keys import foreign_keys
 from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
-from keystore_audit.model.inventory import Typed, beside_enclaves, governance_apart
+from keystore_audit.model.inventory import Typed, authorities_of, beside_enclaves, governance_apart
 from keystore_audit.model.trust.authorities import authority_files
 from keystore_audit.model.trust.verdicts import Acceptance, envelope, may_have_issued
 from keystore_audit.text import some
@@ -98,6 +98,8 @@ def _of_keystores(old: Keystore, new: Keystore) -> Iterator[Draft]:
     others = [{file.sha256 or file.place: file.place for file in _other_private_keys(k)} for k in (old, new)]
     yield from _left("private-key", "a private key that is no enclave's", others[0], others[1])
     large = [{stray.file.sha256 or stray.place: stray.place for stray in governance_apart(k)} for k in (old, new)]
+    certificates = [{c.sha256: c.path for c in _certified(k)} for k in (old, new)]
+    yield from _left("certificate-at-large", "a certificate of no enclave that an authority issued", *certificates)
     yield from _left("governance-at-large", "a signed governance that no enclave carries", large[0], large[1])
 
 
@@ -123,6 +125,18 @@ def _anchors(sides: Sides) -> Iterator[Draft]:
             what = f"the {word} in public/, or of enclaves that one keystore alone has, is another"
             fact = Fact(AUTHORITY, direction, what, (aspect,))
             yield _draft(fact, (), place_of(gone[0] if gone else None), place_of(come[0] if come else None))
+
+
+def _certified(keystore: Keystore) -> Iterator[Certificate]:
+    """Certificates of no enclave's key, and whose private key is not here, that an authority of the enclaves issued."""
+    if not keystore.identities.keyless:  # nearly always
+        return
+    own = {enclave.identity.key for enclave in keystore.enclaves if enclave.identity is not None}
+    authorities = {each.sha256: each for each in authorities_of(keystore)}
+    for certificate in keystore.identities.keyless:
+        others = (each for sha256, each in authorities.items() if sha256 != certificate.sha256)
+        if certificate.key not in own and any(may_have_issued(each, certificate) for each in others):
+            yield certificate
 
 
 def _authority_keys(keystore: Keystore) -> Mapping[bool, Mapping[str, str]]:
