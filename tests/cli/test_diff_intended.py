@@ -53,10 +53,15 @@ def written(tmp_path: Path, name: str, text: str) -> Path:
     return tmp_path / name
 
 
-def test_without_a_word_of_it_a_right_that_stays_in_use_is_medium(stores: Any) -> None:
+def test_without_a_word_of_it_a_right_that_stays_in_use_is_medium(stores: Any, tmp_path: Path) -> None:
     code, (lost,) = told(stores("old", "rt/x", "rt/y"), stores("new", "rt/x"))
     assert (code, lost["severity"], lost["until"], lost["fails"]) == (0, "medium", "2033-12-29T00:00:00Z", False)
     assert lost["what"] == "may still, until 2033-12-29T00:00:00Z, publish"
+    for kind in ("text", "markdown"):
+        _code, out = answer("diff", tmp_path / "old", tmp_path / "new", "--at", AT, "-f", kind)
+        flat = " ".join(out.replace("\\", "").split())
+        assert "medium: still effective until 2033-12-29T00:00:00Z. Peers of NEW take what was signed before" in flat
+        assert "no longer publish" not in flat
     assert "revoke" in lost["remedy"]
 
 

@@ -140,7 +140,8 @@ class Sides:
 
     def _paired(self) -> Iterator[Pair]:
         """One pair for the profiles that have both keystores' views in common."""
-        olds, news, kept = (self._views(keystore) for keystore in (*self.keystores, self._kept))
+        olds, news = (self._views(keystore) for keystore in self.keystores)
+        kept = news if self._kept is self.keystores[1] else self._views(self._kept)
         views = (olds, news, kept)
         pairs = grouped(self.profiles, lambda profile: tuple(id(each[profile.name]) for each in views))
         for alike in pairs.values():
