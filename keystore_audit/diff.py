@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
+from functools import cached_property
 from zoneinfo import ZoneInfo
 
 from keystore_audit.dataclass import dataclass, replace
@@ -12,13 +13,14 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.policy import Policy
 from keystore_audit.keystore.keystore import Keystore, read_keystore
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.comparison.change import Change, Comparison, Direction, Layer
+from keystore_audit.model.comparison.change import Change, Comparison, Direction, Layer, Unread
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.comparison.kept import with_what_was
-from keystore_audit.model.intended.drift import EnclaveDrift, drift
+from keystore_audit.model.intended.drift import Drift, drift
 from keystore_audit.model.intended.observed import observe
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import system_documents
@@ -84,7 +86,12 @@ def compare_keystores(
     for _key, words in _beyond(still.violated(), after.violated()):
         change = _change("forbidden", None, f"{words} while what was signed before counts", names, found.labels)
         changes.append(replace(change, until=until))
-    return replace(found, changes=tuple(changes))
+    undecided = [
+        Unread(side=side, enclave=doubt.enclave, location=doubt.location, reason=doubt.reason)
+        for side, asked in (("old", before), ("new", after))
+        for doubt in (asked.drifts.undecided if asked.drifts else ())
+    ]
+    return replace(found, changes=tuple(changes), unknown=tuple(dict.fromkeys((*found.unknown, *undecided))))
 
 
 def _change(kind: str, enclave: str | None, words: str, profiles: tuple[str, ...], labels: tuple[str, ...]) -> Change:
@@ -127,7 +134,10 @@ class _Asked:
     def lacking(self) -> dict[_Key, str]:
         """Rights that the policy or a node has need of and the keystore does not give, and claims that are violated."""
         found: dict[_Key, str] = {}
-        for each in self._drift():
+        for each in self.drifts.enclaves if self.drifts else ():
+            if each.lacking.more:
+                words = f"may no longer do {each.lacking.more} more things that the policy says"
+                found[each.enclave, ("more", str(each.lacking.more))] = words
             for right in each.lacking.rights if each.own else ():
                 key = each.enclave, (right.operation.value, right.topic, right.partition)
                 found[key] = f"may no longer {right.operation.value} {ros_name(right.topic)}, as the policy says"
@@ -139,20 +149,26 @@ class _Asked:
         return found | self.violated()
 
     def exceeding(self) -> dict[_Key, str]:
-        """Rights that documents give and the policy does not."""
-        return {
-            (each.enclave, (right.operation.value, right.topic, right.partition)): (
-                f"the policy does not let {each.enclave} {right.operation.value} {ros_name(right.topic)}"
-            )
-            for each in self._drift()
-            for right in each.exceeding.rights
-        }
+        """Rights that documents give and the policy does not; of any operation where not all are listed."""
+        found: dict[_Key, str] = {}
+        for each in self.drifts.enclaves if self.drifts else ():
+            whom = f"the policy does not let {each.enclave}"
+            for right in each.exceeding.rights:
+                key = each.enclave, (right.operation.value, right.topic, right.partition)
+                found[key] = f"{whom} {right.operation.value} {ros_name(right.topic)}"
+            if each.exceeding.more:
+                for operation in Operation:
+                    key = each.enclave, (operation.value, each.document, str(each.exceeding.more))
+                    found[key] = f"{whom} do {each.exceeding.more} more things that documents give"
+        return found
 
-    def _drift(self) -> tuple[EnclaveDrift, ...]:
+    @cached_property
+    def drifts(self) -> Drift | None:
+        """What differs from the policy."""
         policy = self._intended.policy
         if policy is None:
-            return ()
-        return drift(self._keystore, policy, self._profiles, self._at, self._accesses, self._domain).enclaves
+            return None
+        return drift(self._keystore, policy, self._profiles, self._at, self._accesses, self._domain)
 
     def violated(self) -> dict[_Key, str]:
         """The claims of the settings that do not hold."""

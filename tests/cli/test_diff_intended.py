@@ -84,6 +84,13 @@ def test_one_that_the_policy_names_is_not_to_be_lost(stores: Any, tmp_path: Path
     assert told(new, new, "--policy", policy) == (0, []), "it was lost before"
 
 
+def test_more_rights_than_are_listed_are_compared_too(stores: Any, tmp_path: Path) -> None:
+    policy = written(tmp_path, "p.xml", POLICY)
+    many = tuple(f"rt/n{number}" for number in range(40))
+    code, (lost,) = told(stores("old", "rt/x", *many, "rt/z"), stores("new", "rt/x", *many), "--policy", policy)
+    assert (code, lost["severity"]) == (1, "high")
+
+
 def test_one_that_a_node_needs_is_not_to_be_lost(stores: Any, tmp_path: Path) -> None:
     graph = written(tmp_path, "g.json", json.dumps({"schema_version": 1, "nodes": [NODE]}))
     old, new = stores("old", "rt/x", "rt/y"), stores("new", "rt/y")
