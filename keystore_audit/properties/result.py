@@ -157,7 +157,17 @@ class AssertedResult(UserResult):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlloyResult(UserResult):
-    """One that a user asserts in Alloy, decided by Alloy alone; `location` is that of the command."""
+    """One that a user asserts in Alloy, decided by Alloy alone; `location` is that of the command.
+
+    `vacuous`: what it speaks of does not exist, as some implementation reads the keystore.
+    """
+
+    vacuous: bool = False
+
+    @property
+    def beside(self) -> str:
+        """That nothing was checked."""
+        return "It holds of nothing: there is nothing that its `all` ranges over (vacuous)." if self.vacuous else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

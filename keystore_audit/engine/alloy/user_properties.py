@@ -22,6 +22,7 @@ from keystore_audit.engine.alloy.runner import MAX_ATOMS, MEMORY_MB, count_atoms
 from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.engine.alloy.user_counterexample import describe_instance
 from keystore_audit.engine.alloy.user_file import CONSISTENT, Asked, UserFile
+from keystore_audit.engine.alloy.user_ranges import ranges, run_of
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
 from keystore_audit.engine.engines import Engines
 from keystore_audit.errors import EngineError, EngineOutOfScale, UsageError
@@ -45,11 +46,15 @@ _WARNINGS: Final = re.compile(r"^Warnings?$", re.MULTILINE)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Told:
-    """The answer to one command in one system; `example` only where it is VIOLATED, `reason` where it is UNKNOWN."""
+    """The answer to one command in one system; `example` only where it is VIOLATED, `reason` where it is UNKNOWN.
+
+    `vacuous`: nothing is in the range of a check that HOLDS.
+    """
 
     status: Status
     example: Counterexample | None = None
     reason: str = ""
+    vacuous: bool = False
 
 
 def decide_files(
@@ -120,14 +125,17 @@ def ask(file: UserFile, systems: Sequence[System], analyzer: Analyzer) -> list[l
 
 def job(file: UserFile, system: System) -> Job:
     """The run that asks a file about a system."""
-    written = {**module_texts((*MODULES, *claims.MODULES)), **fact_modules(system), MAIN: file.text}
+    further = ranges(file)
+    text = f"{file.text}\n{''.join(further.values())}" if further else file.text
+    written = {**module_texts((*MODULES, *claims.MODULES)), **fact_modules(system), MAIN: text}
     if system.nodes:
         written |= {**module_texts((application.MODULE,)), application.NODES: application.write_nodes(system)}
     asked = [Command(kind=asked.kind, name=asked.name) for asked in file.commands]
+    spoken_of = [Command(kind="run", name=run_of(asked)) for asked in file.commands if asked.name in further]
     return Job(
         files={**written, f"{VOCABULARY}.als": write_vocabulary(system)},
         main=MAIN,
-        commands=(*asked, Command(kind="run", name=CONSISTENT)),
+        commands=(*asked, Command(kind="run", name=CONSISTENT), *spoken_of),
         atoms=count_atoms(system),
     )
 
@@ -153,7 +161,7 @@ def _answer(asked: Asked, system: System, found: Mapping[str, bool], solutions: 
         reason = "the file names enclaves, and there is one of which nobody knows what it is called"
         return Told(status=Status.UNKNOWN, reason=reason)
     if found[asked.name] == asked.instance:
-        return Told(status=Status.HOLDS)
+        return Told(status=Status.HOLDS, vacuous=not found.get(run_of(asked), True))
     if asked.instance:
         return Told(status=Status.VIOLATED, example=Counterexample(text="There is no instance of it.", steps=()))
     return Told(status=Status.VIOLATED, example=describe_instance(system, asked.name, solutions))
@@ -189,5 +197,6 @@ def _result(
         severity=asked.severity,
         location=asked.location,
         meaning=text,
+        vacuous=any(one.vacuous for one in told),
         reason=next((one.reason for one in told if one.reason), "" if told else "no right was decided"),
     )

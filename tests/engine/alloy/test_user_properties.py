@@ -62,6 +62,17 @@ def using(analyzer: Engine, timeout: float = ENOUGH) -> Analyzer:
 
 
 @pytest.mark.usefixtures("resident_analyzer")
+@pytest.mark.parametrize(("among", "vacuous"), [("Talker", False), ("Talker & opaque", True)])
+def test_what_ranges_over_nothing_is_told(among: str, vacuous: bool, analyzer: Engine) -> None:
+    asserted = f"assert Fine {{ all disj one_enclave, other: {among} + Enclave & AtLarge | one_enclave != other }}\n"
+    short = f"check Short {{\n\tall e: {among}, c: e.(may_write[Realm]) {{ some e and some c }}\n}} for 0\n"
+    file = read(HEAD + NAMES + asserted + "run Named { some Chatter } for 0\ncheck Fine for 0\n" + short)
+    [[_named, fine, told]] = ask(file, [placed(healthy())], using(analyzer))
+    assert {fine.status, told.status} == {Status.HOLDS}
+    assert (fine.vacuous, told.vacuous) == (True, vacuous)  # there is one Talker, and never two
+
+
+@pytest.mark.usefixtures("resident_analyzer")
 def test_checks_and_runs_are_answered_and_told_in_names(analyzer: Engine) -> None:
     file = read(QUESTIONS)
     of_healthy, of_stock = ask(file, [placed(healthy()), placed(stock())], using(analyzer))
