@@ -52,7 +52,7 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "one good signer is enough": (RealmView, "accepted", "all(self._may_sign", "any(self._may_sign"),
     "a message without a signer is genuine": (RealmView, "genuine", "and document.signers\n", "\n"),
     "chains have one step": (RealmView, "_chained", "pending = issued - found", "pending = issued - issued"),
-    "origins are never authenticated": (RealmView, "_able", "reach & ~origin &", "reach &"),
+    "origins are never authenticated": (RealmView, "_able", "& ~p.metadata_authenticates_origin", ""),
     "readers have no keys": (RealmView, "_able", "(~p.data_authenticates | reads)", "~p.data_authenticates"),
     "relays read": (RealmView, "_able", "reach & ~p.data_encrypts &", "reach &"),
     "who signs where the CA was not read is known": (
