@@ -256,9 +256,7 @@ class _Run:
             if made.report is not None:
                 self.whole[number] = made.report
             for wanted, text in zip(self._each, made.files, strict=True):
-                own = places.own_file(wanted, self.reports[path])
-                own.path.parent.mkdir(parents=True, exist_ok=True)
-                output.write(own, text)
+                output.write(places.own_file(wanted, self.reports[path]), text)
         for datasets in self.datasets:
             self._tabulate(datasets, number, audited, fleet)
         while self.shown in self.texts:

@@ -6,7 +6,8 @@ import os
 import secrets
 import stat
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
@@ -28,11 +29,15 @@ TABLES: Final = "parquet"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """A report in `format` for the file `path`, or (`each`) a file for each keystore in the directory `path`."""
+    """A report in `format` for the file `path`, or (`each`) a file for each keystore in the directory `path`.
+
+    `folder`: the directory that was named, links of which are followed; those below it are not. None: the file's own.
+    """
 
     format: str
     path: Path
     each: bool = False
+    folder: Path | None = None
 
     @property
     def tables(self) -> bool:
@@ -64,50 +69,52 @@ def check(targets: Iterable[Target], keystores: Iterable[str] = ()) -> None:
     seen: set[Path] = set()
     roots = tuple(keystores)
     for wanted in targets:
-        path = real_path(wanted.path)
         check_outside(wanted.path, roots)
-        place = path / wanted.format if wanted.each else path
+        place = real_path(wanted.path) / wanted.format if wanted.each else _place(wanted.path)
         if place in seen:
             raise Unwritable(f"Two reports cannot both be written to {wanted.path}.")
         seen.add(place)
         try:
             if wanted.each or wanted.tables:
-                _prepare(path, empty=wanted.tables)
-            elif _is_special(path):
-                if not os.access(path, os.W_OK):
+                _prepare(wanted, empty=wanted.tables)
+            elif _is_special(wanted.path):
+                if not os.access(wanted.path, os.W_OK):
                     raise PermissionError(0, "permission denied")
             else:
-                _probe(path)
+                _probe(wanted)
         except OSError as error:
             raise Unwritable(_reason(wanted, error)) from error
 
 
 def check_outside(path: Path, keystores: Iterable[str]) -> None:
     """Raise Unwritable if the file or directory, which may not exist yet, lies in one of the keystores."""
-    real = real_path(path)
-    if any(real.is_relative_to(real_path(keystore)) for keystore in keystores):
+    roots = [real_path(keystore) for keystore in keystores]
+    if any(place.is_relative_to(root) for place in (real_path(path), _place(path)) for root in roots):
         raise Unwritable(f"{path} lies in the keystore that is audited; write it elsewhere.")
 
 
 def write(wanted: Target, text: str) -> None:
-    """Write the report, whole or not at all; raise Unwritable with the reason."""
-    path = real_path(wanted.path)
+    """Write the report, whole or not at all; raise Unwritable with the reason.
+
+    A link in its place is replaced, whatever it leads to; directories below the one that was named are made.
+    """
     data = text.encode("utf-8", "backslashreplace")
     try:
-        if _is_special(path):  # /dev/stderr, a FIFO: nothing that could be replaced
-            path.write_bytes(data)
+        if _is_special(wanted.path):  # /dev/stderr, a FIFO: nothing that could be replaced
+            wanted.path.write_bytes(data)
         else:
-            _replace(path, data)
+            with _folder(wanted, make=True) as (folder, name):
+                _replace(folder, name, data)
     except OSError as error:
         raise Unwritable(_reason(wanted, error)) from error
 
 
 def remove(wanted: Target) -> None:
     """Remove what an earlier run wrote, if it did, where `write` would write; raise Unwritable with the reason."""
-    path = real_path(wanted.path)
     try:
-        if not _is_special(path):
-            path.unlink(missing_ok=True)
+        if not _is_special(wanted.path):
+            with suppress(FileNotFoundError), _folder(wanted) as (folder, name):
+                os.unlink(name, dir_fd=folder)
     except OSError as error:
         raise Unwritable(_reason(wanted, error)) from error
 
@@ -137,51 +144,82 @@ def write_stdout(text: str) -> None:
         raise Unwritable(f"Cannot write the report to standard output: {error.strerror}.") from error
 
 
+def _place(path: Path) -> Path:
+    """Where a file is written: a link that it may be is replaced, not followed."""
+    return real_path(path.parent) / path.name
+
+
 def _is_special(path: Path) -> bool:
-    return path.exists() and not path.is_file() and not path.is_dir()
+    """Whether it is a device or the like; of links to one, those of the system (`/dev/stderr`)."""
+    system = any(_place(path).is_relative_to(folder) for folder in ("/dev", "/proc"))
+    return (system or not path.is_symlink()) and path.exists() and not path.is_file() and not path.is_dir()
 
 
-def _prepare(directory: Path, *, empty: bool) -> None:
+def _prepare(wanted: Target, *, empty: bool) -> None:
     """Make the directory, try it out; one for tables must be empty, since older rows would count as well."""
-    directory.mkdir(parents=True, exist_ok=True)
-    if empty and any(directory.iterdir()):
+    wanted.path.mkdir(parents=True, exist_ok=True)
+    if empty and any(wanted.path.iterdir()):
         raise OSError(0, "the directory is not empty")
-    _probe(directory / "report")
+    _probe(Target(format=wanted.format, path=wanted.path / "report"))
 
 
-def _probe(path: Path) -> None:
+def _probe(wanted: Target) -> None:
+    path = wanted.path
     if path.is_dir():
         raise IsADirectoryError(0, "it is a directory")
-    if path.exists() and not os.access(path, os.W_OK):
+    if path.exists() and not path.is_symlink() and not os.access(path, os.W_OK):
         raise PermissionError(0, "permission denied")
-    trial = _beside(path)
-    os.close(os.open(trial, _CREATE, 0o600))
-    trial.unlink()
+    with _folder(wanted, make=True) as (folder, name):
+        trial = _draft(name)
+        os.close(os.open(trial, _CREATE, 0o600, dir_fd=folder))
+        os.unlink(trial, dir_fd=folder)
 
 
-def _replace(path: Path, data: bytes) -> None:
-    draft = _beside(path)
-    mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else None
-    descriptor = os.open(draft, _CREATE, 0o666)
+@contextmanager
+def _folder(wanted: Target, *, make: bool = False) -> Iterator[tuple[int, str]]:
+    """The directory that the file goes to, open, and its name there. Below the one named no link is followed."""
+    named = wanted.folder or wanted.path.parent
+    *between, name = wanted.path.relative_to(named).parts
+    folder = os.open(named, _DIRECTORY)
+    try:
+        for part in between:
+            if make:
+                with suppress(FileExistsError):
+                    os.mkdir(part, dir_fd=folder)
+            inner = os.open(part, _DIRECTORY | os.O_NOFOLLOW, dir_fd=folder)
+            os.close(folder)
+            folder = inner
+        yield folder, name
+    finally:
+        os.close(folder)
+
+
+def _replace(folder: int, name: str, data: bytes) -> None:
+    draft = _draft(name)
+    descriptor = os.open(draft, _CREATE, 0o666, dir_fd=folder)
     try:
         with open(descriptor, "wb") as file:
             file.write(data)
             file.flush()
+            with suppress(FileNotFoundError):
+                before = os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode
+                if stat.S_ISREG(before):
+                    os.fchmod(descriptor, stat.S_IMODE(before))
             os.fsync(descriptor)
-        if mode is not None:
-            draft.chmod(mode)
-        draft.replace(path)
+        os.replace(draft, name, src_dir_fd=folder, dst_dir_fd=folder)
     except BaseException:  # an interrupt too: no draft is left behind
-        draft.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            os.unlink(draft, dir_fd=folder)
         raise
 
 
-_CREATE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC
+_CREATE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+_DIRECTORY: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
 
 
-def _beside(path: Path) -> Path:
-    """Return a new name in the same directory: only there is a rename atomic."""
-    return path.with_name(f".{path.name[:200]}.{secrets.token_hex(8)}.tmp")
+def _draft(name: str) -> str:
+    """A new name in the same directory: only there is a rename atomic."""
+    return f".{name[:200]}.{secrets.token_hex(8)}.tmp"
 
 
 def _reason(wanted: Target, error: OSError) -> str:

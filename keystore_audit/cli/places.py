@@ -115,7 +115,7 @@ def check_outside(keystores: Sequence[str], directories: Mapping[str, str], targ
 def own_file(wanted: Target, directory: str) -> Target:
     """Return where one keystore's report goes."""
     name = FILE_NAMES.get(wanted.format, f"report.{wanted.format}")
-    return Target(format=wanted.format, path=Path(wanted.path, directory, name))
+    return Target(format=wanted.format, path=Path(wanted.path, directory, name), folder=wanted.path)
 
 
 def older_files(wanted: Target, written: Collection[Path]) -> list[Path]:
@@ -139,7 +139,7 @@ def older_files(wanted: Target, written: Collection[Path]) -> list[Path]:
 
 def summary_file(wanted: Target) -> Target:
     """Return where the summary of all goes."""
-    return Target(format=wanted.format, path=Path(wanted.path, SUMMARY))
+    return Target(format=wanted.format, path=Path(wanted.path, SUMMARY), folder=wanted.path)
 
 
 def _directory(path: str) -> str:

@@ -123,11 +123,10 @@ def _write_permissions(
     documents = [(_place_of(enclave, place), permissions_xml(suggester.grant(enclave))) for enclave in known]
     output.check_outside(place, (keystore,))
     try:
-        for path, _document in documents:
-            path.parent.mkdir(parents=True, exist_ok=True)
+        place.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"Cannot make the directory {place}: {error.strerror or error}.") from error
-    targets = [output.Target(format=PERMISSIONS, path=path) for path, _document in documents]
+    targets = [output.Target(format=PERMISSIONS, path=path, folder=place) for path, _document in documents]
     output.check(targets, (keystore,))
     for target, (_path, document) in zip(targets, documents, strict=True):
         output.write(target, document)

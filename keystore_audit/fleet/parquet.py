@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -55,12 +56,19 @@ class Datasets:
         folder = self._directory / table
         folder.mkdir(parents=True, exist_ok=True)
         name = f"part-{self._parts[table]:05}.parquet"
-        draft = folder / f".{name}.tmp"
+        draft = f".{name}.tmp"
+        here = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
         try:
-            parquet.write_table(_table(COLUMNS[table], self._waiting[table]), draft, compression="zstd")
-            draft.replace(folder / name)
+            descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666, dir_fd=here)
+            try:
+                with open(descriptor, "wb") as file:
+                    parquet.write_table(_table(COLUMNS[table], self._waiting[table]), file, compression="zstd")
+                os.replace(draft, name, src_dir_fd=here, dst_dir_fd=here)
+            except BaseException:
+                os.unlink(draft, dir_fd=here)
+                raise
         finally:
-            draft.unlink(missing_ok=True)
+            os.close(here)
         self._parts[table] += 1
         self._waiting[table] = []
 

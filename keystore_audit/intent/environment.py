@@ -5,7 +5,8 @@ Nothing is expanded or run, and a line that these read differently is an error: 
 carriage return (a shell takes it into the value), a comment behind a value without `export` (systemd and containers
 take it into the value), blanks there and quotes around what has to be exactly one value (containers take them into it),
 lines with `export` beside others without (which a shell keeps to itself, where systemd and containers know nothing
-else), and in the values of other variables whatever a shell would run or go on in. Source of what the variables mean:
+else), in the values of other variables whatever a shell would run or go on in, and variables that put other code or
+another clock under what was audited. Source of what the variables mean:
 rcl's `security.c` and rmw_dds_common's `security.cpp`.
 """
 
@@ -56,8 +57,14 @@ _COUNTER: Final = re.compile(
 )
 """Variables that bash, zsh or ksh take for numbers: what is assigned is worked out, and `NAME=0` in it assigns, too."""
 _NUMBER: Final = re.compile(r"""(["']?)(?:0|-?[1-9][0-9]{0,17})?\1[ \t]*""")
-_COMMANDS: Final = frozenset({"BASH_ENV", "PROMPT_COMMAND"})
-"""What bash runs before each script and each prompt."""
+_RUN: Final = {
+    **dict.fromkeys(("BASH_ENV", "PROMPT_COMMAND"), "bash runs what {} names"),
+    **dict.fromkeys(("LD_PRELOAD", "LD_LIBRARY_PATH"), "every process loads what {} names"),
+    "PYTHONPATH": "Python runs what lies in {}",
+    "OPENSSL_CONF": "OpenSSL loads and configures what {} names",
+    "FAKETIME": "{} is another clock to certificates and grants",
+}
+"""Variables that put other code, or another clock, under what was audited."""
 _FURTHER: Final = re.compile(r"[ \t;&|]([A-Za-z_][A-Za-z0-9_]*)=([^ \t;&|]*)")
 """In a value, assignments of their own to a shell, as in `A=1 B=2` and `A=x&B=2`; others take it all for the value."""
 _ANOTHER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*=")
@@ -180,8 +187,8 @@ def _pass_over(name: str, text: str, place: str, *, exported: bool) -> None:
             f"single quotes.{also}"
         )
     for each, given in ((name, value), *_FURTHER.findall(bare)):
-        if each in _COMMANDS:
-            raise UsageError(f"{place}: bash runs what {each} names; expected no such assignment.")
+        if each in _RUN:
+            raise UsageError(f"{place}: {_RUN[each].format(each)}; expected no such assignment.")
         if _COUNTER.fullmatch(each) and not _NUMBER.fullmatch(given):
             raise UsageError(f"{place}: {each} is a number to a shell, which works out its value; expected digits.")
 

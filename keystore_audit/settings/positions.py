@@ -24,9 +24,7 @@ class Position(NamedTuple):
 _BLANK: Final = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _SPACES: Final = re.compile(r"[ \t]*")
 _BARE: Final = re.compile(r"[A-Za-z0-9_-]+")
-_STRING: Final = re.compile(
-    r'"""(?:[^\\]|\\.)*?"{3,5}' + r"|'''.*?'{3,5}" + r'|"(?:[^"\\\n]|\\.)*"' + r"|'[^'\n]*'", re.DOTALL
-)
+_STRING: Final = re.compile(toml.STRING, re.DOTALL)
 _SCALAR: Final = re.compile(r"[^,\]}#\r\n]*")
 
 

@@ -53,7 +53,8 @@ class File:
             where = _WHERE.search(message)
             last = f":{text.count(chr(10)) + 1}:{len(text) - text.rfind(chr(10))}"
             place = f":{where[1]}:{where[2]}" if where else last
-            raise UsageError(f"{given.path}{place}: this is not TOML: {_WHERE.sub('', message)}.") from error
+            what = "more than is read here" if isinstance(error, toml.BeyondLimits) else "this is not TOML"
+            raise UsageError(f"{given.path}{place}: {what}: {_WHERE.sub('', message)}.") from error
 
     def position(self, path: KeyPath) -> Position:
         """Line and column of the key or item; where it has none of its own, those of what it stands in."""

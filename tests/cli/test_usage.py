@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 import pytest
 
-from keystore_audit.cli import options, output
+from keystore_audit.cli import options, output, places
 from keystore_audit.cli.program import run
 
 
@@ -156,8 +156,8 @@ class TestOutputs:
         assert "Not a directory" in capsys.readouterr().err
 
     def test_one_file_for_two_reports(self, nowhere: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-        (tmp_path / "link").symlink_to("report")
-        assert run([nowhere, "-o", f"json={tmp_path}/report", "-o", f"text={tmp_path}/link"]) == 2
+        (tmp_path / "way").symlink_to(tmp_path)
+        assert run([nowhere, "-o", f"json={tmp_path}/report", "-o", f"text={tmp_path}/way/report"]) == 2
         assert "Two reports cannot both be written" in capsys.readouterr().err
 
     @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
@@ -172,16 +172,40 @@ class TestOutputs:
         assert [path.name for path in tmp_path.iterdir()] == ["old"]
         assert (tmp_path / "old").read_text() == "old"
 
-    def test_a_report_replaces_the_file_and_keeps_links_and_modes(self, tmp_path: Path) -> None:
+    def test_a_report_replaces_the_file_and_keeps_its_mode(self, tmp_path: Path) -> None:
         file = tmp_path / "report"
         file.write_text("old and longer")
         file.chmod(0o640)
-        (tmp_path / "link").symlink_to("report")
-        output.write(output.target(f"json={tmp_path}/link"), "new \udc80")
+        output.write(output.target(f"json={file}"), "new \udc80")
         assert file.read_bytes() == b"new \\udc80"
         assert file.stat().st_mode & 0o777 == 0o640
-        assert (tmp_path / "link").is_symlink()
-        assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "report"]
+        assert [path.name for path in tmp_path.iterdir()] == ["report"]
+
+    @pytest.mark.parametrize("leads_to", ["old", "nowhere", "/dev/null"])
+    def test_a_link_is_replaced_and_what_it_leads_to_stays(self, tmp_path: Path, leads_to: str) -> None:
+        (tmp_path / "old").write_text("old")
+        (tmp_path / "link").symlink_to(leads_to)
+        wanted = output.target(f"json={tmp_path}/link")
+        output.check([wanted])
+        output.write(wanted, "new")
+        assert not (tmp_path / "link").is_symlink()
+        assert (tmp_path / "link").read_text() == "new"
+        assert (tmp_path / "old").read_text() == "old"
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "old"]
+
+    def test_below_the_directory_that_was_named_no_link_is_followed(self, tmp_path: Path) -> None:
+        (tmp_path / "elsewhere").mkdir()
+        (tmp_path / "out").mkdir()
+        (tmp_path / "named").symlink_to("out")
+        wanted = output.target(f"json={tmp_path}/named/")
+        output.write(places.own_file(wanted, "robot/"), "new")
+        assert (tmp_path / "out/robot/report.json").read_text() == "new"
+        (tmp_path / "out/other").symlink_to(tmp_path / "elsewhere")
+        with pytest.raises(output.Unwritable, match="Not a directory"):
+            output.write(places.own_file(wanted, "other/"), "new")
+        with pytest.raises(output.Unwritable, match="Not a directory"):
+            output.remove(places.own_file(wanted, "other/"))
+        assert list((tmp_path / "elsewhere").iterdir()) == []
 
     def test_a_device_is_not_replaced(self) -> None:
         wanted = output.target("json=/dev/null")

@@ -126,6 +126,43 @@ def test_bytes_that_are_no_text_and_files_that_are_no_settings(tmp_path: Path) -
         read_settings(tmp_path / "none.toml", ())
 
 
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        (f"a{'.a' * 32_000} = 1", ":1:41"),
+        (f"\n[a{' . a' * 20}]", ":2:82"),
+        ("x = { a" + '."a"' * 20 + " = 1 }", ":1:85"),
+        (f"{'k' * 201} = 1", ":1:1"),
+        ('x = { "' + "k" * 201 + '" = 1 }', ":1:7"),
+        ("['" + "k" * 201 + "']  # a table", ":1:2"),
+        (f"a = {'1' * 201}", ":1:5"),
+    ],
+)
+def test_long_keys_are_refused_before_any_parser_is_asked(
+    tmp_path: Path, text: str, where: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(toml, "_loads", lambda document: asked.append(document) or {})
+    assert wrong(tmp_path, text).startswith(f"{where}: more than is read here: a ")
+    assert asked == []
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"a{'.a' * 19} = 1",
+        f"{'k' * 200} = 1",
+        '"' + "k" * 200 + '" = 1',
+        'x = "' + "k" * 5_000 + '"',
+        'x = [\n  "' + "k." * 500 + '",\n]',
+        "x = 1  # " + "a." * 100 + "k" * 500,
+        'x = """\n' + "a." * 100 + '\n"""',
+    ],
+)
+def test_keys_within_the_limits_and_long_values_are_read(text: str) -> None:
+    assert toml.loads(text) == toml._loads(text)
+
+
 def test_settings_inside_of_the_keystore_are_refused_also_over_a_link(tmp_path: Path) -> None:
     keystore = tmp_path / "keystore"
     (keystore / "enclaves").mkdir(parents=True)
