@@ -11,15 +11,22 @@ if TYPE_CHECKING:
     from keystore_audit.properties.counterexample import Counterexample
 
 _SURROGATE: Final = re.compile("[\ud800-\udfff]")
+_MARKER: Final = re.compile("#(?=#)|:(?=:)")
+"""Where what runners of pipelines take for a command begins (`##vso[`, `::error::`), as `text.terminal` has it."""
 
 
 def encoded(value: Any) -> str:
-    r"""One value on one line. Lone surrogates (bytes that are no text), which readers refuse, are shown: `\udc80`."""
+    r"""One value on one line. Lone surrogates (bytes that are no text), which readers refuse, are shown: `\udc80`.
+
+    Nothing in it is a command to the runner of a pipeline: the first sign of one is written as `\u0023` or `\u003a`.
+    """
     text = json.dumps(value)  # without arguments: the one form for which Python keeps its encoder
-    if r"\ud" not in text:
-        return text
-    shown = _SURROGATE.sub(lambda match: rf"\\u{ord(match[0]):04x}", json.dumps(value, ensure_ascii=False))
-    return json.dumps(json.loads(shown))
+    if r"\ud" in text:
+        shown = _SURROGATE.sub(lambda match: rf"\\u{ord(match[0]):04x}", json.dumps(value, ensure_ascii=False))
+        text = json.dumps(json.loads(shown))
+    if "##" in text or "::" in text:  # in strings alone, in which a reader takes the one form for the other
+        text = _MARKER.sub(lambda match: rf"\u{ord(match[0]):04x}", text)
+    return text
 
 
 def keys(values: Mapping[str, Any]) -> list[str]:
