@@ -9,6 +9,7 @@ from pathlib import Path
 
 from keystore_audit.keystore.descent import display
 from keystore_audit.keystore.identity import Compared, Identity, LooseKey, alike
+from keystore_audit.keystore.key_quality import Material, PublicKey, Signed, related_keys, shared_nonces
 
 
 class Identities:
@@ -23,6 +24,7 @@ class Identities:
         self._by_key: defaultdict[str, set[int]] = defaultdict(set)
         self._by_subject: defaultdict[tuple[tuple[str, ...], str], set[int]] = defaultdict(set)
         self._loose: defaultdict[str, set[int]] = defaultdict(set)
+        self._related: dict[int, Material] | None = None
 
     def add(self, number: int, place: str, compared: Compared, named: Collection[str] = ()) -> None:
         """Take in those of a keystore; `place`: its directory, links resolved; `named`: whom grants name there."""
@@ -83,7 +85,30 @@ class Identities:
                 or any((identity.subject_alike, authority) in subjects for authority in identity.authorities)
             ),
             keys=tuple(self._lying_elsewhere(own_keys, here)),
+            material=self._material().get(number, Material()),
         )
+
+    def _material(self) -> dict[int, Material]:
+        """By keystore, the keys and signatures of others that tell something beside its own; of all at once."""
+        if self._related is None:
+            whose: defaultdict[PublicKey | Signed, set[int]] = defaultdict(set)
+            for number, compared in self._own.items():
+                for each in (*compared.material.keys, *compared.material.signed):
+                    whose[each].add(number)
+            keys = [each for each in whose if isinstance(each, PublicKey)]
+            signed = [each for each in whose if isinstance(each, Signed)]
+            found: defaultdict[int, dict[PublicKey | Signed, None]] = defaultdict(dict)
+            for group in (*related_keys(keys), *shared_nonces(signed)):
+                for number in set[int]().union(*(whose[each] for each in group)):
+                    found[number].update(dict.fromkeys(each for each in group if number not in whose[each]))
+            self._related = {
+                number: Material(
+                    keys=tuple(each for each in others if isinstance(each, PublicKey)),
+                    signed=tuple(each for each in others if isinstance(each, Signed)),
+                )
+                for number, others in found.items()
+            }
+        return self._related
 
     def _lying_elsewhere(self, keys: Collection[str], here: str | None) -> Iterator[LooseKey]:
         for other in sorted(set[int]().union(*(self._loose[key] for key in keys if key in self._loose))):

@@ -12,10 +12,12 @@ from typing import Final
 from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.digest import records
-from keystore_audit.keystore.files import File
+from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.key_quality import Material, material_of
 from keystore_audit.keystore.keystore import Keystore, Reader, with_subject_as_path
 from keystore_audit.keystore.layout import Role, discover
 from keystore_audit.keystore.root import Root
+from keystore_audit.keystore.smime import read_signed
 from keystore_audit.keystore.stray_identity import loose_keys
 
 MAX_NAMED: Final = 10_000
@@ -71,6 +73,8 @@ class Compared:
 
     identities: tuple[Identity, ...] = ()
     keys: tuple[LooseKey, ...] = ()
+    material: Material = Material()
+    """Of certificates and documents in the places of enclaves and authorities."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,10 +104,17 @@ def read_identities(path: str | os.PathLike[str]) -> tuple[Compared, frozenset[s
         certificates = [{role: read(files.files[role]) for role in roles} for files in layout.enclaves]
         enclaves = zip(with_subject_as_path(layout, certificates).enclaves, certificates, strict=True)
         found = (_identity(root.path, files.path, *(read[role] for role in roles)) for files, read in enclaves)
-        documents = (files.files[Role.PERMISSIONS] for files in layout.enclaves)
+        documents = [files.files[Role.PERMISSIONS] for files in layout.enclaves]
+        signed = [files.files[role] for files in layout.enclaves for role in (Role.PERMISSIONS, Role.GOVERNANCE)]
+        material = _material(
+            root.path,
+            (read(files.files[role]) for files in layout.enclaves for role in _AUTHORITATIVE),
+            {file.sha256: file for file in signed if file.status is Status.PRESENT and file.sha256 is not None},
+        )
         for _entry in records(root):  # with them, every file has been read
             pass
-        compared = Compared(identities=_known(found), keys=_loose(root.path, loose_keys(root, layout.enclaves)))
+        keys = _loose(root.path, loose_keys(root, layout.enclaves))
+        compared = Compared(identities=_known(found), keys=keys, material=material)
         return compared, frozenset(islice(_named(documents), MAX_NAMED))
 
 
@@ -116,7 +127,29 @@ def _named(documents: Iterable[File]) -> Iterator[str]:
 def compared_of(keystore: Keystore) -> Compared:
     """The same of a keystore that was read as a whole: equal to what is read alone, if nobody writes meanwhile."""
     found = (_identity(keystore.root, each.path, each.certificate, each.identity_ca) for each in keystore.enclaves)
-    return Compared(identities=_known(found), keys=_loose(keystore.root, keystore.identities.loose))
+    signed = [each.signed.file for own in keystore.enclaves for each in (own.permissions, own.governance) if each]
+    return Compared(
+        identities=_known(found),
+        keys=_loose(keystore.root, keystore.identities.loose),
+        material=_material(
+            keystore.root,
+            (file for own in keystore.enclaves for file in (own.identity_ca, own.certificate, own.permissions_ca)),
+            {file.sha256: file for file in signed if file.sha256 is not None},
+        ),
+    )
+
+
+_AUTHORITATIVE: Final = (Role.IDENTITY_CA, Role.CERTIFICATE, Role.PERMISSIONS_CA)
+
+
+def _material(root: str, files: Iterable[CertificateFile | None], documents: Mapping[str, File]) -> Material:
+    """Keys and signatures, in an order of their own: whatever verifies them is looked for where two are alike."""
+    certificates = [each for file in files if file is not None for each in file.certificates]
+    found = material_of(root, certificates, (read_signed(file, ()) for file in documents.values()))
+    return Material(
+        keys=tuple(sorted(found.keys, key=lambda each: each.key)),
+        signed=tuple(sorted(found.signed, key=lambda each: (each.r, each.hashed))),
+    )
 
 
 def _loose(root: str, places: Mapping[str, Iterable[str]]) -> tuple[LooseKey, ...]:

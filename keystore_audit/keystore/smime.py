@@ -48,6 +48,9 @@ class Signature:
     verified_by: tuple[Certificate, ...]
     signing_time: datetime | None
     """Asserted by the signer (RFC 5652 11.3): a hint, never trusted."""
+    value: bytes = field(default=b"", repr=False)
+    hashed: bytes = field(default=b"", repr=False)
+    """The signature itself, and the digest of what it covers; empty where that is of an unknown kind."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -253,6 +256,8 @@ class _Reading:
             named=named,
             verified_by=(*self._candidates.with_key(key), *self._strangers.with_key(key)),
             signing_time=signer.signing_time,
+            value=signer.signature,
+            hashed=_HASH[signer.digest](data).digest() if signer.digest in _HASH else b"",
         )
 
     def _named_maker(

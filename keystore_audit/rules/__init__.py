@@ -24,6 +24,7 @@ from keystore_audit.rules import (  # noqa: F401 - each registers its rules
     formal,
     governance,
     identity,
+    key_quality,
     layout,
     missing_files,
     observed,

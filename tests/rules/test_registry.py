@@ -26,6 +26,7 @@ from tests.rules import (
     test_environment_rules,
     test_formal_and_audit_rules,
     test_governance_rules,
+    test_key_quality,
     test_label_rules,
     test_layout_rules,
     test_observed_rules,
@@ -38,7 +39,7 @@ from tests.rules import (
 
 CATALOGUE = {
     "KA1": range(101, 121),
-    "KA2": (*range(201, 230), 231),
+    "KA2": range(201, 232),
     "KA3": range(301, 318),
     "KA4": range(401, 424),
     "KA5": range(501, 523),
@@ -88,6 +89,7 @@ def test_every_rule_has_a_test_that_makes_it_speak() -> None:
         test_governance_rules.CASES,
         test_permissions_rules.CASES,
         test_provisioning_rules.CASES,
+        test_key_quality.CASES,
         test_divergence_rules.CASES,
         test_anomaly_rules.CASES,
         test_drift_rules.CASES,
