@@ -7,12 +7,15 @@ the keystore is put beside that directory.
 from __future__ import annotations
 
 import os
+import secrets
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
-from .base import IDENTITY_CA, ONE, TALKER_CERTIFICATE, TALKER_GRANT, talker, with_talker
-from .certificates import Certificate
+from .base import IDENTITY_CA, ONE, PERMISSIONS_CA, TALKER_CERTIFICATE, TALKER_GRANT, talker, with_talker
+from .certificates import Certificate, day
+from .cms import SignedData, Signer
 from .documents import Permissions
 from .keys import Key
 from .smime import Message, signed_by
@@ -112,6 +115,27 @@ def _names(*paths: str) -> Recipe:
     return lambda root: write(_named(*paths).tree(), root)
 
 
+def _own_keys(*, signed: int | None = None, days: tuple[datetime, datetime] | None = None) -> Recipe:
+    """Keys that no sample publishes. `signed`: the year of the signature; `days`: how long all lasts."""
+
+    def build(root: Path) -> None:
+        mark = secrets.token_hex(8)
+        identity_ca, permissions_ca, own = (
+            replace(each, key=Key(label=f"{mark} {each.subject}"))
+            for each in (IDENTITY_CA, PERMISSIONS_CA, TALKER_CERTIFICATE)
+        )
+        own, grant = replace(own, issuer=identity_ca), TALKER_GRANT
+        if days is not None:
+            own = replace(own, not_before=days[0], not_after=days[1])
+            texts = [each.strftime("%Y-%m-%dT%H:%M:%S") for each in days]
+            grant = replace(grant, not_before=texts[0], not_after=texts[1])
+        data = SignedData(signers=(Signer(certificate=permissions_ca),), signed_at=day(signed or 2020, 1, 1))
+        enclave = talker(certificate=own, permissions=Permissions(grants=(grant,)), seal=Message(signature=data).smime)
+        write(replace(ONE, identity_ca=identity_ca, permissions_ca=permissions_ca, enclaves=(enclave,)).tree(), root)
+
+    return build
+
+
 WITH_KEYS = replace(ONE, private_keys=True)
 
 RECIPES: Mapping[str, tuple[Recipe, Recipe]] = {
@@ -128,8 +152,16 @@ RECIPES: Mapping[str, tuple[Recipe, Recipe]] = {
     "KA116": (_modes(WITH_KEYS, "private", 0o644), _modes(WITH_KEYS, "private", 0o600)),
     "KA119": (_modes(ONE, "public", 0o666), _modes(ONE, "public", 0o644)),
     "KA120": (_absolute, _good),
+    "KA230": (_good, _own_keys()),
+    # Identity and grant of eighty years, and of one.
+    "KA665": (_own_keys(), _own_keys(signed=2026, days=(day(2026, 1, 1), day(2027, 1, 1)))),
+    # Permissions that were signed anew four years after the certificate was issued, and with it.
+    "KA667": (_own_keys(signed=2024), _own_keys()),
 }
 """For each code, what builds the bad keystore and what builds the good one."""
+
+DEPLOYED = frozenset({"KA230", "KA665", "KA667"})
+"""Codes whose keystores are audited as trees that go on a robot, with keys of their own where they are good."""
 
 VARIANTS: Mapping[str, tuple[str, Recipe]] = {
     "loop": ("KA102", _linked("cert.pem", "cert.pem")),
