@@ -132,7 +132,9 @@ def material_of_keystore(keystore: Keystore) -> Material:
     beside = (*keystore.identities.keyless, *(each.certificate for each in keystore.identities.found))
     documents = [each.signed for own in keystore.enclaves for each in (own.governance, own.permissions) if each]
     documents += [stray.document.signed for stray in keystore.strays if stray.document is not None]
-    files = (file for enclave in keystore.enclaves for file in (enclave.identity_ca, enclave.permissions_ca, enclave.crl))
+    files = (
+        file for enclave in keystore.enclaves for file in (enclave.identity_ca, enclave.permissions_ca, enclave.crl)
+    )
     lists = (crl for file in dict.fromkeys(files) if file is not None for crl in file.revocation_lists)
     return material_of(keystore.root, (*certificates, *beside), documents, lists)
 
@@ -253,7 +255,7 @@ def _repeated(keys: Sequence[PublicKey], signed: Iterable[Signed]) -> Iterator[W
                     break
         for key_id, by_one in made.items():
             if len(by_one) > 1:
-                fact = f"made {len(by_one)} ECDSA signatures over different content with one nonce: anybody computes it"
+                fact = "made ECDSA signatures over different content with one nonce: anybody computes it from them"
                 yield Weakness(fact=fact, keys=(key_id,), places=tuple(each.place for each in by_one))
 
 

@@ -6,7 +6,6 @@ import io
 import json
 import re
 import sys
-from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
@@ -23,7 +22,15 @@ from tests.keystore.builder import GOVERNANCE, authority, certificate
 STEERING = re.compile(r"##[A-Za-z]*\[|::[A-Za-z]|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]|\r(?!\n)")
 """Commands of Azure, TeamCity and GitHub, and what terminals obey."""
 
-MARKERS = ("##vso[task.complete result=Succeeded]", "##[error]", "::error::", ":", "#", "::set-output name=x::", "\x1b[2J")
+MARKERS = (
+    "##vso[task.complete result=Succeeded]",
+    "##[error]",
+    "::error::",
+    ":",
+    "#",
+    "::set-output name=x::",
+    "\x1b[2J",
+)
 HOSTILE = st.lists(st.sampled_from(MARKERS) | st.text("ab:#[] ", max_size=4), min_size=1, max_size=4).map("".join)
 
 COMMANDS = (

@@ -138,4 +138,3 @@ def _inside() -> Iterator[Story]:
             {**ONE.tree(), **{path: entry for path, entry in other.items() if path.startswith("robot2/public/")}},
         ),
     )
-

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from keystore_audit.findings import Location
+from keystore_audit.keystore.key_quality import Place, material_of_keystore, weaknesses
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.comparison.change import Direction, direction_of
 from keystore_audit.model.comparison.facts import Fact, Placed, listing
@@ -53,6 +54,29 @@ def _foreign(enclave: Enclave | None) -> Mapping[str, int | None]:
         if other.key is None or other.key != own:
             found.setdefault(other.key or f"unread {enclave.key.file.sha256} {other.line}", other.line)
     return found
+
+
+def weak_keys(sides: Sides) -> Iterator[Placed]:
+    """Keys of which anybody can have the private half: by themselves, beside each other, by what they signed.
+
+    What the two keystores tell together is new: whoever has both finds it. A weak key is gone where nobody has it.
+    """
+    old, new = (material_of_keystore(keystore) for keystore in sides.keystores)
+    before, after, together = (
+        {(each.fact, each.keys): each.places for each in weaknesses(material)} for material in (old, new, old + new)
+    )
+    kept = {each.key for each in new.keys}
+    come = {name: places for name, places in (together | after).items() if name not in before}
+    gone = {name: places for name, places in before.items() if name not in after and kept.isdisjoint(name[1])}
+    for direction, found in ((Direction.GAINED, come), (Direction.LOST, gone)):
+        for (fact, _keys), places in found.items():
+            one, other = (_first(places, keystore.root) for keystore in sides.keystores)
+            verb = "a key" if direction is Direction.GAINED else "no longer: a key"
+            yield Fact("weak-key", direction, f"{verb} {fact}", ()), one, other
+
+
+def _first(places: Iterable[Place], root: str) -> Location | None:
+    return next((Location(path=each.path, line=each.line) for each in places if each.root == root), None)
 
 
 class _Holders:

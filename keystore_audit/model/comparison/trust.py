@@ -15,7 +15,7 @@ from keystore_audit.model.comparison.drafts import Draft, in_order
 from keystore_audit.model.comparison.facts import Dates, Fact, Placed, dated, listing, place_of, spanned
 from keystore_audit.model.comparison.form import certificate_form, document_form
 from keystore_audit.model.comparison.identities import MAX_PATHS, identities_certified_again, identities_let_in
-from keystore_audit.model.comparison.keys import foreign_keys
+from keystore_audit.model.comparison.keys import foreign_keys, weak_keys
 from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import Typed, authorities_of, beside_enclaves, governance_apart
@@ -61,6 +61,7 @@ def trust_changes(sides: Sides) -> list[Draft]:
         held[0].append(path)
         held[1].append(fact.aspects)
     drafts = [*_of_keystores(*sides.keystores), *_anchors(sides), *identities_let_in(sides), *_of_enclaves(sides)]
+    drafts += [_draft(fact, (), one, other) for fact, one, other in weak_keys(sides)]
     for fact, (paths, aspects, one, other) in found.items():
         drafts.append(_draft(fact._replace(aspects=spanned(aspects)), tuple(dict.fromkeys(paths)), one, other))
     for draft in drafts:
