@@ -1,4 +1,4 @@
-"""KA230: keys whose private half others have or can compute, each fault made with real keys and taken back by one change."""
+"""KA230: keys whose private half others have or can compute, each fault made with real keys beside good ones."""
 
 from __future__ import annotations
 
@@ -130,8 +130,8 @@ def keystore(
     """/talker and /listener under two authorities."""
     identity, permissions = identity or authority("identityCA"), permissions or authority("permissionsCA")
     governance = signed_document(GOVERNANCE, permissions)
-    for path, own in (("/talker", talker), ("/listener", None)):
-        own = own or certificate(path, identity)
+    for path, given in (("/talker", talker), ("/listener", None)):
+        own = given or certificate(path, identity)
         folder = root / "enclaves" / path.strip("/")
         folder.mkdir(parents=True)
         for file, content in {
@@ -322,7 +322,7 @@ def test_a_weak_key_that_comes_is_a_gain_and_one_that_goes_is_none(tmp_path: Pat
     assert told(weak, weak) == []
 
 
-def test_a_signature_that_nobody_here_made_and_a_copy_are_no_sign(tmp_path: Path) -> None:
+def test_a_signature_that_nobody_here_made_and_a_copy_are_no_sign() -> None:
     """Only what verifies counts: r can be copied by anybody."""
     key = ec.generate_private_key(P256)
     digests = [secrets.token_bytes(32) for _ in range(2)]
