@@ -20,6 +20,7 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from keystore_audit.report.statement import render_svr
+from tools.samples.made_at_test_time import RECIPES
 
 SAMPLE = Path(__file__).parents[2] / "sample_keystores" / "healthy" / "turtlesim"
 
@@ -152,9 +153,8 @@ def test_a_swapped_large_file_breaks_it(keystore: Path, name: str) -> None:
 @pytest.mark.parametrize("size", [MAX_SEARCHED, MAX_SEARCHED + 1, 10 * 1024**3])
 def test_what_nobody_hashed_passes_in_no_statement(tmp_path: Path, size: int) -> None:
     """Of a file that is larger than what is searched nobody knows what is in it: an identity with its key (KA668)."""
-    root, sample = tmp_path / "keys", SAMPLE.parents[1] / "rules/KA115-deprecated-layout/good"
-    shutil.copytree(sample, root, symlinks=True)
-    (root / "enclaves/talker/key.pem").chmod(0o600)
+    root = tmp_path / "keys"
+    RECIPES["KA230"][1](root)  # with keys of its own: those of samples are a finding
     with (root / "map.bin").open("wb") as sparse:
         sparse.write(b"a map\n\n")
         sparse.truncate(size)

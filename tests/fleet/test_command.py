@@ -120,14 +120,15 @@ def test_no_older_summary_speaks_of_a_run_that_ended_half_way(
     assert f"No report was written to {tmp_path}/all.sarif." in capsys.readouterr().err
 
 
-def test_a_link_to_a_summary_stays_one(tmp_path: Path) -> None:
+def test_a_link_in_the_place_of_a_summary_is_replaced(tmp_path: Path) -> None:
     run = ("-r", robots(tmp_path / "all", 1), *NATIVE, "-o", f"json={tmp_path}/out/")
     (tmp_path / "out").mkdir()
+    (tmp_path / "shown.json").write_text("mine")
     (tmp_path / "out/summary.json").symlink_to(tmp_path / "shown.json")
-    for _ in range(2):
-        answer(*run)
-        assert (tmp_path / "out/summary.json").is_symlink()
-        (tmp_path / "shown.json").stat()
+    answer(*run)
+    assert json.loads((tmp_path / "out/summary.json").read_text())["schema_version"] == 1
+    assert not (tmp_path / "out/summary.json").is_symlink()
+    assert (tmp_path / "shown.json").read_text() == "mine"
 
 
 def test_a_run_that_writes_no_summary_leaves_the_one_that_is_there(tmp_path: Path) -> None:

@@ -506,7 +506,7 @@ def test_a_copy_of_one_enclave_is_told_wherever_files_of_all_are_made(stock: Pat
     assert not [each for each in found(stock) if COPIES in each["remedy"]], "there is nothing"
     shutil.copy(stock / "public/permissions_ca.cert.pem", stock / "enclaves/talker")
     told = {each["code"] for each in found(stock) if COPIES in each["remedy"]}
-    assert told == {"KA222", "KA408", "KA722", "KA723", "KA724"}
+    assert told == {"KA222", "KA230", "KA408", "KA722", "KA723", "KA724"}
 
 
 def test_authorities_that_stand_for_each_other_are_exchanged_and_nothing_is_signed(

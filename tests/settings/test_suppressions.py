@@ -20,6 +20,7 @@ from tests.settings.files import file
 from tests.test_samples import SAMPLES, as_built
 from tools.samples.base import TWO
 from tools.samples.documents import DomainRule, Governance, TopicRule
+from tools.samples.made_at_test_time import RECIPES
 from tools.samples.store import write
 
 AT = "2026-11-21T12:00:00Z"
@@ -153,11 +154,12 @@ def test_no_statement_is_made_with_settings_that_merely_lay_there(
 
 @pytest.mark.parametrize("inside", [".", "enclaves"])
 def test_a_keystore_that_is_the_working_directory_brings_no_settings(
-    talker: Path, inside: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, inside: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Refused, not left aside: who put it there may believe that it counts."""
-    file(talker / inside, PLACED)
-    monkeypatch.chdir(talker / inside)
+    RECIPES["KA230"][1](tmp_path / "keys")  # with keys of its own: those of samples are no good on a robot
+    file(tmp_path / "keys" / inside, PLACED)
+    monkeypatch.chdir(tmp_path / "keys" / inside)
     monkeypatch.delenv("CI", raising=False)
     keystore = Path("." if inside == "." else "..")
     assert answer("audit", keystore, "--at", AT, "--engine", "native")[0] == 2
