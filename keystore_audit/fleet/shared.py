@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 from keystore_audit.keystore.descent import display
@@ -93,14 +93,19 @@ class Identities:
         if self._related is None:
             whose: defaultdict[PublicKey | Signed, set[int]] = defaultdict(set)
             for number, compared in self._own.items():
-                for each in (*compared.material.keys, *compared.material.signed):
-                    whose[each].add(number)
+                for key in compared.material.keys:
+                    whose[key].add(number)
+                for signature in compared.material.signed:
+                    whose[signature].add(number)
             keys = [each for each in whose if isinstance(each, PublicKey)]
             signed = [each for each in whose if isinstance(each, Signed)]
             found: defaultdict[int, dict[PublicKey | Signed, None]] = defaultdict(dict)
-            for group in (*related_keys(keys), *shared_nonces(signed)):
+            groups: list[Sequence[PublicKey | Signed]] = [*related_keys(keys), *shared_nonces(signed)]
+            for group in groups:
                 for number in set[int]().union(*(whose[each] for each in group)):
-                    found[number].update(dict.fromkeys(each for each in group if number not in whose[each]))
+                    for other in group:
+                        if number not in whose[other]:
+                            found[number][other] = None
             self._related = {
                 number: Material(
                     keys=tuple(each for each in others if isinstance(each, PublicKey)),
