@@ -73,11 +73,14 @@ class Watch:
     def _own(self, args: tuple[Any, ...]) -> bool:
         """Whether a change is made where the report is written."""
         paths = [os.fsdecode(path) for path in args if isinstance(path, str | bytes | os.PathLike)]
+        folders = [os.readlink(f"/proc/self/fd/{each}") for each in args if isinstance(each, int) and each > 2]
+        if folders and all("/" not in path for path in paths):  # relative to directories that are open
+            return all(f"{folder}/" == self._written for folder in folders)
         return all(path.startswith(self._written) for path in paths)
 
     def _look(self, path: str, *, writes: bool) -> None:
         self.count += 1
-        if path.startswith(self._written):
+        if path.startswith(self._written) or (f"{path}/" == self._written and not writes):
             return
         if writes or not (path + "/").startswith(self._allowed):
             self.strangers.append(path)
