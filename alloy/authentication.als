@@ -9,7 +9,20 @@ module authentication
 open precedence
 
 /** Realms whose governance document could not be read: it may say anything, so they keep nobody and nothing out. */
-fun open_realm: set Realm { governance.(opaque & Document) }
+fun open_realm: set Realm {
+	governance.(opaque & Document) + (RobotsEnforce in assumed implies none else Realm)
+}
+
+/** Enclaves that may have any identity: theirs could not be read, or it is not granted that authorities made no others. */
+fun anybody: set Enclave {
+	opaque & Enclave + (AuthoritiesAsFound + NothingElseCertified + NothingInUnreadFiles in assumed implies none else Enclave)
+}
+
+/** Documents that nobody has here may grant anything. */
+pred DocumentsElsewhere { NoOtherDocuments + NothingInUnreadFiles not in assumed }
+
+/** Some document may grant anything: one that could not be read, or one that is not here. */
+pred AnythingGranted { some opaque & Document or DocumentsElsewhere }
 
 /**
  * What each realm accepts on the word of its certificates `pool`, if exactly the certificates `valid` are in force:
@@ -31,7 +44,7 @@ fun introduced_in_force: Realm -> Enclave { introduced[in_force & Certificate] }
  * an expired CA would otherwise make each property of access hold for want of participants.
  */
 fun authentic: Realm -> Enclave {
-	introduced[Certificate] + Realm -> (opaque & Enclave) + open_realm -> Enclave
+	introduced[Certificate] + Realm -> anybody + open_realm -> Enclave
 }
 
 /** Enclaves that can issue themselves any identity: their key is that of an authority that a realm believes. */
@@ -45,7 +58,7 @@ fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - i
 
 /** As whom each enclave can act: every enclave with its key, which an unreadable enclave may have or lend. */
 fun acts_as: Enclave -> Enclave {
-	{ e: Enclave, same: e } + one_key + (opaque & Enclave) -> Enclave + Enclave -> (opaque & Enclave)
+	{ e: Enclave, same: e } + one_key + anybody -> Enclave + Enclave -> anybody
 }
 
 /** Pairs of enclaves whose identities one grant names, so that neither can have rights that the other has not. */
@@ -62,7 +75,7 @@ fun renewed: Enclave -> Enclave {
  * Enclaves that each can pass for; one that we could not read, for anybody. Of two, one may be at large, but then it is
  * no certificate of the other that was renewed.
  */
-fun shares_identity: Enclave -> Enclave { one_key - AtLarge -> AtLarge - renewed + (opaque & Enclave) -> Enclave }
+fun shares_identity: Enclave -> Enclave { one_key - AtLarge -> AtLarge - renewed + anybody -> Enclave }
 
 /** Pairs of an enclave and an identity at large, either first, whose key is that of another enclave. */
 fun held_by_another: Enclave -> Enclave {
@@ -75,6 +88,6 @@ fun held_by_another: Enclave -> Enclave {
  */
 fun shares_subject: Enclave -> Enclave {
 	one_subject - (AtLarge -> Enclave + Enclave -> AtLarge - held_by_another)
-	- Enclave -> (opaque & Enclave) + (opaque & Enclave) -> Enclave
-	+ (some (opaque & Document) - Realm.governance implies Enclave -> Enclave - iden else none -> none)
+	- Enclave -> anybody + anybody -> Enclave
+	+ ((some (opaque & Document) - Realm.governance or DocumentsElsewhere) implies Enclave -> Enclave - iden else none -> none)
 }

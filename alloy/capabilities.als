@@ -45,6 +45,17 @@ fun out_of_reach[realm: Realm]: Enclave -> Channel {
 	(Enclave -> Domain - joins[realm]).~in_domain + Enclave -> (Channel - realm.governed)
 }
 
+/**
+ * Channels for which peers ask no permissions of who announces its endpoints otherwise than they are: all, of
+ * implementations that go by what is announced.
+ */
+fun unasked: Realm -> Channel {
+	(TruthfulAnnouncements in assumed implies none else asks_announced_only) -> Channel
+}
+
+/** Those that an enclave reaches. Only who attacks makes use of it. */
+fun unannounced[realm: Realm]: Enclave -> Channel { Enclave -> realm.unasked - out_of_reach[realm] }
+
 /** Channels on which peers match a writer of the enclave. */
 fun may_write[realm: Realm]: Enclave -> Channel {
 	Enclave -> realm.write_uncontrolled + presentable[realm, publish_allowed] - out_of_reach[realm]
@@ -65,7 +76,7 @@ fun relays[realm: Realm]: Enclave -> Channel { presentable[realm, relay_allowed]
 fun overhears[realm: Realm]: Enclave -> Channel {
 	let in_clear = Channel - realm.(payload_protection[encrypting]),
 		bare = in_clear - realm.(submessage_protection[encrypting]) |
-		Enclave -> bare - out_of_reach[realm] + { e: Enclave, c: e.(relays[realm]) & in_clear }
+		Enclave -> bare - out_of_reach[realm] + { e: Enclave, c: e.(relays[realm]) & in_clear } + unannounced[realm]
 }
 
 /**
@@ -78,7 +89,7 @@ fun forges[realm: Realm]: Enclave -> Channel {
 		attributed = realm.(submessage_protection[authenticating_origin]),
 		submessage = Enclave -> realm.(submessage_protection[NONE]) - out_of_reach[realm] + reader + relays[realm],
 		payload = Enclave -> realm.(payload_protection[NONE]) - out_of_reach[realm] + reader |
-		submessage & payload - Enclave -> attributed
+		submessage & payload - Enclave -> attributed + unannounced[realm]
 }
 
 /** Channels whose samples the enclave learns, as a reader or from packets. */

@@ -13,12 +13,12 @@ open information_flow
 /** Certificates that no enclave here has, and whose holders the realm lets in with a grant, or may (a grant unread). */
 fun elsewhere[realm: Realm]: set Certificate {
 	let known = realm in open_realm implies Certificate else realm.(vouched[identity_ca, Certificate] - revoked),
-		named = some opaque & Document implies Certificate else admitting.(realm.accepted.grant) |
+		named = AnythingGranted implies Certificate else admitting.(realm.accepted.grant) |
 		(known & named) - Enclave.identity
 }
 
 /** The same where a document could not be read, which may let them in and grant them anything. */
-fun unread_elsewhere[realm: Realm]: set Certificate { some opaque & Document implies realm.elsewhere else none }
+fun unread_elsewhere[realm: Realm]: set Certificate { AnythingGranted implies realm.elsewhere else none }
 
 /** Domains that whoever has such a certificate can join: as `joins`. */
 fun joins_elsewhere[realm: Realm]: Certificate -> Domain {
@@ -60,7 +60,7 @@ fun overhears_elsewhere[realm: Realm]: Certificate -> Channel {
 	let unsealed = Channel - realm.(payload_protection[encrypting]),
 		bare = unsealed - realm.(submessage_protection[encrypting]),
 		relayed = presentable_elsewhere[realm, relay_allowed] & realm.elsewhere -> unsealed |
-		reaches_elsewhere[realm] & (realm.elsewhere -> bare + relayed)
+		reaches_elsewhere[realm] & (realm.elsewhere -> (bare + realm.unasked) + relayed)
 }
 
 -- only these publish: enclaves, whoever else has a subject that grants name, and anybody who may join without one
@@ -81,19 +81,20 @@ fun granted_by_known: Realm -> Channel {
 }
 
 /** Those that it writes. */
-fun writes_known: Realm -> Channel { open_to_known & write_uncontrolled + granted_by_known }
+fun writes_known: Realm -> Channel { open_to_known & (write_uncontrolled + unasked) + granted_by_known }
 
 /** Channels on which each of these publishes by a grant of the permissions CA, or writes without one. */
 fun publishes[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
 	may_write[realm] + (granted[realm, publish_allowed] - out_of_reach[realm])
 	+ writes_elsewhere[realm] + Outsider -> realm.(writes_unauthenticated + writes_known)
+	+ unannounced[realm] + (reaches_elsewhere[realm] & Certificate -> realm.unasked)
 }
 
 -- encrypted against insiders
 
 /** Channels that anybody learns, or whoever has an identity of the CA, with whatever grants. */
 fun learns_known: Realm -> Channel {
-	in_clear + open_to_known & read_uncontrolled
+	in_clear + open_to_known & (read_uncontrolled + unasked)
 	+ (open_to_known - payload_protection[encrypting] - submessage_protection[encrypting]) + granted_by_known
 }
 

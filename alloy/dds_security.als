@@ -51,6 +51,9 @@
  *   signer               who signed a document, as verified
  *   opaque               documents and enclaves that could not be read: they may be anything, and count at their worst;
  *                        and a certificate that stands for whatever is in CA files that could not be read
+ *   assumed              what is taken for granted of the world and of peers
+ *   asks_announced_only  realms that ask permissions only of an endpoint that is announced as under access control: all
+ *                        or none, by implementation
  *   pins_signer          realms that want the permissions CA itself as signer: all or none, by implementation
  *   requires_grant       realms that want some grant even where they do not control who joins: all or none, the same
  *   skipped_out_of_date  grants that are passed over where they are not in force: all or none, the same
@@ -149,3 +152,9 @@ abstract sig Grant extends Entry {}
 
 /** An `<allow_rule>` or `<deny_rule>` of a grant (9.4.1.3.3): domains, and topics to publish, subscribe to or relay. */
 abstract sig Rule extends Entry {}
+
+/** What is taken for granted: `docs/assumptions.md` has a section for each. Those that are made are in `assumed`. */
+abstract sig Assumption {}
+/** By the names of reports. */
+one sig RobotsEnforce, AuthoritiesAsFound, NothingElseCertified, NoOtherDocuments, NothingInUnreadFiles,
+        TruthfulAnnouncements, SessionsEndWithGrants, LockstepRounds extends Assumption {}

@@ -42,6 +42,11 @@ fun accepted: Realm -> Document {
 /** Certificates below the permissions CAs whose keys sign what a realm obeys; an authority issues itself a signer. */
 fun signing_below: Realm -> Certificate { vouched_signer + (chained & (Realm - pins_signer) -> authority) }
 
+/** Realms for which somebody signs with a key below a permissions CA that is neither its own nor an enclave's. */
+fun signed_elsewhere: set Realm {
+	{ realm: Realm | some realm.signing_below.public_key - realm.permissions_ca.public_key - Enclave.identity.public_key }
+}
+
 /**
  * Enclaves whose own key signs documents that the realm obeys: they can give themselves any right. It is the key of a
  * permissions CA, or one that such a CA vouches for: as the enclave's identity, or where it issues itself identities, as
@@ -49,9 +54,9 @@ fun signing_below: Realm -> Certificate { vouched_signer + (chained & (Realm - p
  */
 fun self_granting: Realm -> Enclave {
 	(authentic + issuing) & (
-		Realm -> (opaque & Enclave)
+		Realm -> anybody
 		+ permissions_ca.(opaque & Certificate) -> Enclave
-		+ signing_below.~identity
-		+ (issuing & signing_below.public_key.~public_key.~identity)
+		+ signing_below.public_key.~public_key.~identity
+		+ signed_elsewhere -> Enclave
 		+ permissions_ca.public_key.~public_key.~identity)
 }

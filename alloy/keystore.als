@@ -104,6 +104,8 @@ fun not_after: (Certificate + Grant) -> Instant {
 fun intact: set Document { Document }
 fun signer: Document -> Certificate { Document -> C0_CN_sros2CA }
 fun opaque: set Document + Enclave + Certificate { none }
+fun assumed: set Assumption { Assumption }
+fun asks_announced_only: set Realm { none }
 fun pins_signer: set Realm { Realm }
 fun requires_grant: set Realm { none }
 

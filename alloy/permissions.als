@@ -77,13 +77,13 @@ fun granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel { with_
 
 /** The same, and whatever a document that we could not read may grant, or any to an enclave that we could not read. */
 fun may_be_granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel {
-	some opaque & Document implies Enclave -> Channel else granted[realm, allowed] + (opaque & Enclave) -> Channel
+	AnythingGranted implies Enclave -> Channel else granted[realm, allowed] + anybody -> Channel
 }
 
-/** Enclaves that may have been granted any right: all, where some document could not be read, which may name anybody. */
-fun of_unknown_rights: set Enclave { some opaque & Document implies Enclave else opaque & Enclave }
+/** Enclaves that may have been granted any right: all, where some document may grant anything, which may name anybody. */
+fun of_unknown_rights: set Enclave { AnythingGranted implies Enclave else anybody }
 
-/** Enclaves that may have any right: by a document that they sign themselves, or by one that we could not read. */
+/** Enclaves that may have any right: by a document that they sign themselves, or by one that may grant anything. */
 fun unbounded[realm: Realm]: set Enclave { of_unknown_rights + realm.self_granting }
 
 /**

@@ -20,7 +20,7 @@ assert OnlyAuthenticatedParticipantsJoin {
 /** Every enclave's identity is vouched for by its identity CA, in force and not revoked. */
 assert IdentitiesChainToTheIdentityCa {
 	all enclave: Enclave |
-		enclave not in opaque
+		enclave not in anybody
 		and (some (enclave - AtLarge).identity implies enclave in enclave.in_realm.introduced_in_force)
 }
 

@@ -8,6 +8,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Final
 from zoneinfo import ZoneInfo
 
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, read_keystore
@@ -47,12 +48,13 @@ class Access:
         profiles: Sequence[Profile],
         at: datetime,
         zone: ZoneInfo | None = None,
+        assumed: frozenset[Assumption] = EVERY,
     ) -> None:
         keystore = read_keystore(path)
         self._profiles = profiles
         self._at = at
         self._enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
-        self._accesses = AccessViews(system_documents(keystore), at, zone)
+        self._accesses = AccessViews(system_documents(keystore), at, zone, assumed)
         points: dict[Point, int] = {}
         for question in questions:
             points.setdefault((question.topic, question.partition), len(points))
@@ -144,6 +146,7 @@ def read_access_table(
     profiles: Sequence[Profile],
     at: datetime,
     zone: ZoneInfo | None = None,
+    assumed: frozenset[Assumption] = EVERY,
     domain: int | None = None,
 ) -> AccessTable:
     """Who may do what in the keystore at `path`: every enclave, every name.
@@ -154,4 +157,4 @@ def read_access_table(
     from keystore_audit.model.tables.access_table import access_table  # single questions need none of it
 
     keystore = read_keystore(path)
-    return access_table(keystore, profiles, at, AccessViews(system_documents(keystore), at, zone), domain)
+    return access_table(keystore, profiles, at, AccessViews(system_documents(keystore), at, zone, assumed), domain)

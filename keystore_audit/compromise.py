@@ -8,6 +8,7 @@ from datetime import datetime
 from typing import Final
 from zoneinfo import ZoneInfo
 
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore, read_keystore
@@ -32,6 +33,7 @@ def find_blast_radius(
     profiles: Sequence[Profile],
     at: datetime,
     zone: ZoneInfo | None = None,
+    assumed: frozenset[Assumption] = EVERY,
     include_ambient: bool = False,
 ) -> CompromiseAnswer:
     """What a key opens in the keystore at `path`, at `at` (aware UTC).
@@ -41,7 +43,7 @@ def find_blast_radius(
     there are too many names, authorities or subjects.
     """
     keystore = read_keystore(path)
-    accesses = AccessViews(system_documents(keystore), at, zone)
+    accesses = AccessViews(system_documents(keystore), at, zone, assumed)
     stolen = Stolen(who) if who in (Stolen.IDENTITY_CA.value, Stolen.PERMISSIONS_CA.value) else Stolen.ENCLAVE
     if stolen is Stolen.ENCLAVE:
         _check(who, keystore)

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from datetime import datetime
 from zoneinfo import ZoneInfo
 
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.agreement import EngineAnswers, combine_claims
+from keystore_audit.engine.conditions import with_conditions
 from keystore_audit.engine.engines import Engines, run_engines
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
@@ -69,6 +71,7 @@ def find_flow(
     profiles: Sequence[Profile],
     at: datetime,
     zone: ZoneInfo | None = None,
+    assumed: frozenset[Assumption] = EVERY,
     engines: Engines | None = None,
 ) -> FlowAnswer:
     """Whether there is a flow in the keystore at `path`, at `at` (aware UTC).
@@ -78,11 +81,12 @@ def find_flow(
     """
     claims = questions(question)
     keystore = read_keystore(path)
-    accesses = AccessViews(system_documents(keystore), at, zone)
+    accesses = AccessViews(system_documents(keystore), at, zone, assumed)
     builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}))
     runs, answers = _decide(native, engines or Engines())
     results = combine_claims(claims, native.systems, answers, [profile.name for profile in profiles])
+    results = with_conditions(results, native.systems)
     asked = profiles if any(result.status is Status.UNKNOWN for result in results) else ()
     doubts = (doubt.location for profile in asked for doubt in keystore_doubts(keystore, profile, accesses))
     return FlowAnswer(

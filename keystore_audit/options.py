@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
+from keystore_audit.assumptions import Assumption
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Severity
 
@@ -71,6 +72,7 @@ class Options:
     profiles: tuple[str, ...] = ()
     domain: int | None = None
     time_zone: ZoneInfo | None = None
+    not_assumed: tuple[Assumption, ...] = ()
     policy: Path | None = None
     policy_include: Path | None = None
     """The directory below which the policy may include files; None: its own."""

@@ -8,8 +8,10 @@ from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit import __version__
+from keystore_audit.assumptions import EVERY, Assumption, Needed
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.agreement import EngineAnswers, combine, combine_claims, combine_determinism
+from keystore_audit.engine.conditions import with_conditions, without
 from keystore_audit.engine.engines import Engines, run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.label_answers import with_label_answers
@@ -32,8 +34,6 @@ from keystore_audit.options import Options, Progress
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AlloyResult, EngineStatus, PropertyResult
 from keystore_audit.report.content import (
-    AS_FOUND,
-    ASSUMPTIONS,
     MAX_RANKED,
     NOT_CHECKED,
     Anchor,
@@ -41,7 +41,7 @@ from keystore_audit.report.content import (
     EnclaveEntry,
     Report,
     Scope,
-    assumed_of,
+    conditions_of,
 )
 from keystore_audit.report.not_checked import unread, untested
 from keystore_audit.rules import RULES
@@ -87,7 +87,8 @@ def audit(
     keystore = read_keystore(path, progress=progress.enclaves if progress else None)
     if progress:
         progress.stage("working out what the documents mean")
-    accesses = AccessViews(system_documents(keystore), options.at, options.time_zone)
+    assumed = EVERY.difference(options.not_assumed)
+    accesses = AccessViews(system_documents(keystore), options.at, options.time_zone, assumed)
     usabilities = Usabilities(options.domain, accesses)
     meaning = interpret(
         keystore,
@@ -105,8 +106,9 @@ def audit(
     engines = Engines(choice=options.engine, jar=options.alloy_jar, offline=options.offline, timeout=options.timeout)
     runs, answers = run_engines(native, engines, stage)
     names = [profile.name for profile in profiles]
-    asserted = _asserted(claims, meaning, answers, names)
+    asserted = _lasting(claims, _asserted(claims, meaning, answers, names), accesses.assumed)
     determined = combine_determinism(declared.claims, meaning.systems, answers, names) if declared else ()
+    determined = without(Assumption.LOCKSTEP_ROUNDS, determined, accesses.assumed)
     in_alloy: tuple[AlloyResult, ...] = ()
     if options.alloy_properties:
         from keystore_audit.engine.alloy.user_properties import decide_files
@@ -116,7 +118,9 @@ def audit(
         keystore=keystore,
         meaning=meaning,
         drift=_drift(keystore, policy, options, profiles, accesses) if policy is not None else None,
-        results=(*_told(native, keystore, answers, names), *asserted, *determined, *in_alloy),
+        results=with_conditions(
+            (*_told(native, keystore, answers, names), *asserted, *determined, *in_alloy), meaning.systems
+        ),
         engines=runs,
         at=options.at,
         expires_within=options.expires_within,
@@ -209,6 +213,17 @@ def _asserted(
     return with_label_answers(claims, with_breaches(results, meaning.systems))
 
 
+def _lasting(
+    claims: Sequence[Claim], results: Sequence[PropertyResult], assumed: frozenset[Assumption]
+) -> tuple[PropertyResult, ...]:
+    """The results; what is claimed of a time is unknown where sessions may outlast their grants."""
+    over_time = {claim.id for claim in claims if claim.until is not None}
+    return tuple(
+        without(Assumption.SESSIONS_END_WITH_GRANTS, (result,), assumed)[0] if result.prop.id in over_time else result
+        for result in results
+    )
+
+
 def _inputs(
     environment: Environment | None, policy: Policy | None, intents: Sequence[Intent], options: Options
 ) -> Iterator[tuple[str, GivenFile]]:
@@ -231,6 +246,8 @@ def _report(
     answered = [run for run in context.engines if run.status is EngineStatus.OK]
     anchors = trust.trusted(context.keystore, context.authorities)
     agree = all(result.engines_agree for result in context.results)
+    declared = all(each.declared for each in anchors)
+    assumed = tuple(_assumptions(context, options, authorities_declared=declared))
     return Report(
         version=__version__,
         keystore=context.keystore.root,
@@ -247,13 +264,8 @@ def _report(
             *passed_over(options, context.profiles, context.environment),
             *accepted_by(judgement.findings),
         ),
-        assumptions=(
-            *ASSUMPTIONS,
-            *assumed_of(each.name for each in context.profiles),
-            *(() if all(each.declared for each in anchors) else (AS_FOUND,)),
-            *_in_zone(options),
-            *_launched_with(options),
-        ),
+        assumptions=assumed,
+        stated=(*_in_zone(options), *_launched_with(options)),
         engines=context.engines,
         engines_agree=agree if len(answered) > 1 else None,
         enclaves=_enclaves(context),
@@ -278,6 +290,28 @@ def _anchors(found: trust.Anchors) -> Anchors:
         declared=tuple(sorted(found.declared)),
         here=tuple(Anchor(subject=c.subject, path=c.path, sha256=c.sha256, key=c.key) for c in found.certificates),
     )
+
+
+def _assumptions(context: Context, options: Options, *, authorities_declared: bool) -> Iterator[Needed]:
+    """What this audit takes for granted: first what it holds under, then what no property tells apart."""
+    declared = options.settings.assumptions if options.settings else {}
+    for needed in conditions_of(context.results):
+        yield replace(needed, declared=declared.get(needed.assumption))
+    lasting = options.settings.lasting if options.settings else ()
+    behaviour = options.settings.declared.claims if options.settings else ()
+    bearing = {
+        Assumption.ROBOTS_ENFORCE: None,
+        Assumption.NO_OTHER_DOCUMENTS: None,
+        **({} if authorities_declared else {Assumption.AUTHORITIES_AS_FOUND: None}),
+        **({Assumption.NOTHING_IN_UNREAD_FILES: None} if context.keystore.unread_foreign else {}),
+        **({Assumption.SESSIONS_END_WITH_GRANTS: lasting} if lasting else {}),
+        **({Assumption.LOCKSTEP_ROUNDS: tuple(each.id for each in behaviour)} if behaviour else {}),
+    }
+    holding = [result.prop.id for result in context.results if result.status is Status.HOLDS]
+    for assumption, ids in bearing.items():
+        if assumption not in options.not_assumed:
+            by = tuple(each for each in holding if ids is None or each in ids)
+            yield Needed(assumption=assumption, needed_by=by, declared=declared.get(assumption))
 
 
 def _files(context: Context) -> Iterator[tuple[str, str]]:

@@ -111,7 +111,8 @@ def test_a_good_release_passes_and_its_attestation_speaks_of_these_very_files(wo
     assert (done.returncode, done.stderr) == (0, "")
     release = workspace.folder / "release"
     statement = workspace.report("keys.svr.json")
-    assert "KEYSTORE_AUDIT_PASS" in statement["predicate"]["properties"]
+    passed = "KEYSTORE_AUDIT_PASS_IF_NOTHING_ELSE_CERTIFIED_AND_TRUTHFUL_ANNOUNCEMENTS"
+    assert passed in statement["predicate"]["properties"]
     assert workspace.report("keys.statement.json")["predicate"]["result"] in ("PASSED", "WARNED")
     assert statement["predicate"]["verifier"]["keystoreAudit"]["weakened"] == []
     assert statement["predicate"]["verifier"]["keystoreAudit"]["engines"].keys() == {"alloy", "native"}

@@ -68,6 +68,7 @@ MAX_JOBS: Final = 1024
     "--min-severity", words=SEVERITIES, default="info", help="Hide findings below it in text; the exit code stays."
 )
 @opt.interpretation_options
+@opt.no_assume_option
 @opt.observation_options
 @click.option(
     "--expires-within",
@@ -152,6 +153,7 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         profiles=given["profiles"],
         domain=given["domain"],
         time_zone=given["time_zone"],
+        not_assumed=given["not_assumed"],
         environment=given["environment"],
         policy=given["policy"],
         policy_include=given["policy_include"],

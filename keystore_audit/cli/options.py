@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 import click
 from click.core import ParameterSource
 
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.cli.completion import Directory, Word
 from keystore_audit.errors import UsageError
 from keystore_audit.options import FIRST_YEAR, LAST_DOMAIN, LAST_YEAR, MAX_SECONDS
@@ -208,8 +209,21 @@ def _together(*options: Callable[[F], F]) -> Callable[[F], F]:
     return add
 
 
-reading_options: Final = _together(_profile, _at, _time_zone)
+_no_assume = click.option(
+    "--no-assume",
+    "not_assumed",
+    type=Word(tuple(each.value for each in Assumption)),
+    callback=lambda _context, _parameter, names: tuple(map(Assumption, names)),
+    metavar="NAME",
+    multiple=True,
+    help="Decide without this assumption (repeatable; docs/assumptions.md has their names).",
+)
+
+reading_options: Final = _together(_profile, _at, _time_zone, _no_assume)
 """Those of a single question, which is about one domain: `reading` takes them."""
+
+no_assume_option: Final = _no_assume
+"""That of an audit, which takes more."""
 
 interpretation_options: Final = _together(
     _at,
@@ -228,10 +242,15 @@ alloy_options: Final = _together(
 
 
 def reading(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what `--profile`, `--at` and `--time-zone` mean, as whoever reads a keystore takes them."""
+    """Return what `--profile`, `--at`, `--time-zone` and `--no-assume` mean, as whoever reads a keystore takes them."""
     from keystore_audit.model.profiles import resolve
 
-    return {"profiles": resolve(given["profiles"]), "at": given["at"] or now(), "zone": given["time_zone"]}
+    return {
+        "profiles": resolve(given["profiles"]),
+        "at": given["at"] or now(),
+        "zone": given["time_zone"],
+        **({"assumed": EVERY.difference(given["not_assumed"])} if "not_assumed" in given else {}),
+    }
 
 
 def launch_argument(value: str) -> tuple[str, str]:

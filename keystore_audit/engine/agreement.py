@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
+from keystore_audit.assumptions import WORLD
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
@@ -189,7 +190,8 @@ class _Asked(NamedTuple):
         The native engine's comes first, so that a finding tells the same story whichever engines ran.
         """
         native_first = sorted(self.engines, key=lambda engine: engine.engine != "native")
-        certain_first = sorted(kind, key=lambda number: self.systems[number].reading is Reading.MAY)
+        told = (number for number in kind if self.systems[number].assumed >= WORLD)  # else nothing here is why
+        certain_first = sorted(told, key=lambda number: self.systems[number].reading is Reading.MAY)
         for number in certain_first:
             for engine in native_first:
                 answer = engine.answers[number].get(prop.id)

@@ -103,7 +103,7 @@ def identity_step(system: System, enclave: EnclaveAtom) -> Step:
 
 def _grants_itself(case: Case) -> Counterexample:
     enclave = case.enclave
-    step = identity_step(case.system, enclave)
+    steps = [identity_step(case.system, enclave)]
     if enclave.opaque:
         text = f"The identity of {enclave.label} could not be read: it may be one that signs permissions."
     elif causes.is_unread(case.system, case.system.realms[case.realm].permissions_ca):
@@ -111,11 +111,20 @@ def _grants_itself(case: Case) -> Counterexample:
     elif causes.has_authority_key(case.system, case.realm, enclave.identity):
         text = f"{enclave.label} can sign itself permissions: its key is that of the permissions CA."
     elif enclave.identity is not None and case.view.self_granting(case.witness[Role.ENCLAVE]):
-        identity = case.system.certificates[enclave.identity]
-        issued = identity.issuers & case.system.realms[case.realm].permissions_ca
-        cause = f"the permissions CA {'also issued' if issued else 'is above'} its identity ({identity.label})"
-        if enclave.identity not in case.view.signing_below:
-            cause = "its key is that of an identity CA and of a certificate below the permissions CA"
+        signing = _signing(case, enclave.identity)
+        signer = case.system.certificates[signing]
+        authorities = case.system.realms[case.realm].permissions_ca
+        issued = signer.issuers & authorities
+        whose = "its identity" if signing == enclave.identity else "a certificate of its key"
+        if signer.key != case.system.certificates[enclave.identity].key:
+            whose = "a certificate of whose key nobody knows who has it"
+        cause = f"the permissions CA {'also issued' if issued else 'is above'} {whose} ({signer.label})"
+        above_it = sorted((signer.issuers & case.view.signing_below) - authorities - {signing})
+        shown = [*([signing] if signing != enclave.identity else []), *above_it]
+        steps += [
+            step_at(each.location, each.label, enclave=enclave.label)
+            for each in (case.system.certificates[number] for number in shown)
+        ]
         text = (
             f"{enclave.label} can sign itself permissions: {cause}, and these implementations accept any signer that "
             "the CA issued."
@@ -130,8 +139,17 @@ def _grants_itself(case: Case) -> Counterexample:
                 "and peers may accept it."
             )
         if document is not None:
-            step = step_at(document.location, document.label, enclave=enclave.label)
-    return Counterexample(text=text, steps=(step,))
+            steps = [step_at(document.location, document.label, enclave=enclave.label)]
+    return Counterexample(text=text, steps=tuple(steps))
+
+
+def _signing(case: Case, identity: int) -> int:
+    """The certificate by which the enclave signs: its own, else one of its key, else one that may be anybody's."""
+    certificates, below = case.system.certificates, case.view.signing_below
+    authorities = {certificates[number].key for number in case.system.realms[case.realm].permissions_ca}
+    own = certificates[identity].key
+    ranked = ((n != identity, certificates[n].key != own, n) for n in below if certificates[n].key not in authorities)
+    return min(ranked)[-1]
 
 
 def _one_authority(case: Case) -> Counterexample:

@@ -54,6 +54,10 @@ class NativeEngine:
         """
         return tuple(_Questions(s, None, self._shared(s)).answers() for s in self.systems)
 
+    def first_statuses(self) -> tuple[dict[str, Status], ...]:
+        """For each system the status of each property and claim at the audit instant: one witness is enough."""
+        return tuple(_Questions(s, None, self._shared(s)).statuses() for s in self.systems)
+
     def checked(self, told: Sequence[Mapping[str, Answer]]) -> tuple[dict[str, Answer], ...]:
         """What another engine said of each system; UNKNOWN where it shows a violation that is none here.
 
@@ -169,7 +173,7 @@ class _Questions:
         """Enclaves whose identity nobody vouches for now."""
         for enclave, atom in enumerate(self._system.enclaves):
             known = atom.identity is None or self._realms[atom.realm].introduced(enclave, in_force=True)
-            if atom.opaque or not (known or atom.at_large):
+            if self._system.anybody(enclave) or not (known or atom.at_large):
                 yield {Role.ENCLAVE: enclave}
 
     def unsigned_documents(self) -> Iterator[Witness]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from keystore_audit.dataclass import replace
+from keystore_audit.model.formal.abilities import Abilities
 from keystore_audit.model.formal.attacker import RealmView, realm_views
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
@@ -82,12 +83,12 @@ class Claims:
         for realm, view in enumerate(self._realms):
             for enclave in range(len(self._system.enclaves)):
                 if enclave not in claim.source.enclaves:
-                    for channel in members(view.abilities(enclave).may_write & asked):
+                    for channel in members(_publishes(view.abilities(enclave)) & asked):
                         yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
         for realm, view in enumerate(self._realms):
             for certificate, able in view.elsewhere.items():
                 if certificate not in claim.source.certificates:
-                    for channel in members(able.may_write & asked):
+                    for channel in members(_publishes(able) & asked):
                         yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}, ()
             for channel in members((view.joining_anybody | view.joining_known) & asked):
                 yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
@@ -174,6 +175,11 @@ class Claims:
         """Who starts now and not until the end of a claim of ability, where that alone violates it."""
         starting = replace(claim, through=claim.through - claim.stopping)
         return claim.stopping if self.violation(starting) is None else frozenset()
+
+
+def _publishes(able: Abilities) -> int:
+    """Channels on which readers take somebody's samples for those of a writer."""
+    return able.may_write | able.unannounced
 
 
 def _ends(path: Sequence[Leg]) -> Witness:

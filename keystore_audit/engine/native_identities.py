@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations
 
+from keystore_audit.assumptions import DOCUMENTS
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Role, Witness
 
@@ -21,8 +22,8 @@ def shared_identities(system: System) -> Iterator[Witness]:
             renewed = any(at_large) and subjects[one] == subjects[other]
             if not (all(at_large) or renewed):
                 yield {Role.ENCLAVE: one, Role.OTHER: other}
-    for one, atom in enumerate(system.enclaves):
-        if atom.opaque:
+    for one in range(len(system.enclaves)):
+        if system.anybody(one):
             yield {Role.ENCLAVE: one, Role.OTHER: one}
 
 
@@ -42,12 +43,13 @@ def _subjects(system: System) -> dict[int, tuple[frozenset[int], Sequence[int]]]
 def shared_subjects(system: System) -> Iterator[Witness]:
     """Pairs of enclaves that one grant names; an opaque enclave may have any subject, a document any grant."""
     governances = {realm.governance for realm in system.realms}
-    if any(d.opaque and number not in governances for number, d in enumerate(system.documents)):
+    opaque = (number for number, document in enumerate(system.documents) if document.opaque)
+    if any(number not in governances for number in opaque) or not system.assumed >= DOCUMENTS:
         for one, other in permutations(range(len(system.enclaves)), 2):
             yield {Role.ENCLAVE: one, Role.OTHER: other}
     by_certificate: dict[int, list[int]] = {}
     for enclave, atom in enumerate(system.enclaves):
-        if atom.opaque:
+        if system.anybody(enclave):
             yield {Role.ENCLAVE: enclave, Role.OTHER: enclave}
         elif atom.identity is not None:
             by_certificate.setdefault(atom.identity, []).append(enclave)

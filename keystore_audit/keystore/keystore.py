@@ -96,7 +96,7 @@ class Keystore:
     """Signed messages that no enclave carries, by place, each content once: see `stray`."""
     identities: StrayIdentities = StrayIdentities()
     """Identities beside the enclaves."""
-    unread: int = 0
+    unread_foreign: tuple[File, ...] = ()
     """Other files that were not read: by name and beginning of no signed message and no certificate."""
 
 
@@ -137,7 +137,7 @@ def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int]
             uncovered=tuple(uncovered(entries)),
             strays=strays,
             identities=identities,
-            unread=sum(file.path not in spoken_of for file in unread),
+            unread_foreign=tuple(file for file in unread if file.path not in spoken_of),
         )
 
 

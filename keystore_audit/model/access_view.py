@@ -7,6 +7,7 @@ from datetime import datetime
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.dataclass import dataclass, fields, replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Kind
@@ -66,12 +67,22 @@ ZONE_DECIDES: Final = "is read in the robot's zone (--time-zone), which decides 
 
 
 class AccessViews:
-    """The views of one keystore's documents at `at` (aware UTC); `zone`: where the robot is, None if not said."""
+    """The views of one keystore's documents at `at` (aware UTC); `zone`: where the robot is, None if not said.
 
-    def __init__(self, documents: Iterable[Document], at: datetime, zone: ZoneInfo | None) -> None:
+    `assumed`: what else is taken for granted of robots and authorities.
+    """
+
+    def __init__(
+        self,
+        documents: Iterable[Document],
+        at: datetime,
+        zone: ZoneInfo | None,
+        assumed: frozenset[Assumption] = EVERY,
+    ) -> None:
         self._files = [document.file for document in documents if document.file is not None]
         self.at = at
         self._zone = zone
+        self.assumed = assumed
         self._rows: dict[Access, Access] = {}
         self._kept: dict[tuple[object, ...], Access] = {}
         self._read: dict[tuple[Access, Typed], ReadDocument] = {}
@@ -126,7 +137,7 @@ class AccessViews:
 
     def of_document(self, file: Typed) -> AccessViews:
         """The views of this document alone: of what it gives an occasion for."""
-        return AccessViews((Document(file.signed.file.place, file),), self.at, self._zone)
+        return AccessViews((Document(file.signed.file.place, file),), self.at, self._zone, self.assumed)
 
     def unclear_name(self, topic: str, partition: str, profile: Profile) -> str | None:
         """Why it cannot be told which expressions an implementation takes to match these names; None: it can."""

@@ -11,6 +11,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.governance import GovernanceFile
+from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
@@ -139,6 +140,36 @@ def embedded_authorities(documents: Iterable[Document]) -> Iterator[Certificate]
             yield from (certificate for certificate in document.file.signed.embedded if is_authority(certificate))
 
 
+@lru_cache(maxsize=2)
+def embeddable(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]:
+    """Certificates below some permissions CA, wherever they are read, that are not over `at` an instant.
+
+    An attacker puts into a message what it likes: where signers are not pinned, whoever has the key of one that is fit
+    to sign signs what peers take, and an authority among them makes such certificates.
+    Raises errors.BudgetExceeded.
+    """
+    identities = keystore.identities
+    every = (
+        *every_certificate(keystore.enclaves, keystore.authorities, keystore.strays),
+        *identities.keyless,
+        *identities.copies,
+        *(stray.certificate for stray in identities.found),
+    )
+    known = {c.sha256: c for c in every if at <= c.not_after and (is_authority(c) or fit_to_sign(c))}
+    pending = [c for file in permissions_cas(keystore) if file for c in file.certificates if is_authority(c)]
+    found: dict[str, Certificate] = {}
+    checks = 0
+    while pending:
+        above, checks = pending.pop(), checks + len(known)
+        if checks > MAX_ISSUER_CHECKS:
+            raise BudgetExceeded(f"{len(known)} certificates are under more authorities than can be checked.")
+        for sha256 in [sha256 for sha256, each in known.items() if may_have_issued(above, each)]:
+            below = found[sha256] = known.pop(sha256)
+            if is_authority(below):
+                pending.append(below)
+    return tuple(found.values())
+
+
 def certificates_of(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]:
     """Every distinct certificate that plays a part `at` an instant: identities, authorities and signers, by place.
 
@@ -158,6 +189,8 @@ def certificates_of(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]
             found.setdefault(signer.sha256, signer)
     for certificate in embedded_authorities(documents):
         found.setdefault(certificate.sha256, certificate)
+    for certificate in embeddable(keystore, at):
+        found.setdefault(certificate.sha256, certificate)
     for identity in identities_at_large(keystore, at):
         found.setdefault(identity.certificate.sha256, identity.certificate)
     keys = {certificate.key for certificate in authorities_of(keystore)} if keystore.identities.keyless else ()
@@ -167,17 +200,15 @@ def certificates_of(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]
     return tuple(sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256)))
 
 
-def issuers_of(
-    keystore: Keystore, documents: Iterable[Document], certificates: Sequence[Certificate]
-) -> tuple[frozenset[int], ...]:
-    """For each certificate, those of CA files and messages that issued it: names and signature, not dates.
+def issuers_of(keystore: Keystore, certificates: Sequence[Certificate]) -> tuple[frozenset[int], ...]:
+    """For each certificate, those of CA files, and other authorities, that issued it: names and signature, not dates.
 
     Raises errors.BudgetExceeded.
     """
     files = [file for each in keystore.enclaves for file in (each.identity_ca, each.permissions_ca) if file is not None]
     found = [c for file in dict.fromkeys(files) for c in file.certificates]
-    authorities = {certificate.sha256 for certificate in (*found, *embedded_authorities(documents))}
-    pool = [(n, c) for n, c in enumerate(certificates) if c.sha256 in authorities]
+    listed = {certificate.sha256 for certificate in found}
+    pool = [(n, c) for n, c in enumerate(certificates) if c.sha256 in listed or is_authority(c)]
     if len(pool) * len(certificates) > MAX_ISSUER_CHECKS:
         raise BudgetExceeded(
             f"{len(certificates)} certificates under {len(pool)} authorities are more chains than can be "

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 
+from keystore_audit.assumptions import WORLD, Assumption
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile
@@ -89,6 +90,8 @@ class SystemBuilder:
         self._at = at
         self._documents = system_documents(keystore)
         self._accesses = accesses
+        read = () if keystore.unread_foreign else (Assumption.NOTHING_IN_UNREAD_FILES,)
+        self._assumed = accesses.assumed.union(read)
         self._certificates = certificates_of(keystore, at)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
         self._large = Large(keystore, self._number, self._documents, profiles, at)
@@ -115,6 +118,7 @@ class SystemBuilder:
         governances = [d for d in self._documents if isinstance(d.file, GovernanceFile)]
         kinds = {Kind(profile.trust, self._accesses.row(profile.access)) for profile in self._profiles}
         opens = self._opens or self._large.unread is not None
+        opens = opens or Assumption.ROBOTS_ENFORCE not in self._assumed
         return opens or any(self._views.is_opaque(each, kind) for kind in kinds for each in governances)
 
     def _read_all(self, access: Access) -> list[ReadDocument]:
@@ -124,7 +128,7 @@ class SystemBuilder:
 
     def _identified(self) -> tuple[tuple[frozenset[int], ...], list[bool]]:
         """Who issued each certificate, and of which enclaves the identity is unknown."""
-        issuers = issuers_of(self._keystore, self._documents, self._certificates)
+        issuers = issuers_of(self._keystore, self._certificates)
         return issuers, [identity_doubt(each) is not None for each in self._keystore.enclaves]
 
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
@@ -146,7 +150,7 @@ class SystemBuilder:
     def build(self, kind: Kind, *, profiles: tuple[str, ...], reading: Reading) -> System:
         """The system as implementations of this kind read it."""
         may = reading is Reading.MAY
-        opaque = self._views.opaque(kind)
+        opaque, assumed = self._views.opaque(kind), self._assumed
         documents = [d for d in self._documents if may or d.place not in opaque]
         atoms = [self._document_atom(document, kind, opaque=document.place in opaque) for document in documents]
         enclaves, realms = self._enclave_atoms(kind, documents, atoms, may=may)
@@ -157,6 +161,8 @@ class SystemBuilder:
             skips_grants_out_of_date=kind.access.skips_grants_out_of_date,
             requires_grant=kind.access.requires_grant,
             joins_out_of_date=kind.access.joins_out_of_date,
+            asks_announced_only=kind.trust.trusts_declarations and Assumption.TRUTHFUL_ANNOUNCEMENTS not in assumed,
+            assumed=assumed if may else assumed | WORLD,
             reading=reading,
             instants=self._instants,
             now=self._instants.index(self._at),

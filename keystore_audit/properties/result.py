@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import Final, NamedTuple
 
+from keystore_audit.assumptions import Assumption
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties.counterexample import Counterexample
@@ -50,12 +51,14 @@ class EngineRun:
 class ProfileResult:
     """The answer under one profile.
 
-    UNKNOWN unless every engine that ran gives the same answer in both readings.
+    UNKNOWN unless every engine that ran gives the same answer in both readings. `needs`: what has to be so for it to
+    hold (`assumptions.CONDITIONS`).
     """
 
     status: Status
     engines: Mapping[str, Status]
     counterexample: Counterexample | None
+    needs: tuple[Assumption, ...] = ()
 
 
 class Place(NamedTuple):
@@ -97,6 +100,11 @@ class PropertyResult:
         if Status.UNKNOWN in statuses or not statuses:
             return Status.UNKNOWN
         return Status.VIOLATED if Status.VIOLATED in statuses else Status.HOLDS
+
+    @property
+    def needs(self) -> tuple[Assumption, ...]:
+        """What has to be so for it to hold under all profiles."""
+        return tuple(dict.fromkeys(each for result in self.profiles.values() for each in result.needs))
 
     @property
     def engines_agree(self) -> bool:

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from keystore_audit.assumptions import Assumption, holds_if
 from keystore_audit.dataclass import dataclass
 from keystore_audit.grouped import grouped
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
@@ -16,11 +17,10 @@ from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.report.access_differences import differences, peers
 from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
 from keystore_audit.report.access_words import full_name, namespace, protection_words
-from keystore_audit.report.content import assumed_of
+from keystore_audit.report.content import answered_if
 from keystore_audit.report.paragraph import wrapped
 from keystore_audit.text import counted, instant, shorten
 
-ASSUMED: Final = "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot."
 LEGEND: Final = (
     "pub, sub, relay: publish, subscribe, relay a topic. req, rep: call, serve a service. call, exec: use, execute an "
     "action: all of its topics and services. ?: cannot be told. -: its participant does not start."
@@ -61,8 +61,8 @@ def text(table: AccessTable, width: int) -> str:
     where = shorten(table.root, MAX_ROOT)
     when = f"domain {table.domain}, at {instant(table.at)}"
     sheet.put(f"Who may do what in {where} ({counted(enclaves, 'enclave')}), {when}")
-    for assumption in (ASSUMED, *assumed_of(name for group in table.groups for name in group.profiles)):
-        sheet.put(f"Assumed: {assumption}")
+    sheet.put(f"Assumed: {Assumption.ROBOTS_ENFORCE.statement}")
+    sheet.put(f"What peers refuse {holds_if(answered_if(n for group in table.groups for n in group.profiles))}.")
     *others, main = table.groups
     rows = decision_rows(table, main)
     for group in others:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from datetime import datetime
 from typing import Final
 
+from keystore_audit.assumptions import Needed, holds_if
 from keystore_audit.dataclass import dataclass
 from keystore_audit.model.domains import Interval, describe
 from keystore_audit.model.question import Answer, Ruling
-from keystore_audit.report.content import assumed_of
+from keystore_audit.report.content import answered_if
 from keystore_audit.report.encoded import encoded
 from keystore_audit.report.paragraph import by_answer, profiles, wrapped
 from keystore_audit.text import instant, terminal
@@ -43,13 +44,15 @@ def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
         "partition": asked.partition,
         "decisions": {profile: _described(answer) for profile, answer in answers.items()},
         "at": instant(asked.at),
-        "assumptions": list(_assumptions(answers)),
+        "assumptions": [each.described for each in _assumptions(answers)],
     }
     return encoded(document) + "\n"
 
 
-def _assumptions(answers: Mapping[str, Answer]) -> Iterator[str]:
-    return assumed_of(name for name, answer in answers.items() if answer.effective is not Ruling.ALLOW)
+def _assumptions(answers: Mapping[str, Answer]) -> tuple[Needed, ...]:
+    """What it rests on that peers refuse something."""
+    refused = [name for name, answer in answers.items() if answer.effective is Ruling.DENY]
+    return answered_if(refused) if refused else ()
 
 
 def error(line: int, message: str) -> str:
@@ -93,8 +96,8 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
         lines.append("  No endpoint is made for relaying: this is what the rules say.")
     for answer, names in sorted(by_answer(answers).items(), key=lambda group: len(group[1])):
         lines += ["", *_answer(answer, profiles(names, answers))]
-    for assumption in _assumptions(answers):
-        lines += ["", wrapped(f"Assumed: {assumption}")]
+    if conditions := holds_if(_assumptions(answers)):
+        lines += ["", wrapped(f"What peers refuse {conditions}.")]
     return "\n".join(lines) + "\n"
 
 

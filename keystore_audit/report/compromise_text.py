@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
+from keystore_audit.assumptions import holds_if
 from keystore_audit.model.blast_radius import BlastRadius, Ground, Topic
 from keystore_audit.model.names import PARAMETER_SERVICES, RosKind, parse_dds_name, ros_name
 from keystore_audit.model.tables.named import Named
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.property import Status
-from keystore_audit.report.content import assumed_of
+from keystore_audit.report.content import answered_if
 from keystore_audit.report.paragraph import by_answer, profiles, rests_on, wrapped
 from keystore_audit.text import counted, some
 
@@ -36,7 +37,8 @@ def text(answer: CompromiseAnswer) -> str:
     if not answer.include_ambient:
         lines.append(wrapped("Flows are apart from /clock, /parameter_events, /rosout and ros_discovery_info."))
     asked = dict.fromkeys(name for key in answer.keys for name in key.alone)
-    lines += [wrapped(f"Assumed: {assumption}") for assumption in assumed_of(asked)]
+    if conditions := holds_if(answered_if(asked)):
+        lines.append(wrapped(f"That it opens no more {conditions}."))
     if answer.status is Status.UNKNOWN and answer.doubts:
         lines.append(wrapped(rests_on(answer.doubts)))
     return "\n".join(lines).rstrip("\n") + "\n"

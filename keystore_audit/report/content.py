@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from enum import Enum
 from typing import TYPE_CHECKING, Final
 
-from keystore_audit.dataclass import dataclass
+from keystore_audit.assumptions import CONDITIONS, Assumption, Needed, holds_if
+from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Finding, Outcomes, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.meaning import Usability
@@ -19,39 +20,37 @@ if TYPE_CHECKING:  # most reports draw nothing
     from keystore_audit.model.blast_radius import Ranking
     from keystore_audit.model.tables.overview import Overview
 
-ASSUMPTIONS: Final = (
-    (
-        "ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot: with Permissive, an enclave "
-        "that fails to load starts unsecured."
-    ),
-    (
-        "Every participant announces its enclave's name in clear, and the handshake shows its whole permissions "
-        "document to anybody who listens (DDS-Security 1.1, 8.3 and 9.3.2)."
-    ),
-)
-"""What every verdict rests on; said first in every report."""
+
+def conditions_of(results: Iterable[PropertyResult]) -> tuple[Needed, ...]:
+    """What those results rest on that hold."""
+    holding = [result for result in results if result.status is Status.HOLDS]
+    found = []
+    for each in CONDITIONS:
+        needing = [result for result in holding if each in result.needs]
+        under = dict.fromkeys(n for r in needing for n, answer in r.profiles.items() if each in answer.needs)
+        found += [
+            replace(needed, needed_by=tuple(result.prop.id for result in needing))
+            for needed in (answered_if(under, (each,)) if needing else ())
+        ]
+    return tuple(found)
 
 
-AS_FOUND: Final = (
-    "Authorities as found: nobody declared whom the robots are to trust, and whoever could put another certificate in "
-    "its place has (-v prints the fingerprints and the settings that declare them)."
-)
-"""Where authorities are not declared."""
-
-
-def assumed_of(profiles: Iterable[str]) -> Iterator[str]:
-    """What verdicts rest on beside, under some of these profiles."""
-    trusting = [name for name in profiles if name in VARIANTS and VARIANTS[name].trust.trusts_declarations]
-    if trusting:
-        yield (
-            f"Under {', '.join(trusting)}, an attacker announces truthfully that its endpoints are under "
-            "access control. Cyclone DDS asks for no permissions of an endpoint that is not announced so (measured "
-            "on 0.10.2): an enclave that was taken over can publish and subscribe whatever its peers use in the "
-            "domains that it may join. No keystore prevents that."
-        )
+def answered_if(profiles: Iterable[str], conditions: Iterable[Assumption] = CONDITIONS) -> tuple[Needed, ...]:
+    """What a "no" under some of these profiles rests on."""
+    trusting = [VARIANTS[n].title for n in profiles if n in VARIANTS and VARIANTS[n].trust.trusts_declarations]
+    names = tuple(dict.fromkeys(title.rpartition(" ")[0] for title in trusting))
+    return tuple(
+        Needed(assumption=each, unchecked=names if each is Assumption.TRUTHFUL_ANNOUNCEMENTS else ())
+        for each in conditions
+        if names or each is not Assumption.TRUTHFUL_ANNOUNCEMENTS
+    )
 
 
 NOT_CHECKED: Final = (
+    (
+        "What participants tell whoever listens: their enclave's name in clear, and in the handshake the whole "
+        "permissions document (DDS-Security 1.1, 8.3 and 9.3.2)."
+    ),
     (
         "Signed documents that are kept elsewhere than in this directory, or in archives in it, though peers take "
         "whatever valid document is presented to them."
@@ -166,7 +165,9 @@ class Report:
     exit_code: int
     fail_on: Severity | None
     weakened: tuple[str, ...]
-    assumptions: tuple[str, ...]
+    assumptions: tuple[Needed, ...]
+    stated: tuple[str, ...]
+    """What options say of the robots, beside."""
     engines: tuple[EngineRun, ...]
     engines_agree: bool | None
     enclaves: tuple[EnclaveEntry, ...]
@@ -206,6 +207,11 @@ class Report:
             if finding.suppressed is None:
                 counts[finding.severity] += 1
         return counts
+
+    @property
+    def holds_if(self) -> str:
+        """The conditions of what holds, a line; empty where nothing holds under one."""
+        return holds_if(each for each in self.assumptions if each.needed_by)
 
     @property
     def accepted(self) -> tuple[Finding, ...]:

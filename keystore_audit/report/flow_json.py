@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
+from keystore_audit.assumptions import Needed
 from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult
-from keystore_audit.report.content import assumed_of
+from keystore_audit.report.content import conditions_of
 from keystore_audit.report.encoded import encoded, told
 
 FOUND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}
@@ -31,15 +32,14 @@ def json(
             }
             for attacker, result in results
         },
-        "assumptions": list(assumptions(results)),
+        "assumptions": [each.described for each in assumptions(results)],
     }
     return encoded(document) + "\n"
 
 
-def assumptions(results: Iterable[tuple[Attacker, AssertedResult]]) -> Iterator[str]:
-    """What is assumed of implementations where somebody attacks."""
-    asked = (name for attacker, result in results if attacker is not Attacker.HONEST for name in result.profiles)
-    return assumed_of(dict.fromkeys(asked))
+def assumptions(results: Iterable[tuple[Attacker, AssertedResult]]) -> tuple[Needed, ...]:
+    """What it rests on that there is no flow."""
+    return conditions_of(result for _attacker, result in results)
 
 
 def _answer(answer: ProfileResult) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from keystore_audit.assumptions import holds_if
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.properties.counterexample import Counterexample, Step
@@ -48,7 +49,8 @@ def text(
             if answer.counterexample is not None:
                 lines += _path(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
     lines.append("")
-    lines += [unbroken(f"Assumed: {each}") for each in assumptions(results)]
+    if conditions := holds_if(assumptions(results)):
+        lines.append(unbroken(f"That there is no flow {conditions}."))
     if unknown and doubts:
         lines.append(unbroken(rests_on(doubts)))
     for run in engines:

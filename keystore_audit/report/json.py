@@ -69,7 +69,9 @@ def _report(report: Report) -> dict[str, Any]:
         "verdict": report.verdict.value,
         "exit_code": report.exit_code,
         "weakened": list(report.weakened),
-        "assumptions": list(report.assumptions),
+        "holds_if": report.holds_if or None,
+        "assumptions": [each.described for each in report.assumptions],
+        "stated": list(report.stated),
         "authorities": {each.role: anchors(each) for each in report.authorities},
         "engines": {run.name: _engine(run) for run in report.engines},
         "engines_agree": report.engines_agree,
@@ -181,6 +183,7 @@ def _answer(answer: ProfileResult) -> dict[str, Any]:
         "status": answer.status.value,
         "engines": {name: status.value for name, status in answer.engines.items()},
         "counterexample": told(answer.counterexample),
+        "needs": [each.value for each in answer.needs],
     }
 
 

@@ -153,12 +153,15 @@ def _verdict(suite: etree._Element, report: Report, left_out: int) -> None:
     for name, value in (
         ("verdict", report.verdict.value),
         ("digest", report.digest),
+        ("holds if", report.holds_if.removeprefix("HOLDS IF ")),
         ("weakened", ", ".join(report.weakened)),
         ("accepted findings", str(len(report.accepted))),
         ("cases that passed and are left out", str(left_out)),
     ):
         etree.SubElement(properties, "property", name=name, value=terminal(value))
     case = etree.SubElement(suite, "testcase", classname="keystore-audit", name="the audit is complete", time="0")
+    if report.holds_if:
+        etree.SubElement(case, "system-out").text = terminal(report.holds_if)
     if report.verdict is Verdict.INCOMPLETE:
         etree.SubElement(case, "error", message="Something could not be decided.", type="incomplete")
     case = etree.SubElement(suite, "testcase", classname="keystore-audit", name="no finding decides", time="0")

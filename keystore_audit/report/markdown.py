@@ -117,6 +117,10 @@ def _head(report: Report) -> Iterator[str]:
     yield f"## keystore-audit: {_VERDICTS[report.verdict]}"
     yield ""
     yield f"{markdown(shorten(report.keystore, MAX_NAME))} at {instant(report.at)}: {_counts(report)}."
+    if report.holds_if:
+        yield ""
+        yield f"**{markdown(report.holds_if)}**"
+        yield ""
     if report.weakened:
         weakened = some((shorten(reason, MAX_NAME) for reason in report.weakened), MAX_WEAKENED)
         yield f"**This gate was weakened:** {markdown(weakened)}."
@@ -178,7 +182,7 @@ def _rest(report: Report, budget: int) -> Iterator[str]:
     yield ""
     end = "never" if report.safe_until is None else instant(report.safe_until)
     yield f"- Safe until: {end}. {markdown(until(report))}".rstrip()
-    yield from _items("Assumed", report.assumptions)
+    yield from _items("Assumed", (*(each.sentence for each in report.assumptions), *report.stated))
     yield from _items("Not checked", report.scope.not_checked)
     yield from _accepted(report.accepted, budget)
     answered = [run for run in report.engines if run.status is EngineStatus.OK]

@@ -11,11 +11,11 @@ from keystore_audit.model.profiles import Evidence, Profile
 
 def unread(keystore: Keystore) -> Iterator[str]:
     """Files that were not read and are taken for no documents and no identities, and what no digest speaks of."""
-    if keystore.unread:
+    if keystore.unread_foreign:
         yield (
-            f"{keystore.unread} of the other files, which could not be read: their names, and what was searched of "
-            f"those that are too large (at most {MAX_SEARCHED // 1024**2} MB in all), are not of signed documents "
-            "or certificates."
+            f"{len(keystore.unread_foreign)} of the other files, which could not be read: their names, and what was "
+            f"searched of those that are too large (at most {MAX_SEARCHED // 1024**2} MB in all), are not of signed "
+            "documents or certificates."
         )
     uncovered = keystore.uncovered
     if uncovered:

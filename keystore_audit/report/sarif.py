@@ -105,7 +105,9 @@ def _run(report: Report, rules: Sequence[_Rule], runs: int) -> str:
             "verdict": report.verdict.value,
             "digest": report.digest,
             "weakened": list(report.weakened),
-            "assumptions": list(report.assumptions),
+            "holdsIf": report.holds_if or None,
+            "assumptions": [each.described for each in report.assumptions],
+            "stated": list(report.stated),
             "notChecked": list(report.scope.not_checked),
         },
     }

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
+from keystore_audit.assumptions import CONDITIONS, Assumption
 from keystore_audit.findings import Result
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
@@ -91,11 +92,17 @@ def _svr(report: Report) -> dict[str, Any]:
 
 
 def _properties(report: Report) -> Iterable[str]:
-    """What holds under every profile that was asked about, by the engines that answered."""
-    yield f"{PREFIX}PASS"
+    """What holds under every profile that was asked about, never without its condition."""
+    yield _attested("pass", (each.assumption for each in report.assumptions if each.needed_by))
     for result in report.properties:
         if result.status is Status.HOLDS:
-            yield PREFIX + result.prop.id.upper().replace("-", "_")
+            yield _attested(result.prop.id, result.needs)
+
+
+def _attested(name: str, needs: Iterable[Assumption]) -> str:
+    """The name of what is attested, with what it needs."""
+    conditions = "-and-".join(sorted(each.value for each in needs if each in CONDITIONS))
+    return PREFIX + (f"{name}-if-{conditions}" if conditions else name).upper().replace("-", "_")
 
 
 def _configuration(report: Report) -> list[dict[str, Any]]:
@@ -117,6 +124,8 @@ def _details(report: Report) -> dict[str, Any]:
         "domain": report.domain,
         "engines": {run.name: run.version or report.version for run in report.engines if run.status is EngineStatus.OK},
         "weakened": list(report.weakened),
-        "assumptions": list(report.assumptions),
+        "holdsIf": report.holds_if or None,
+        "assumptions": [each.described for each in report.assumptions],
+        "stated": list(report.stated),
         "authorities": {each.role: anchors(each) for each in report.authorities},
     }

@@ -117,8 +117,8 @@ def _opening(page: Page, report: Report) -> None:
         f"({report.layout} layout, {counted(len(report.enclaves), 'enclave')}), as of {instant(report.at)}",
     )
     page.blank()
-    for number, assumption in enumerate(report.assumptions):
-        page.labelled("" if number else "Assumed", assumption, indent=0, column=9, style="bold")
+    for number, assumed in enumerate((*(each.sentence for each in report.assumptions), *report.stated)):
+        page.labelled("" if number else "Assumed", assumed, indent=0, column=9, style="bold")
     for warning in warnings(report):
         page.labelled("WARNING", warning, indent=0, column=9, style=_WARNING_STYLE)
 
@@ -193,9 +193,11 @@ def _properties(page: Page, results: Sequence[PropertyResult]) -> None:
             status = answer.status
             word = status.value if status is Status.HOLDS else status.value.upper()
             label = f"{word:<10}{result.prop.id}"
-            inline = ", all profiles" if len(groups) == 1 else ", all others" if names is groups[-1][1] else ""
-            page.labelled(label, _engines(answer) + inline, indent=2, column=column, style=_STATUS_STYLE[status])
-            if not inline:
+            whose = ", all profiles" if len(groups) == 1 else ", all others" if names is groups[-1][1] else ""
+            under = ", ".join(each.value for each in result.needs) if status is Status.HOLDS else ""
+            told = f"; if {under}" if under else ""
+            page.labelled(label, _engines(answer) + whose + told, indent=2, column=column, style=_STATUS_STYLE[status])
+            if not whose:
                 page.put(f"under {', '.join(names)}", indent=12)
         if result.beside:
             page.put(result.beside, indent=12)
@@ -268,6 +270,8 @@ def _verdict(page: Page, report: Report, view: View) -> None:
         f"  {shorten(report.keystore, MAX_TITLE)}: {counts}",
         f"; {gate}; exit code {report.exit_code}",
     )
+    if report.holds_if:
+        page.put((report.holds_if, "bold"))
     if report.verdict is Verdict.INCOMPLETE:
         undecided = sorted(_open(report))
         rules = f" (open: {', '.join(undecided)})" if undecided else ""

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
+from keystore_audit.assumptions import Assumption, Declaration
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import UsageError
 from keystore_audit.given import GivenFile
@@ -19,7 +20,8 @@ from keystore_audit.settings.claims import read_properties
 from keystore_audit.settings.labels import KEYS as LABEL_KEYS
 from keystore_audit.settings.labels import read_labels, read_single_writers
 from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance
-from keystore_audit.settings.table import read_table
+from keystore_audit.settings.table import Table, read_table
+from keystore_audit.text import meant
 
 MAX_BYTES: Final = 1_000_000
 """A settings file is written by people."""
@@ -46,6 +48,13 @@ class Settings:
     declared: Declared = field(default_factory=Declared)
     acceptances: tuple[Acceptance, ...] = ()
     max_suppression_days: int = MAX_DAYS
+    assumptions: Mapping[Assumption, Declaration] = field(default_factory=dict)
+    """What somebody declared of what is taken for granted."""
+
+    @property
+    def lasting(self) -> tuple[str, ...]:
+        """The properties that are about a time, by id."""
+        return tuple(claim.id for claim in self.claims if claim.until is not None)
 
     @property
     def asserted(self) -> tuple[Claim | Determinism, ...]:
@@ -69,7 +78,7 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
     """
     file = read_table(path, keystores, MAX_BYTES)
     root = file.root
-    root.only("authorities", "property", "forward", *LABEL_KEYS, "suppression", "max_suppression_days")
+    root.only("authorities", "property", "forward", *LABEL_KEYS, "suppression", "max_suppression_days", "assumption")
     labels = read_labels(root)
     claims, declared = read_properties(root)
     return Settings(
@@ -80,7 +89,19 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
         declared=declared,
         acceptances=read_suppressions(root),
         max_suppression_days=root.number("max_suppression_days", MAX_DAYS, 1, MOST_DAYS),
+        assumptions=dict(_assumptions(root)),
     )
+
+
+def _assumptions(root: Table) -> Iterator[tuple[Assumption, Declaration]]:
+    """What somebody takes upon himself; nothing that is not assumed anyhow."""
+    names = [each.value for each in Assumption]
+    for table in root.tables("assumption"):
+        table.only("name", "owner", "reason")
+        name = table.text("name")
+        if name not in names:
+            table.wrong("name", f"expected one of {', '.join(names)}{meant(name, names, '; did you mean {!r}')}")
+        yield Assumption(name), Declaration(owner=table.text("owner"), reason=table.text("reason"))
 
 
 def read_baseline(path: Path, keystores: Iterable[str | Path]) -> Baseline:

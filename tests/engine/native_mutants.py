@@ -12,6 +12,7 @@ from typing import Any
 from keystore_audit.model.formal import attacker, permission, protection
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.permission import Decisions, Permissions
+from keystore_audit.model.formal.system import System
 
 MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "every matching rule counts, not the first": (permission, "allowing", "& ~decided if decided else channels", ""),
@@ -62,6 +63,23 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
         "False",
     ),
     "documents that were not read grant nothing": (RealmView, "may_be_granted", "self._any_opaque", "False"),
+    "announcements are truthful": (System, "announcements_trusted", "self.asks_announced_only and", "False and"),
+    "everybody believes announcements": (System, "announcements_trusted", "self.asks_announced_only and", "True and"),
+    "authorities certified nothing else": (System, "anybody", "not self.assumed >= IDENTITIES", "False"),
+    "there are no other documents": (System, "anything_granted", "not self.assumed >= DOCUMENTS", "False"),
+    "robots enforce": (RealmView, "__init__", "Assumption.ROBOTS_ENFORCE not in system.assumed", "False"),
+    "only the identity itself signs": (
+        RealmView,
+        "_signs_for_itself",
+        "key in self.signing_keys",
+        "atom.identity in self.signing_below",
+    ),
+    "who signs with a key of nobody here signs for nobody": (
+        RealmView,
+        "_signed_elsewhere",
+        "bool(self.signing_keys - self._authority_keys - self._system.holders().keys())",
+        "False",
+    ),
     "join access control is off": (RealmView, "_joined_by", "~p.join_controlled", "-1"),
 }
 """By what is wrong: where (a class or a module), the function, its text, and what stands in its place."""
@@ -72,8 +90,10 @@ def mistaken(name: str) -> Iterator[None]:
     """The native engine with this mistake."""
     owner, attribute, old, new = MUTANTS[name]
     original = inspect.getattr_static(owner, attribute)
-    function: Callable[..., Any] = original.func if isinstance(original, cached_property) else original
-    source = textwrap.dedent(inspect.getsource(function)).removeprefix("@cached_property\n")
+    function: Callable[..., Any] = original
+    if isinstance(original, (cached_property, property)):
+        function = original.func if isinstance(original, cached_property) else original.fget
+    source = textwrap.dedent(inspect.getsource(function)).removeprefix("@cached_property\n").removeprefix("@property\n")
     assert source.count(old) == 1, f"{name}: {old!r} occurs {source.count(old)} times"
     space: dict[str, Any] = {}
     exec(compile(source.replace(old, new), f"<{name}>", "exec"), function.__globals__, space)
@@ -81,6 +101,8 @@ def mistaken(name: str) -> Iterator[None]:
     if isinstance(original, cached_property):
         changed = cached_property(changed)
         changed.__set_name__(owner, attribute)
+    elif isinstance(original, property):
+        changed = property(changed)
     users = [owner] if owner is not protection else [protection, attacker]
     try:
         for user in users:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta, timezone
 from itertools import product
 
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
@@ -45,6 +46,8 @@ class Builder:
     skips_grants_out_of_date: bool = True
     requires_grant: bool = False
     joins_out_of_date: bool = False
+    asks_announced_only: bool = False
+    assumed: frozenset[Assumption] = EVERY
     reading: Reading = Reading.MUST
     now: int = 2
     certificates: list[CertificateAtom] = field(default_factory=list)
@@ -272,6 +275,8 @@ class Builder:
             skips_grants_out_of_date=self.skips_grants_out_of_date,
             requires_grant=self.requires_grant,
             joins_out_of_date=self.joins_out_of_date,
+            asks_announced_only=self.asks_announced_only,
+            assumed=self.assumed,
             reading=self.reading,
             instants=tuple(start + timedelta(days=365 * number) for number in range(INSTANTS)),
             now=self.now,

@@ -6,6 +6,8 @@ import pytest
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.formal.system import System
+from tests.engine.alloy.mutations import MUTATIONS as CHANGES
+from tests.engine.alloy.mutations import mutated
 from tests.engine.alloy_batch import decide_batch
 from tests.engine.native_mutants import MUTANTS, mistaken
 from tests.engine.test_agreement import SYSTEMS, holding, some_system
@@ -15,6 +17,9 @@ pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 SEEDS = (2, 16, 23, 24, 134, 241, 255, 310, 333, 412, 427, 491)
 """Of the random systems of test_agreement.py: together they find every mistake out."""
 
+SINGLE = [name for name in CHANGES if "assumed" in name or "announcements" in name or "certificate of" in name]
+"""Of the single changes of a healthy system, those about what is assumed and who signs."""
+
 Decided = list[tuple[System, dict[str, bool]]]
 
 
@@ -22,7 +27,7 @@ Decided = list[tuple[System, dict[str, bool]]]
 def decided() -> Decided:
     """What the Analyzer says of each system."""
     assert max(SEEDS) < SYSTEMS
-    systems = [some_system(seed) for seed in SEEDS]
+    systems = [*(some_system(seed) for seed in SEEDS), *(mutated(CHANGES[name][0]) for name in SINGLE)]
     return list(zip(systems, decide_batch(systems), strict=True))
 
 

@@ -8,6 +8,7 @@ from datetime import datetime, timezone
 
 import pytest
 
+from keystore_audit.assumptions import Assumption, Needed
 from keystore_audit.findings import Finding, Location, Outcomes, Result, Row, Severity, Suppression, fingerprint
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties import BY_ID, Status
@@ -99,6 +100,10 @@ def _answer(status: Status, counterexample: Counterexample | None = None) -> Pro
     return ProfileResult(status=status, engines={"alloy": status, "native": status}, counterexample=counterexample)
 
 
+def _needs(profile: str) -> tuple[Assumption, ...]:
+    return (Assumption.TRUTHFUL_ANNOUNCEMENTS,) if profile.startswith("cyclonedds") else ()
+
+
 def _properties(name: str) -> tuple[PropertyResult, ...]:
     step = Step(
         enclave=f"/{name}",
@@ -113,7 +118,7 @@ def _properties(name: str) -> tuple[PropertyResult, ...]:
     return (
         PropertyResult(
             prop=BY_ID["documents-signed-by-the-permissions-ca"],
-            profiles={profile: _answer(Status.HOLDS) for profile in PROFILES},
+            profiles={profile: replace(_answer(Status.HOLDS), needs=_needs(profile)) for profile in PROFILES},
         ),
         PropertyResult(prop=BY_ID["no-enclave-grants-itself-rights"], profiles=self_grant),
     )
@@ -139,7 +144,15 @@ def _full(name: str) -> Report:
         exit_code=1,
         fail_on=Severity.HIGH,
         weakened=("--at 2025-06-01T00:00:00Z",),
-        assumptions=("ROS_SECURITY_ENABLE=true and ROS_SECURITY_STRATEGY=Enforce on every robot.",),
+        assumptions=(
+            Needed(
+                assumption=Assumption.TRUTHFUL_ANNOUNCEMENTS,
+                needed_by=("documents-signed-by-the-permissions-ca",),
+                unchecked=("Cyclone DDS",),
+            ),
+            Needed(assumption=Assumption.ROBOTS_ENFORCE),
+        ),
+        stated=("Robots are in the time zone Europe/Berlin.",),
         engines=(
             EngineRun(name="alloy", version="6.2.0", status=EngineStatus.OK, reason="", required=True),
             EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True),

@@ -251,7 +251,9 @@ class TestStatements:
     def test_only_a_whole_audit_at_full_strength_passes(self, make_report: MakeReport) -> None:
         def results(report: Report) -> tuple[str, bool]:
             svr = parsed(statement.render_svr([report]))["properties"]
-            return parsed(statement.render_test_result([report]))["result"], "KEYSTORE_AUDIT_PASS" in svr
+            return parsed(statement.render_test_result([report]))[
+                "result"
+            ], "KEYSTORE_AUDIT_PASS_IF_TRUTHFUL_ANNOUNCEMENTS" in svr
 
         assert results(sound(make_report)) == ("PASSED", True)
         assert results(sound(make_report, weakened=("--ignore KA2",))) == ("WARNED", False)
@@ -266,8 +268,8 @@ class TestStatements:
         holding = [result.prop.id for result in report.properties if result.status is Status.HOLDS]
         assert holding == ["documents-signed-by-the-permissions-ca"]
         assert parsed(statement.render_svr([report]))["properties"] == [
-            "KEYSTORE_AUDIT_PASS",
-            "KEYSTORE_AUDIT_DOCUMENTS_SIGNED_BY_THE_PERMISSIONS_CA",
+            "KEYSTORE_AUDIT_PASS_IF_TRUTHFUL_ANNOUNCEMENTS",
+            "KEYSTORE_AUDIT_DOCUMENTS_SIGNED_BY_THE_PERMISSIONS_CA_IF_TRUTHFUL_ANNOUNCEMENTS",
         ]
 
     def test_settings_are_the_policy(self, make_report: MakeReport) -> None:

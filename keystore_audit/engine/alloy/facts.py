@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from keystore_audit import resources, text
+from keystore_audit.assumptions import EVERY
 from keystore_audit.engine.alloy import application, claims, expiry, paths
 from keystore_audit.engine.alloy.atoms import Sort, declare, declare_apart, name_atoms
 from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
@@ -49,14 +50,12 @@ MAIN: Final = "audit.als"
 THEME: Final = "keystore_audit.thm"
 """How the Analyzer's window draws an instance."""
 
-SCENARIOS: Final = "scenarios.als"
-"""A module for what is meant to happen, with commands that its reader writes."""
+SCENARIOS: Final = "scenarios.als"  # for what is meant to happen, with commands that its reader writes
 
 SPLIT_ATOMS: Final = 400
 """Atoms up to which all stand in `keystore` (`fact_modules`)."""
 
-MODULE_GROUPS: Final = 2
-"""Groups of up to `atoms.GROUP` atoms in one module, where there are more atoms."""
+MODULE_GROUPS: Final = 2  # of up to `atoms.GROUP` atoms in one module, where there are more atoms
 
 TIME: Final = "expiry"
 """The folder of the model with a moving clock."""
@@ -284,6 +283,9 @@ class _Facts:
         )
         found = [members for members in opaque if members != "none"]
         yield function("opaque", "set Document + Enclave + Certificate", " + ".join(found) or "none")
+        assumed = " + ".join(sorted(each.atom for each in self._system.assumed)) or "none"
+        yield function("assumed", "set Assumption", "Assumption" if self._system.assumed == EVERY else assumed)
+        yield function("asks_announced_only", "set Realm", "Realm" if self._system.asks_announced_only else "none")
         yield function("pins_signer", "set Realm", "Realm" if self._system.pins_signer else "none")
         yield function("requires_grant", "set Realm", "Realm" if self._system.requires_grant else "none")
 

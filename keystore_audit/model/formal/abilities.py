@@ -15,8 +15,9 @@ class Abilities:
     any participant, or of a relay. `forges`: it holds every key that a writer's samples are authenticated with
     (DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the metadata kind
     authenticates the origin; that of messages does not, see docs/model.md).
-    `writes_at_all`, `reads_at_all`: with those of its endpoints, if it is of the realm, that honest peers refuse: they
-    are there all the same.
+    `unannounced`: peers ask it for no permissions there as long as it does not announce its endpoints as they are; it
+    is in `overhears` and `forges`. `writes_at_all`, `reads_at_all`: with those of its endpoints, if it is of the realm,
+    that honest peers refuse: they are there all the same.
     """
 
     may_write: int
@@ -26,6 +27,7 @@ class Abilities:
     forges: int
     writes_at_all: int
     reads_at_all: int
+    unannounced: int = 0
 
     def by_right(self, operation: Operation) -> int:
         """Channels on which peers let it do this."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 
+from keystore_audit.assumptions import Assumption
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.abilities import Abilities
 from keystore_audit.model.formal.bit_sets import bits, members, union
@@ -26,8 +27,9 @@ class RealmView:
         self._permissions = permissions
         self.refuses = self._realm.refuses
         governance = self._realm.governance
-        self.open = governance is not None and system.documents[governance].opaque
-        self._any_opaque = any(document.opaque for document in system.documents)
+        unread = governance is not None and system.documents[governance].opaque
+        self.open = unread or Assumption.ROBOTS_ENFORCE not in system.assumed
+        self._any_opaque = system.anything_granted
         self._rights: dict[tuple[int | None, Operation, bool], int] = {}
         self._self_granting: dict[int, bool] = {}
         self._abilities: dict[int, Abilities] = {}
@@ -48,7 +50,7 @@ class RealmView:
 
     def authenticated(self, enclave: int) -> bool:
         """Whether peers take the enclave for one of theirs."""
-        return self.open or self._system.enclaves[enclave].opaque or self.introduced(enclave)
+        return self.open or self._system.anybody(enclave) or self.introduced(enclave)
 
     def introduced(self, enclave: int, *, in_force: bool = False) -> bool:
         """Whether the identity CA vouches for the enclave's identity."""
@@ -108,17 +110,16 @@ class RealmView:
         return known
 
     def _signs_for_itself(self, enclave: int) -> bool:
-        atom, issuing = self._system.enclaves[enclave], self.issuing(enclave)
-        if not (issuing or self.authenticated(enclave)):
+        atom = self._system.enclaves[enclave]
+        if not (self.issuing(enclave) or self.authenticated(enclave)):
             return False
-        if atom.opaque or any(self._system.certificates[number].opaque for number in self._realm.permissions_ca):
+        unread = any(self._system.certificates[number].opaque for number in self._realm.permissions_ca)
+        if unread or self._system.anybody(enclave) or self._signed_elsewhere:
             return True
         if atom.identity is None:
             return False
         key = self._system.certificates[atom.identity].key
-        if key in self._authority_keys or atom.identity in self.signing_below:
-            return True
-        return issuing and any(self._system.certificates[number].key == key for number in self.signing_below)
+        return key in self._authority_keys or key in self.signing_keys
 
     @cached_property
     def signing_below(self) -> frozenset[int]:
@@ -127,6 +128,16 @@ class RealmView:
             return frozenset()
         certificates = self._system.certificates
         return frozenset(n for n in self._chained if certificates[n].fit_to_sign or certificates[n].authority)
+
+    @cached_property
+    def signing_keys(self) -> frozenset[int]:
+        """Their keys: each of a key's certificates can be in the message."""
+        return frozenset(self._system.certificates[number].key for number in self.signing_below)
+
+    @cached_property
+    def _signed_elsewhere(self) -> bool:
+        """Whether somebody signs for any enclave: a key of these is neither the permissions CA's nor an enclave's."""
+        return bool(self.signing_keys - self._authority_keys - self._system.holders().keys())
 
     def issuing(self, enclave: int) -> bool:
         """Whether the enclave can issue itself any identity: its key is that of an identity CA."""
@@ -179,7 +190,7 @@ class RealmView:
 
         An opaque document may say so, and any grant may name an opaque enclave.
         """
-        if self._any_opaque or self._system.enclaves[enclave].opaque:
+        if self._any_opaque or self._system.anybody(enclave):
             return self._permissions.all_channels
         return self.granted(enclave, operation)
 
@@ -197,7 +208,7 @@ class RealmView:
 
     def _unbounded(self, enclave: int) -> bool:
         """Whether it may have any right: by a document that it signs itself, or by one that we could not read."""
-        return self._any_opaque or self._system.enclaves[enclave].opaque or self.self_granting(enclave)
+        return self._any_opaque or self._system.anybody(enclave) or self.self_granting(enclave)
 
     def _right(self, identity: int | None, operation: Operation, *, genuine: bool) -> int:
         key = (identity, operation, genuine)
@@ -305,14 +316,15 @@ class RealmView:
     @cached_property
     def joining_known(self) -> int:
         """Channels on which readers take samples from whoever has an identity of the CA, whatever grants it has."""
-        return self._open_to_known & ~self.protection.write_controlled | self.granted_by_known
+        free = self._unasked | ~self.protection.write_controlled
+        return self._open_to_known & free | self.granted_by_known
 
     @cached_property
     def learnt_known(self) -> int:
         """Channels that anybody learns, or whoever has an identity of the CA, with whatever grants."""
         p = self.protection
-        unasked = self._open_to_known & ~(p.read_controlled & (p.data_encrypts | p.metadata_encrypts))
-        return unasked | self.readable | self.granted_by_known
+        hidden = p.read_controlled & (p.data_encrypts | p.metadata_encrypts) & ~self._unasked
+        return self._open_to_known & ~hidden | self.readable | self.granted_by_known
 
     @cached_property
     def granted_by_known(self) -> int:
@@ -343,18 +355,26 @@ class RealmView:
         writes = reach & (~p.write_controlled | published)
         reads = reach & (~p.read_controlled | subscribed)
         relays = reach & relayed
+        unannounced = reach & self._unasked
         return Abilities(
             may_write=writes,
             may_read=reads,
             may_relay=relays,
-            overhears=reach & ~p.data_encrypts & (~p.metadata_encrypts | relays),
+            overhears=reach & ~p.data_encrypts & (~p.metadata_encrypts | relays) | unannounced,
             forges=reach
             & ~p.metadata_authenticates_origin
             & (~p.metadata_authenticates | reads | relays)
-            & (~p.data_authenticates | reads),
+            & (~p.data_authenticates | reads)
+            | unannounced,
+            unannounced=unannounced,
             writes_at_all=writes | writes_alone,
             reads_at_all=reads | reads_alone,
         )
+
+    @cached_property
+    def _unasked(self) -> int:
+        """All channels, where permissions are asked only for what is announced as under access control."""
+        return self._permissions.all_channels if self._system.announcements_trusted else 0
 
     def _reach(self, joined: int) -> int:
         """The governed channels of these domains."""

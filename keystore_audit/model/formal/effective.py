@@ -43,7 +43,7 @@ class Peers:
         if key not in self._accepted:
             number = self.numbers.get(path)
             able = [realm.abilities(number) for realm in self.realms] if number is not None else []
-            self._accepted[key] = union(each.by_right(operation) for each in able)
+            self._accepted[key] = union(each.by_right(operation) | each.unannounced for each in able)
         return self._accepted[key]
 
 

@@ -221,7 +221,7 @@ class Flows:
 
     @cached_property
     def _opaque(self) -> list[int]:
-        return [number for number, enclave in enumerate(self._system.enclaves) if enclave.opaque]
+        return [number for number in range(self.outsider) if self._system.anybody(number)]
 
     @cached_property
     def _holders(self) -> dict[int, list[int]]:
@@ -230,7 +230,7 @@ class Flows:
 
     def acting(self, enclave: int) -> Iterable[int]:
         """The enclaves whose key the enclave has, or may have."""
-        if self._system.enclaves[enclave].opaque:
+        if self._system.anybody(enclave):
             return range(self.outsider)
         key = self._system.key_of(enclave)
         return [*([enclave] if key is None else self._holders[key]), *self._opaque]

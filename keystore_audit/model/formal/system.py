@@ -15,6 +15,7 @@ from datetime import datetime
 from enum import Enum
 from typing import NamedTuple
 
+from keystore_audit.assumptions import DOCUMENTS, EVERY, IDENTITIES, WORLD, Assumption
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
@@ -285,7 +286,9 @@ class System:
     document grants something, not everybody. `joins_out_of_date`: the first grant that names a certificate lets it join
     whatever its dates. `instants`: sorted; `now`: index of the audit instant among them.
     `meets`: by channel, the others in which an endpoint that is allowed in it is met too, because its partition may be
-    a pattern; empty where no channel meets another.
+    a pattern; empty where no channel meets another. `assumed`: what is taken for granted; in MUST, whatever nobody can
+    see (`assumptions.WORLD`) is. `asks_announced_only`: these implementations ask permissions of an endpoint only where
+    a peer announces it as under access control.
     """
 
     profiles: tuple[str, ...]
@@ -293,6 +296,8 @@ class System:
     skips_grants_out_of_date: bool
     requires_grant: bool
     joins_out_of_date: bool = False
+    asks_announced_only: bool = False
+    assumed: frozenset[Assumption] = EVERY
     reading: Reading
     instants: tuple[datetime, ...]
     now: int
@@ -320,8 +325,22 @@ class System:
 
     def holders(self) -> dict[int, list[int]]:
         """By key, who has it: enclaves and identities at large, those apart that could not be read."""
-        keys = ((self.key_of(n), n) for n, enclave in enumerate(self.enclaves) if not enclave.opaque)
+        keys = ((self.key_of(n), n) for n in range(len(self.enclaves)) if not self.anybody(n))
         return gathered((key, number) for key, number in keys if key is not None)
+
+    def anybody(self, enclave: int) -> bool:
+        """Whether the enclave may have any identity: its own could not be read, or authorities may have made others."""
+        return self.enclaves[enclave].opaque or not self.assumed >= IDENTITIES
+
+    @property
+    def anything_granted(self) -> bool:
+        """Whether a document may grant anything: one could not be read, or is not here."""
+        return any(document.opaque for document in self.documents) or not self.assumed >= DOCUMENTS
+
+    @property
+    def announcements_trusted(self) -> bool:
+        """Whether an attacker gets past the permissions of endpoints by what it announces of them."""
+        return self.asks_announced_only and Assumption.TRUTHFUL_ANNOUNCEMENTS not in self.assumed
 
     def realms_of_enclaves(self) -> list[int]:
         """The realms that enclaves are of; in the others are identities at large alone, with files of their own."""
@@ -329,9 +348,9 @@ class System:
 
     @property
     def has_doubt(self) -> bool:
-        """Whether anything in it is opaque or unread, so that the other reading may differ."""
+        """Whether anything in it is opaque, unread or not taken for granted, so that the other reading may differ."""
         opaque = any(d.opaque for d in self.documents) or any(e.opaque or e.possible for e in self.enclaves)
-        return opaque or any(realm.list_unread for realm in self.realms)
+        return opaque or any(realm.list_unread for realm in self.realms) or not self.assumed >= WORLD
 
 
 def apart(systems: Iterable[System]) -> tuple[System, ...]:

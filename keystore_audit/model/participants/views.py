@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
+from keystore_audit.assumptions import Assumption
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import CrlFile
@@ -127,6 +128,7 @@ class Views:
             kind.alone,
             kind.refusals,
             trust.pins_signer,
+            trust.trusts_declarations and Assumption.TRUTHFUL_ANNOUNCEMENTS not in self._accesses.assumed,
             tuple(self.authorities(enclave, trust) for enclave in self._realms),
             tuple(list_unread(enclave, trust) is not None for enclave in self._realms),
             tuple(tuple(self._later(enclave, trust)) for enclave in self._realms),

@@ -59,6 +59,8 @@ def _sentences(report: Report) -> Iterator[Html]:
     else:
         words = "Nothing was found that fails this gate. " if report.fail_on is not None else ""
     yield element("p", words + gate)
+    if report.holds_if:
+        yield element("p", report.holds_if)
     if report.safe_until is None:
         dates = "No date in the keystore changes this answer."
     elif report.safe_until <= report.at:
@@ -136,7 +138,9 @@ def _files(report: Report) -> Iterator[tuple[str, Html | str]]:
 
 
 def _rests(report: Report) -> Html:
-    assumed = element("div", element("h2", "Assumed"), items(report.assumptions))
+    assumed = element(
+        "div", element("h2", "Assumed"), items((*(each.sentence for each in report.assumptions), *report.stated))
+    )
     unchecked = element("div", element("h2", "Not checked"), items(report.scope.not_checked))
     declared = lines(element("code", line) for line in settings(report))
     lines_to_paste = element("div", element("p", HOW), declared) if declared != NOTHING else NOTHING

@@ -58,7 +58,7 @@ MUTANTS = {
     ),
     "there are no others of the CA": (
         "read by others of the CA",
-        "in_clear + open_to_known & read_uncontrolled",
+        "in_clear + open_to_known & (read_uncontrolled + unasked)",
         "in_clear",
     ),
     "others of the CA have no keys of messages": (
@@ -68,7 +68,7 @@ MUTANTS = {
     ),
     "no others of the CA sign permissions": (
         "published by a grant that others of the CA sign",
-        "write_uncontrolled + granted_by_known",
+        "(write_uncontrolled + unasked) + granted_by_known",
         "write_uncontrolled",
     ),
     "no others of the CA read by permissions that they sign": (
@@ -111,7 +111,11 @@ MUTANTS = {
         "overhears_elsewhere[realm] + reads_elsewhere[realm]",
         "reads_elsewhere[realm]",
     ),
-    "who is no enclave here relays nothing": ("relayed elsewhere", "-> bare + relayed", "-> bare"),
+    "who is no enclave here relays nothing": (
+        "relayed elsewhere",
+        "-> (bare + realm.unasked) + relayed",
+        "-> (bare + realm.unasked)",
+    ),
     "who is no enclave here may read nothing": ("read elsewhere, by right", " - entitled_elsewhere[realm]", ""),
     "nobody comes in without an identity": (
         "apart, without identities",

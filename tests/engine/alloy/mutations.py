@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from keystore_audit.assumptions import Assumption
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES
@@ -54,6 +55,34 @@ def unpinned(b: Builder) -> None:
 
 def may(b: Builder) -> None:
     b.reading = Reading.MAY
+
+
+def without(*assumptions: Assumption) -> Change:
+    def change(b: Builder) -> None:
+        may(b)
+        b.assumed -= set(assumptions)
+
+    return change
+
+
+def believing(b: Builder) -> None:
+    b.asks_announced_only = True
+
+
+def extra(key: int | None, **kept: bool) -> Change:
+    """A certificate that the permissions CA issued, and nobody here carries."""
+
+    def change(b: Builder) -> None:
+        b.certificate([PERMISSIONS_CA], key=None if key is None else b.certificates[key].key, **kept)
+
+    return change
+
+
+def crossed(b: Builder) -> None:
+    """The permissions CA certified the identity CA's key, which has issued whom it issued."""
+    cross = b.certificate([PERMISSIONS_CA], authority=True, key=b.certificates[IDENTITY_CA].key)
+    for identity in (TALKER_IDENTITY, LISTENER_IDENTITY):
+        b.certificates[identity] = replace(b.certificates[identity], issuers=frozenset({IDENTITY_CA, cross}))
 
 
 def stray_reader(b: Builder) -> None:
@@ -156,6 +185,13 @@ ENCRYPTION = {"outsiders-cannot-read", "outsiders-cannot-inject"}
 REPLAY, LIVELINESS = "outsiders-cannot-replay", "outsiders-cannot-forge-liveliness"
 BRIDGES = "no-enclave-bridges-domains"
 INSIDERS = {"nobody-writes-without-a-grant", "nobody-reads-without-a-grant"}
+
+SIGNS = {"no-enclave-grants-itself-rights"} | INSIDERS
+OPAQUE_ENCLAVES = SIGNS | {
+    "identities-chain-to-the-identity-ca",
+    "no-identity-serves-two-enclaves",
+    "no-subject-serves-two-enclaves",
+}
 
 MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     "nothing": (lambda _b: None, set()),
@@ -396,6 +432,49 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
         both(earlier_deny, no_reader, NAMED_OPENLY, on("enclaves", TALKER, writes_alone=frozenset({CHATTER}))),
         {"outsiders-cannot-learn-names"},
     ),
+    # what is not taken for granted
+    "nothing but the certificates here, not assumed": (without(Assumption.NOTHING_ELSE_CERTIFIED), OPAQUE_ENCLAVES),
+    "the authorities as found, not assumed": (without(Assumption.AUTHORITIES_AS_FOUND), OPAQUE_ENCLAVES),
+    "nothing in unread files, not assumed": (without(Assumption.NOTHING_IN_UNREAD_FILES), OPAQUE_ENCLAVES),
+    "no other documents, not assumed": (
+        without(Assumption.NO_OTHER_DOCUMENTS),
+        {"no-subject-serves-two-enclaves"} | INSIDERS,
+    ),
+    "robots that enforce, not assumed": (
+        without(Assumption.ROBOTS_ENFORCE),
+        {
+            "only-authenticated-participants-join",
+            "grants-are-enforced",
+            "outsiders-cannot-learn-names",
+            "readers-cannot-forge",
+            REPLAY,
+            LIVELINESS,
+        }
+        | ENCRYPTION
+        | INSIDERS,
+    ),
+    "truthful announcements, not assumed": (without(Assumption.TRUTHFUL_ANNOUNCEMENTS), set()),
+    "announcements are believed": (believing, set()),
+    "announcements are believed, and not assumed to be truthful": (
+        both(believing, without(Assumption.TRUTHFUL_ANNOUNCEMENTS)),
+        {"readers-cannot-forge"} | INSIDERS,
+    ),
+    "sessions and rounds, not assumed": (
+        without(Assumption.SESSIONS_END_WITH_GRANTS, Assumption.LOCKSTEP_ROUNDS),
+        set(),
+    ),
+    # certificates that an attacker embeds
+    "a second certificate of an enclave's key": (both(unpinned, extra(TALKER_IDENTITY)), SIGNS),
+    "a second certificate of an enclave's key, pinned": (extra(TALKER_IDENTITY), set()),
+    "a second certificate of an enclave's key, not fit to sign": (
+        both(unpinned, extra(TALKER_IDENTITY, fit_to_sign=False)),
+        set(),
+    ),
+    "a certificate of whoever's key": (both(unpinned, extra(None)), SIGNS),
+    "a certificate of whoever's key, pinned": (extra(None), set()),
+    "a second certificate of the permissions CA's own key": (both(unpinned, extra(PERMISSIONS_CA)), set()),
+    "a cross certificate over the identity CA's key": (both(unpinned, crossed), SIGNS),
+    "a cross certificate over the identity CA's key, pinned": (crossed, set()),
     # what could not be read
     "opaque governance": (
         both(may, on("documents", GOVERNANCE, intact=False, opaque=True)),

@@ -1,7 +1,7 @@
 """Cyclone DDS asks for a peer's permissions only where the peer says that its endpoint is under access control.
 
 So an attacker with any identity that is let in publishes and subscribes everything, under sros2's own governance. No
-keystore prevents it; reports of these profiles say that they assume it does not happen (`report.content.assumed_of`).
+keystore prevents it; what holds under these profiles holds if it does not happen (docs/assumptions.md).
 """
 
 from __future__ import annotations
@@ -11,11 +11,16 @@ from pathlib import Path
 
 import pytest
 
+from keystore_audit.access import Access
+from keystore_audit.assumptions import EVERY, Assumption, holds_if
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.report.content import assumed_of
+from keystore_audit.model.question import Question, Ruling
+from keystore_audit.report.content import answered_if
+from tests.oracles.vendors import recipe
 from tests.oracles.vendors.enclave import publish, subscribe
 from tests.oracles.vendors.pairs import pairs
-from tests.oracles.vendors.pairs_case import CAS, Case, outcome
+from tests.oracles.vendors.pairs_case import CAS, KEYSTORE, Case, outcome
 from tests.oracles.vendors.pairs_material import grant, permissions
 from tests.oracles.xml.parsers import compiled, require_measured_versions
 
@@ -46,7 +51,22 @@ def test_cyclone_dds_asks_no_permissions_of_what_is_not_declared(
     assert VARIANTS["cyclonedds-0.10"].trust.trusts_declarations
 
 
-def test_reports_say_so_of_cyclone_dds_alone() -> None:
-    [said] = assumed_of(("spec", "fastdds-3.6", "cyclonedds-0.10", "cyclonedds-11"))
-    assert said.startswith("Under cyclonedds-0.10, cyclonedds-11, an attacker")
-    assert not list(assumed_of(name for name in VARIANTS if not name.startswith("cyclonedds")))
+def test_without_the_assumption_our_answer_is_that_of_the_vendor(tmp_path: Path) -> None:
+    """Whether or not an attacker tells the truth: "no" as long as it does, and "yes" else, on Cyclone DDS alone."""
+    UNGRANTED.sides(tmp_path)
+    names = ("cyclonedds-0.10", "cyclonedds-11", "fastdds-2.9", "spec")
+    profiles = [VARIANTS[name] for name in names]
+    question = Question(enclave="/second", operation=Operation.PUBLISH, topic="b")
+    told = {}
+    for assumed in (EVERY, EVERY - {Assumption.TRUTHFUL_ANNOUNCEMENTS}):
+        access = Access(tmp_path / KEYSTORE, [question], profiles=profiles, at=recipe.NOW, assumed=assumed)
+        told[assumed] = [answer.effective for answer in access.answers(question).values()]
+    told_truly, told_anything = told.values()
+    assert told_truly == [Ruling.DENY] * 4
+    assert told_anything == [Ruling.ALLOW, Ruling.ALLOW, Ruling.DENY, Ruling.DENY]
+
+
+def test_conditions_say_so_of_cyclone_dds_alone() -> None:
+    assert "peers announce endpoints truthfully (Cyclone DDS does not check)" in holds_if(answered_if(VARIANTS))
+    others = [name for name in VARIANTS if not name.startswith("cyclonedds")]
+    assert "truthfully" not in holds_if(answered_if(others))

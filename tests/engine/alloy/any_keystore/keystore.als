@@ -80,6 +80,8 @@ sig allow_rule in Rule {}
 fun audit_instant: Instant { Now }
 fun not_before: (Certificate + Grant) -> Instant { begins + from }
 fun not_after: (Certificate + Grant) -> Instant { ends + to }
+fun assumed: set Assumption { Assumption }
+fun asks_announced_only: set Realm { none }
 fun opaque: set Document + Enclave + Certificate { unreadable + anonymous + unread }
 fun domain_rule: Document -> DomainRule { ~governs }
 fun topic_rule: DomainRule -> TopicRule { ~within }

@@ -44,13 +44,10 @@ check PinnedRealmsObeyTheirAuthorityOnly {
 	(no opaque and authorities_keep_their_keys) implies no pins_signer.self_granting
 } for 3 but 6 Entry, 2 Instant expect 0
 
-/**
- * No enclave signs for itself where no identity chains to a permissions CA or has its key, nor any certificate of the key
- * of who issues itself identities.
- */
+/** No enclave signs for itself where a permissions CA certified no key but its own, and no enclave has that one. */
 check SplitAuthoritiesStopSelfGrants {
 	(no opaque and authorities_keep_their_keys
-		and no (Enclave.identity + Realm.issuing.identity.public_key.~public_key) & (^issuer).(Realm.permissions_ca))
+		and all realm: Realm | (^issuer).(realm.permissions_ca).public_key in realm.permissions_ca.public_key)
 		implies no self_granting
 } for 3 but 6 Entry, 2 Instant expect 0
 
