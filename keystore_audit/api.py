@@ -62,6 +62,7 @@ def audit(
     launches: Sequence[PathLike] = (),
     launch_arguments: Mapping[str, str] | None = None,
     alloy_properties: Sequence[PathLike] = (),
+    roots: Sequence[PathLike] = (),
     pictures: bool = False,
 ) -> Report:
     """Audit the keystore at `path`, as `keystore-audit path` does; the arguments are its options.
@@ -118,6 +119,7 @@ def audit(
         launches=tuple(map(Path, launches)),
         launch_arguments=dict(launch_arguments or {}),
         alloy_properties=user_files(tuple(map(Path, alloy_properties)), asserted, (os.fspath(path),)),
+        roots=tuple(map(Path, roots)),
         overview=pictures,
     )
     return _audit(path, options)

@@ -81,6 +81,7 @@ _EXPECTED: Final[Mapping[str, tuple[Check, str]]] = {
     "policy_include": (_or_none(_file), "a path or None"),
     "environment": (_or_none(_file), "a path or None"),
     "graphs": (_each(_file), "a sequence of paths"),
+    "roots": (_each(_file), "a sequence of paths"),
     "launches": (_each(_file), "a sequence of paths"),
     "launch_arguments": (_or_none(_texts), "a mapping of texts to texts, or None"),
     "alloy_properties": (_each(_file), "a sequence of paths"),

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
 from keystore_audit.assumptions import Assumption
-from keystore_audit.dataclass import dataclass, field
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.findings import Severity
+from keystore_audit.keystore.foreign import DeclaredFiles
 
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
@@ -98,3 +99,11 @@ class Options:
     launch_arguments: Mapping[str, str] = field(default_factory=dict)
     alloy_properties: tuple[UserFile, ...] = ()
     overview: bool = False
+    roots: tuple[Path, ...] = ()
+    """Further directories that links of the keystore may lead into."""
+
+    @property
+    def files(self) -> DeclaredFiles:
+        """What is declared of the keystore's files, with further directories."""
+        declared = self.settings.files if self.settings is not None else DeclaredFiles()
+        return replace(declared, roots=tuple(map(str, self.roots)))

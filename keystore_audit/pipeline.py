@@ -84,7 +84,8 @@ def audit(
     intents = read_observed(options.graphs, options.launches, options.launch_arguments)
     claims = options.settings.claims if options.settings else ()
     declared = options.settings.declared if options.settings else None
-    keystore = read_keystore(path, progress=progress.enclaves if progress else None)
+    enclaves = progress.enclaves if progress else None
+    keystore = read_keystore(path, progress=enclaves, declared=options.files)
     if progress:
         progress.stage("working out what the documents mean")
     assumed = EVERY.difference(options.not_assumed)
@@ -278,6 +279,8 @@ def _report(
         domain=options.domain,
         files=tuple(_files(context)),
         uncovered=context.keystore.uncovered,
+        roots=context.keystore.declared.roots,
+        unread_foreign=tuple(file.place for file in context.keystore.unread_foreign),
         settings=options.settings.file if options.settings else None,
         baseline=options.baseline.file if options.baseline else None,
         inputs=inputs,

@@ -93,6 +93,7 @@ MAX_JOBS: Final = 1024
     help="Properties of your own in Alloy, which Alloy alone decides (repeatable).",
 )
 @opt.authority_options
+@opt.file("--root", "roots", metavar="DIR", multiple=True, help="Links of the keystore may lead into DIR (repeatable).")
 @settings.option
 @settings.baseline_option
 @click.option("--deployed", is_flag=True, help="This tree goes on a robot: CA private keys in it are critical.")
@@ -169,6 +170,7 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         graphs=given["graphs"],
         launches=given["launches"],
         launch_arguments=dict(given["launch_arguments"]),
+        roots=given["roots"],
         overview=formats.HTML in settings.formats_of(given),
         authorities=settings.authorities(given, asserted, keystores),
         settings=asserted,

@@ -84,6 +84,7 @@ def everywhere(found: Found, options: Options) -> tuple[Found, Options]:
         alloy_jar=absolute(options.alloy_jar),
         graphs=tuple(path.absolute() for path in options.graphs),
         launches=tuple(path.absolute() for path in options.launches),
+        roots=tuple(path.absolute() for path in options.roots),
     )
 
 

@@ -78,7 +78,7 @@ def identify(task: Task) -> Known:
         return Known(place=place, error=_other_version(task))
     try:
         with _ALONE:
-            compared, named = read_identities(task.root)
+            compared, named = read_identities(task.root, task.options.files)
             return Known(place=place, compared=compared, named=named)
     except Exception:  # noqa: BLE001 - its audit takes the same steps, and compares what it meets
         return Known(place=place)

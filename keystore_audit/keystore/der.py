@@ -8,28 +8,16 @@ algorithm have to be the same bytes. Nothing is validated here: `children` and `
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from itertools import islice
 from typing import Final
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 
-MAX_ELEMENTS: Final = 10_000
-"""Structures, one behind the other in one file, that are looked at; what stands behind them may be anything."""
-
-INTEGER: Final = 0x02
-OCTET_STRING: Final = 0x04
 IDENTIFIER: Final = 0x06
 SEQUENCE: Final = 0x30
 
-CONSTRUCTED: Final = 0x20
-"""In the first byte of a tag: the element consists of others."""
 _LONG: Final = 0x1F
 """In the first byte of a tag: its number follows."""
-
-_SEQUENCES: Final = (bytes([SEQUENCE]), bytes([SEQUENCE | _LONG]))
-"""How one begins: with the tag itself, or with its number behind it (`opening`)."""
 
 _NUMBER: Final = re.compile(rb"\x80*([\x80-\xff]{0,4}[\x00-\x7f])")
 """The number of a tag, behind any zeros: OpenSSL reads none of more bytes."""
@@ -75,36 +63,13 @@ def first_element(data: bytes) -> bytes | None:
 
     All of `data` where the SEQUENCE does not say how long it is (BER).
     """
-    return next(elements(data), None)
-
-
-def elements(data: bytes) -> Iterator[bytes]:
-    """The SEQUENCEs that `data` begins with, one behind the other, at most MAX_ELEMENTS."""
-    position = 0
-    for _each in range(MAX_ELEMENTS):
-        try:
-            tag, start, length = opening(data, position)
-        except ValueError:
-            return
-        if tag != SEQUENCE or (length is not None and start + length > len(data)):
-            return
-        end = len(data) if length is None else start + length
-        yield data[position:end]
-        position = end
-
-
-def structures(data: bytes) -> Iterator[bytes]:
-    """What begins in the first byte, cut off or not, and the whole SEQUENCEs behind it: key and certificate, say."""
-    yield data
-    yield from islice(elements(data), 1, None)
-
-
-def any_structure(test: Callable[[bytes], bool], data: bytes) -> bool:
-    """Whether some of the structures is the kind of SEQUENCE that `test` asks for, or there are too many to look at."""
-    if data[:1] not in _SEQUENCES:  # nearly every file
-        return False
-    found = list(structures(data))
-    return len(found) == MAX_ELEMENTS or any(map(test, found))
+    try:
+        tag, start, length = opening(data, 0)
+    except ValueError:
+        return None
+    if tag != SEQUENCE or (length is not None and start + length > len(data)):
+        return None
+    return data if length is None else data[: start + length]
 
 
 def opening(data: bytes, position: int) -> tuple[int, int, int | None]:
@@ -134,24 +99,6 @@ def opening(data: bytes, position: int) -> tuple[int, int, int | None]:
         length = int.from_bytes(data[at : at + size], "big")
         at += size
     return tag, at, length
-
-
-def inside(data: bytes, *tags: int) -> bytes | None:
-    """What follows the header of the last of these, each of which begins with the next, in BER; None where one does
-    not. Whether they are whole is not asked.
-    """
-    position = 0
-    for tag in tags:
-        first = data[position] if position < len(data) else 0
-        if first != tag and first & _LONG != _LONG:  # nearly always: it is something else
-            return None
-        try:
-            found, position, _length = opening(data, position)
-        except ValueError:
-            return None
-        if found != tag:
-            return None
-    return data[position:]
 
 
 def content_of(structure: bytes, position: int) -> tuple[int, int]:

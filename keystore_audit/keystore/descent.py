@@ -2,8 +2,8 @@
 
 Nothing is opened by a path that the kernel would resolve. Links are read and followed here, as names, and
 what they lead to is reached from the root downwards, one component at a time, without following links: a
-component swapped in between gives a refusal, not a file outside. Outside the root nothing is even looked at
-(a hostile link could trigger an automount), so a link that leaves it may lead to anything.
+component swapped in between gives a refusal, not a file outside. Outside the root, and others that a user names,
+nothing is even looked at (a hostile link could trigger an automount), so a link that leaves them may lead to anything.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import os
 import re
 import stat
 from collections import OrderedDict
+from collections.abc import Mapping
 from typing import Final
 
-from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.files import Entry, EntryKind, Status
 from keystore_audit.text import percent_path
 
 MAX_DEPTH: Final = 128
@@ -39,7 +40,7 @@ _PLAIN: Final = re.compile(rb"[A-Za-z0-9_./-]+")
 """Paths that `percent_path` leaves as they are; nearly all."""
 
 Place = tuple[bytes, ...]
-"""Names from the root downwards."""
+"""Names from the root downwards. What lies in another root begins with the absolute path of that one, as one name."""
 
 Left = tuple[Place, bytes]
 """A link by which a way goes by where the root lies, and what it says; its place is () where the way begins with it."""
@@ -56,13 +57,21 @@ class Refusal(Exception):
 
 
 class Descent:
-    """Descriptors of the directories below a root, and where links in them lead."""
+    """Descriptors of the directories below a root and others that links may lead into, and where links in them lead."""
 
-    def __init__(self, descriptor: int, real: str, given: str) -> None:
-        """Take over `descriptor` of the root: `real` is its canonical absolute path, `given` another one."""
+    def __init__(self, descriptor: int, path: str, others: Mapping[str, int] | None = None) -> None:
+        """Take over `descriptor` of the root at `path`, and those of the `others` by their paths."""
         self._descriptor = descriptor
-        self._real = names(os.fsencode(real))
-        self._spellings = (self._real, names(os.fsencode(given)))
+        self._others: dict[bytes, int] = {}
+        self._roots: list[tuple[Place, Place]] = []
+        self._spellings: list[tuple[Place, Place]] = []
+        for each, opened in ((path, None), *(others or {}).items()):
+            real = os.fsencode(os.path.realpath(each))
+            if opened is not None:
+                self._others[real] = opened
+            absolute = names(real)
+            self._roots.append((absolute, () if opened is None else (real,)))
+            self._spellings += [(absolute, absolute), (names(os.fsencode(os.path.abspath(each))), absolute)]
         self._directories: OrderedDict[Place, int] = OrderedDict()
         self._looked_at: dict[Place, os.stat_result] = {}
         self._targets: dict[Place, bytes] = {}
@@ -75,13 +84,17 @@ class Descent:
         """Close every descriptor."""
         while self._directories:
             os.close(self._directories.popitem()[1])
+        while self._others:
+            os.close(self._others.popitem()[1])
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1
 
     def open(self, place: Place, flags: int) -> int:
         """Open what stands at `place` itself; `flags` has to have O_NOFOLLOW. Raises OSError or Refusal."""
-        return os.open(place[-1] if place else b".", flags, dir_fd=self._directory(place[:-1]))
+        if _is_root(place):
+            return os.open(b".", flags, dir_fd=self._directory(place))
+        return os.open(place[-1], flags, dir_fd=self._directory(place[:-1]))
 
     def target(self, place: Place) -> bytes:
         """Return what the link at `place` says; raises OSError or Refusal."""
@@ -103,15 +116,15 @@ class Descent:
 
     def follow(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result, Left | None]:
         """Resolve a link in the real directory `directory`: the place where it ends, what is there, and how the way
-        left the root, by an absolute path or upwards, before it came back.
+        left the roots, by an absolute path or upwards, before it came back.
 
-        The way is kept as absolute names, `here`. All names of the root are real directories, so `..` is
-        exact on names there too, and a way that leaves the root and comes back needs no look outside.
+        The way is kept as absolute names, `here`. All names of a root are real directories, so `..` is
+        exact on names there too, and a way that leaves a root and comes back needs no look outside.
         Raises Refusal where it ends nowhere, outside or never.
         """
         # In a keystore they all lead up and to the same few files: a way is walked once from where it turns down.
         base, rest = directory, target
-        while base and rest.startswith(b"../") and rest[3:4] not in (b"", b"/"):
+        while not _is_root(base) and rest.startswith(b"../") and rest[3:4] not in (b"", b"/"):
             base, rest = base[:-1], rest[3:]
         known = self._followed.get((base, rest))
         if known is not None:
@@ -127,8 +140,7 @@ class Descent:
         return known
 
     def _walk(self, directory: Place, target: bytes) -> tuple[Place, os.stat_result | None, Left | None]:
-        depth = len(self._real)
-        here = [*self._real, *directory]
+        here = self._absolute(directory)
         pending = self._steps(target, here)
         links = 1
         link: Left = (), target
@@ -147,14 +159,12 @@ class Descent:
             found = None
             if name == b"..":
                 del here[-1:]  # above `/` there is `/`
-                left = left or (link if len(here) < depth else None)
+                left = left or (link if self._place(here, target) is None else None)
                 continue
             here.append(name)
-            if len(here) <= depth:
-                if name != self._real[len(here) - 1]:
-                    raise _outside(target)
+            place = self._place(here, target)
+            if place is None:
                 continue
-            place = tuple(here[depth:])
             found = self._look(place)
             if stat.S_ISLNK(found.st_mode):
                 found = None
@@ -167,9 +177,25 @@ class Descent:
                 link = place, self._target(place)
                 left = left or (link if link[1].startswith(b"/") else None)
                 pending.extend(self._steps(link[1], here))
-        if len(here) < depth:
+        end = self._place(here, target)
+        if end is None:
             raise _outside(target)
-        return tuple(here[depth:]), found, left
+        return end, found, left
+
+    def _absolute(self, place: Place) -> list[bytes]:
+        if place and place[0].startswith(b"/"):
+            return [*names(place[0]), *place[1:]]
+        return [*self._roots[0][0], *place]
+
+    def _place(self, here: list[bytes], target: bytes) -> Place | None:
+        """The place with these absolute names, None above the roots. Raises Refusal elsewhere."""
+        for real, first in self._roots:
+            if tuple(here[: len(real)]) == real:
+                return (*first, *here[len(real) :])
+        above = tuple(here)
+        if any(real[: len(above)] == above for real, _first in self._roots):
+            return None
+        raise _outside(target)
 
     def _look(self, place: Place) -> os.stat_result:
         """Describe what links lead over, once: in a keystore they all lead to the same few files."""
@@ -191,9 +217,9 @@ class Descent:
             steps.append(b".")  # what it ends at has to be a directory
         if target.startswith(b"/"):
             here.clear()
-            for spelling in self._spellings:
+            for spelling, real in self._spellings:
                 if tuple(steps[: len(spelling)]) == spelling:
-                    here.extend(self._real)
+                    here.extend(real)
                     del steps[: len(spelling)]
                     break
         steps.reverse()
@@ -206,14 +232,14 @@ class Descent:
                 raise Refusal(Status.UNREADABLE, f"{link} is a link; links to directories are not followed")
 
     def _lstat(self, place: Place) -> os.stat_result:
-        if not place:
-            return os.fstat(self._descriptor)
+        if _is_root(place):
+            return os.fstat(self._directory(place))
         return os.stat(place[-1], dir_fd=self._directory(place[:-1]), follow_symlinks=False)
 
     def _directory(self, place: Place) -> int:
         """Return a descriptor of the real directory at `place`, valid until the next call."""
-        if not place:
-            return self._descriptor
+        if _is_root(place):
+            return self._others[place[0]] if place else self._descriptor
         known = self._directories.get(place)
         if known is not None:
             self._directories.move_to_end(place)
@@ -225,6 +251,10 @@ class Descent:
         if len(self._directories) > _OPEN_DIRECTORIES:
             os.close(self._directories.popitem(last=False)[1])
         return descriptor
+
+
+def _is_root(place: Place) -> bool:
+    return not place or place[-1].startswith(b"/")
 
 
 def refusal(error: OSError | ValueError, failure: str, *, missing: tuple[Status, str]) -> Refusal:
@@ -285,3 +315,15 @@ def read_at_most(descriptor: int, limit: int, size: int) -> bytes:
         pieces.append(os.read(descriptor, min(left, 64 * 1024)))
         left -= len(pieces[-1])
     return b"".join(pieces)
+
+
+def described(entry: os.DirEntry[str], directory: int) -> Entry:
+    """An entry of the open directory, itself not followed."""
+    name = os.fsencode(entry.name)
+    if entry.is_symlink():
+        return Entry(name=name, kind=EntryKind.LINK, target=os.readlink(name, dir_fd=directory))
+    if entry.is_dir(follow_symlinks=False):
+        return Entry(name=name, kind=EntryKind.DIRECTORY)
+    if entry.is_file(follow_symlinks=False):
+        return Entry(name=name, kind=EntryKind.FILE)
+    return Entry(name=name, kind=EntryKind.SPECIAL)

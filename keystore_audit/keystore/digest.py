@@ -6,8 +6,9 @@ import hashlib
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from keystore_audit.keystore.files import Entry, EntryKind, Status
+from keystore_audit.keystore.files import EntryKind, Status
 from keystore_audit.keystore.root import Root
+from keystore_audit.keystore.walk import below, in_other_root, walk
 from keystore_audit.text import percent_path
 
 Record = tuple[bytes, bytes, bytes]
@@ -52,22 +53,15 @@ def _is_hash(value: bytes) -> bool:
 
 
 def records(root: Root) -> Iterator[Record]:
-    """Every entry below the root; with it, every file has been read."""
-    stack = [b""]
-    while stack:
-        place = stack.pop()
-        listing = root.entries(place)
+    """Every entry below the root, and what links lead to in other roots; with it, every file has been read."""
+    for place, listing in walk(root, in_other_root):
         status = listing.directory.status
         yield place, _DIRECTORY, b"" if status is Status.DIRECTORY else status.value.encode()
         for entry in listing.entries:
-            path = place + b"/" + entry.name if place else entry.name
-            if entry.kind is EntryKind.DIRECTORY:
-                stack.append(path)
-            else:
-                yield path, entry.kind.value.encode(), _value(root, path, entry)
-
-
-def _value(root: Root, path: bytes, entry: Entry) -> bytes:
-    if entry.kind is EntryKind.LINK:
-        return entry.target or b""
-    return root.fingerprint(path).encode()
+            path = below(place, entry.name)
+            if entry.kind is EntryKind.LINK:
+                yield path, entry.kind.value.encode(), entry.target or b""
+                if root.sealed(path).place.startswith("/"):
+                    yield path, _FILE, root.fingerprint(path).encode()
+            elif entry.kind is not EntryKind.DIRECTORY:
+                yield path, entry.kind.value.encode(), root.fingerprint(path).encode()

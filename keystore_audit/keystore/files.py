@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
+from typing import Final
 
 from keystore_audit.dataclass import dataclass, field, replace
 
@@ -26,16 +27,20 @@ class Status(str, Enum):
         return self in (Status.OUTSIDE, Status.SPECIAL, Status.TOO_LARGE, Status.UNREADABLE)
 
 
+UNREAD_BUT_THERE: Final = frozenset({Status.PRESENT, Status.UNREADABLE, Status.TOO_LARGE})
+"""A key that nobody could read is in the tree all the same; one outside, by a link, is not."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class File:
     """What is at `path`: a path relative to the keystore, POSIX, percent-encoded (`text.percent_path`).
 
     `resolved` is the relative path of the regular file whose bytes these are, links resolved (None unless
     PRESENT). `detail` says in words why the status is not PRESENT. `mode` holds the permission bits of the
-    resolved file or of a directory that was listed, `link` the target text where the entry itself is a symbolic
-    link, percent-encoded too.
+    resolved file or of a directory that was listed, `group` the number of its group, `link` the target text where the
+    entry itself is a symbolic link, percent-encoded too.
     `content` is None where the bytes were withheld: private keys, `.p11` files (they may hold a PIN). Of a file that is
-    TOO_LARGE to be read `sha256` is known where all of it was searched (`traces.search`).
+    TOO_LARGE to be read `sha256` is known where all of it was hashed (`traces.search`).
     """
 
     path: str
@@ -45,6 +50,7 @@ class File:
     content: bytes | None = field(default=None, repr=False)
     sha256: str | None = None
     mode: int | None = None
+    group: int | None = None
     shared_group: bool = False
     """Whether its group may hold others than its owner: a group of one user alone has that user's number."""
     link: str | None = None
@@ -57,7 +63,9 @@ class File:
     may_be_message: bool = False
     """Whether a signed message may stand in it."""
     concealed: str = ""
-    """How one stands in it that OpenSSL does not read in this form, in words; "" if none does."""
+    """How it carries the mark of one that OpenSSL does not read there, in words; "" if it does not."""
+    opaque: str = ""
+    """Why what is in it was not read, though its bytes were, in words; "" if it was."""
 
     @property
     def place(self) -> str:

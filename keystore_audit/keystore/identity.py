@@ -13,6 +13,7 @@ from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.digest import records
 from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.key_quality import Material, material_of
 from keystore_audit.keystore.keystore import Keystore, Reader, with_subject_as_path
 from keystore_audit.keystore.layout import Role, discover
@@ -92,14 +93,16 @@ class Beside:
     apart: frozenset[str] = frozenset()
 
 
-def read_identities(path: str | os.PathLike[str]) -> tuple[Compared, frozenset[str]]:
+def read_identities(
+    path: str | os.PathLike[str], declared: DeclaredFiles = NOTHING_DECLARED
+) -> tuple[Compared, frozenset[str]]:
     """The identities of the enclaves in the directory `path` whose certificates can be read, the private keys that lie
     there besides, and the subjects that the enclaves' permissions seem to name: documents are searched, not verified.
 
     Raises NothingToAudit if there is no directory or no enclave in it.
     """
-    with Root.open(path) as root:
-        read, layout = Reader(root).certificates, discover(root)
+    with Root.open(path, declared.roots) as root:
+        read, layout = Reader(root).certificates, discover(root, declared.aliases)
         roles = (Role.CERTIFICATE, Role.IDENTITY_CA)
         certificates = [{role: read(files.files[role]) for role in roles} for files in layout.enclaves]
         enclaves = zip(with_subject_as_path(layout, certificates).enclaves, certificates, strict=True)

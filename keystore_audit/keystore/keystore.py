@@ -14,7 +14,8 @@ from keystore_audit.keystore.certificate import Certificate, CertificateFile, re
 from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.digest import contents, digest, records, uncovered
-from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.files import UNREAD_BUT_THERE, File, Status
+from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles, Foreign, find_foreign
 from keystore_audit.keystore.governance import GovernanceFile, read_governance
 from keystore_audit.keystore.issuer import may_issue
 from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role, discover
@@ -22,14 +23,8 @@ from keystore_audit.keystore.permissions import Grant, PermissionsFile, read_per
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
-from keystore_audit.keystore.stray import Stray, is_message_by_name, read_strays
-from keystore_audit.keystore.stray_identity import (
-    Carried,
-    StrayIdentities,
-    may_be_anything,
-    own_places,
-    read_stray_identities,
-)
+from keystore_audit.keystore.stray import Stray, read_strays
+from keystore_audit.keystore.stray_identity import Carried, StrayIdentities, own_places, read_stray_identities
 
 MAX_FURTHER_KEYS: Final = 64
 """Files with private keys in odd places that are parsed: of the rest it is not said whose key they hold."""
@@ -96,18 +91,38 @@ class Keystore:
     """Signed messages that no enclave carries, by place, each content once: see `stray`."""
     identities: StrayIdentities = StrayIdentities()
     """Identities beside the enclaves."""
-    unread_foreign: tuple[File, ...] = ()
-    """Other files that were not read: by name and beginning of no signed message and no certificate."""
+    declared: DeclaredFiles = NOTHING_DECLARED
+    foreign: tuple[Foreign, ...] = ()
+    """What neither sros2 nor the plugins know by place and name, by path."""
+
+    @property
+    def unread_foreign(self) -> tuple[File, ...]:
+        """Files in which keys, certificates or documents may stand that nobody read, and that nobody accepted: foreign
+        ones, enclaves' own in other forms, and keys of authorities of which it is not known which they are.
+        """
+        read = {key.file.path for key in self.authority_keys if key.key is not None}
+        files = (
+            *(each.file for each in self.foreign if each.unread),
+            *(file for enclave in self.enclaves for file in enclave.files.every if file.opaque),
+            *(f for f in self.layout.authority_keys if f.path not in read and f.status in UNREAD_BUT_THERE),
+        )
+        found = {file.place: file for file in files if file.sha256 is None or file.sha256 not in self.declared.accepted}
+        return tuple(found[place] for place in sorted(found))
 
 
-def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int], None] | None = None) -> Keystore:
+def read_keystore(
+    path: str | os.PathLike[str],
+    *,
+    progress: Callable[[int, int], None] | None = None,
+    declared: DeclaredFiles = NOTHING_DECLARED,
+) -> Keystore:
     """Read and verify everything in the directory `path`, enclaves in the order of their paths.
 
     `progress` is told how many enclaves are done, of how many. What cannot be read is evidence, not an error.
     Raises NothingToAudit if there is no directory or no enclave in it.
     """
-    with Root.open(path) as root:
-        layout = discover(root)
+    with Root.open(path, declared.roots) as root:
+        layout = discover(root, declared.aliases)
         reader = Reader(root)
         certificates = [reader.certificates_of(files) for files in layout.enclaves]
         layout = with_subject_as_path(layout, certificates)
@@ -119,11 +134,11 @@ def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int]
             if progress is not None:
                 progress(len(enclaves), len(layout.enclaves))
         entries = sorted(records(root))  # with them, every file has been read
-        unread, private_keys = _unread(root, layout), root.holding_private_keys()
-        strays = _strays(root, unread, layout, enclaves, candidates)
+        marked, private_keys = _marked(root, layout), root.holding_private_keys()
+        strays = _strays(root, marked, enclaves, candidates)
         carried = _carried(layout, enclaves, authorities, strays)
+        unread = (file for file in marked if file.holds_certificates and file.place not in carried.key_places[1])
         identities = read_stray_identities(root, carried, unread)
-        spoken_of = {file.path for file in (*identities.unread, *(stray.file for stray in strays))}
         return Keystore(
             root=root.path,
             layout=layout,
@@ -137,7 +152,8 @@ def read_keystore(path: str | os.PathLike[str], *, progress: Callable[[int, int]
             uncovered=tuple(uncovered(entries)),
             strays=strays,
             identities=identities,
-            unread_foreign=tuple(file for file in unread if file.path not in spoken_of),
+            declared=declared,
+            foreign=tuple(find_foreign(root, layout)),
         )
 
 
@@ -235,19 +251,16 @@ def _moved(document: _Document, file: File) -> _Document:
 
 
 def _strays(
-    root: Root, unread: Iterable[File], layout: Layout, enclaves: Iterable[Enclave], candidates: Candidates
+    root: Root, marked: Iterable[File], enclaves: Iterable[Enclave], candidates: Candidates
 ) -> tuple[Stray, ...]:
-    """Read the signed messages that no enclave carries; those that could not be read are known by name or beginning."""
+    """Read the signed messages that no enclave carries; those that could not be read are known by their mark."""
     carried = {
         document.signed.file.sha256 or document.signed.file.place
         for enclave in enclaves
         for document in (enclave.governance, enclave.permissions)
         if document is not None
     }
-    keys = {file.place for file in layout.authority_keys}
-    unknown = [
-        file for file in unread if file.may_be_message or may_be_anything(file, keys) or is_message_by_name(file)
-    ]
+    unknown = [file for file in marked if file.may_be_message]
     return tuple(sorted(read_strays([*root.messages(), *unknown], carried, candidates), key=lambda stray: stray.place))
 
 
@@ -271,7 +284,9 @@ def _carried(
         own_places=own_places(enclave.files for enclave in enclaves),
         key_places=(
             frozenset(enclave.files.files[Role.KEY].place for enclave in enclaves),
-            frozenset(file.place for file in layout.authority_keys),
+            frozenset(
+                file.place for file in layout.authority_keys if file.path.count("/") == file.path.startswith("private/")
+            ),
         ),
     )
 
@@ -300,15 +315,12 @@ def _further_keys(
     return _distinct(reader.private_key(file) for file in files[:MAX_FURTHER_KEYS])
 
 
-def _unread(root: Root, layout: Layout) -> list[File]:
-    """Files that a robot might read and we did not, apart from those of enclaves and links to directories.
-
-    A directory that could not be listed counts itself, not the names that were looked for in it.
-    """
+def _marked(root: Root, layout: Layout) -> list[File]:
+    """Files that were not read and carry the mark of a message, certificate or key, apart from those of enclaves."""
     known = {file.path for enclave in layout.enclaves for file in enclave.for_run_time}
-    known.update(file.path for file in layout.directory_links)
-    unlisted = {file.path for file in layout.unreadable_directories}
-    return [file for file in root.unread() if file.path not in known and file.path.rpartition("/")[0] not in unlisted]
+    return [
+        file for file in root.unread() if file.path not in known and (file.may_be_message or file.holds_certificates)
+    ]
 
 
 def _distinct(readings: Iterable[_Reading | None]) -> tuple[_Reading, ...]:

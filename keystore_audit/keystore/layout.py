@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from enum import Enum
@@ -10,9 +9,10 @@ from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import NothingToAudit
-from keystore_audit.keystore.descent import display
+from keystore_audit.keystore.descent import Place, display
 from keystore_audit.keystore.files import EntryKind, File, Listing, Status
 from keystore_audit.keystore.root import Root
+from keystore_audit.keystore.walk import below, in_other_root, is_volume, walk
 
 
 class LayoutKind(str, Enum):
@@ -81,12 +81,11 @@ class Layout:
     `authority_keys`: CA private key files anywhere (`private/*key.pem`, `ca.key.pem`), without content, links and
     their targets listed once by resolved path.
     `governance`: the shared `governance.p7s`, if any; `unsigned_governance`: the `governance.xml` beside it.
-    `directory_links`: links to directories, never followed, and links that leave the keystore where an enclave could
-    be (status OUTSIDE: nobody looked whether to a directory).
+    `directory_links`: links that leave the keystore and other roots where an enclave could be (nobody looked whether
+    to a directory).
     `unreadable_directories`: those that could not be listed. Where the limit of entries was reached, the last one is
     the directory that went beyond it, and nothing after it in order of path was looked at.
     `expected`: what a complete keystore of this kind would hold and this one lacks, in words.
-    `provisioning`: paths of files that only making a keystore needs, by their names.
     `nested`: the topmost such folders, in order of path; the root (`.`) for an enclave's files beside enclaves/.
     `folders`: those from the root down to what enclaves read and to the authorities' certificates, links on the way
     there among it: whoever may write in one can put something else into the place of what it leads to.
@@ -101,7 +100,6 @@ class Layout:
     directory_links: tuple[File, ...]
     unreadable_directories: tuple[File, ...]
     expected: tuple[str, ...]
-    provisioning: tuple[str, ...] = ()
     nested: tuple[Nested, ...] = ()
     folders: tuple[File, ...] = ()
 
@@ -126,7 +124,8 @@ _ONE_AUTHORITY: Final = b"ca.cert.pem"
 _FLAT_ROOT: Final = frozenset({_ONE_AUTHORITY, b"ca.key.pem", b"governance.p7s", b"governance.xml"})
 """What sros2 put into the root from Ardent to Eloquent."""
 
-_FILE_NAMES: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL], *_UNSIGNED_NAMES.values(), *_FLAT_ROOT))
+ENCLAVE_NAMES: Final = frozenset((*_RUN_TIME, _NAMES[Role.CRL], *_UNSIGNED_NAMES.values()))
+"""What an enclave's files are called since Crystal."""
 
 _COMPLETE: Final = tuple(
     frozenset({_NAMES[role], _PKCS11_NAMES.get(role, b"")} | ({_ONE_AUTHORITY} if "_ca." in role.value else set()))
@@ -138,11 +137,8 @@ _COMPLETE: Final = tuple(
 _CERTIFICATE: Final = frozenset({_NAMES[Role.CERTIFICATE], _PKCS11_NAMES[Role.CERTIFICATE]})
 _KEY: Final = frozenset({_NAMES[Role.KEY], _PKCS11_NAMES[Role.KEY]})
 
-_PROVISIONING: Final = re.compile(
-    # Unsigned documents, policies, and what `openssl ca` and `openssl req` leave behind, as sros2 calls them.
-    rb"(governance|permissions|policy|policies)\.xml|[^/]*\.(csr|req|srl|cnf|conf)|(index\.txt|serial)(\.attr|\.old)*"
-    rb"|ecdsaparam|[0-9A-F]{4,40}\.pem"
-)
+_LOST: Final = "lost+found"
+"""What the file system ext4 keeps in the root of a volume for itself alone. It is no ROS name."""
 
 _ENCLAVE_WANTED: Final = (
     "expected a folder with cert.pem, key.pem, identity_ca.cert.pem, permissions_ca.cert.pem, governance.p7s "
@@ -150,14 +146,15 @@ _ENCLAVE_WANTED: Final = (
 )
 
 
-def discover(root: Root) -> Layout:
+def discover(root: Root, aliases: Iterable[str] = ()) -> Layout:
     """Find the enclaves and the shared files of a keystore, and read them, private keys sealed.
 
+    `aliases`: ROS names, as in `EnclaveFiles.path`, of folders that are enclaves under another one, too.
     Raises NothingToAudit, with what was expected where, if there is no enclave at all.
     """
     tree = _Tree(root)
     kind = tree.kind()
-    places = tree.enclaves(kind)
+    places = _without(aliases, tree, kind, tree.enclaves(kind))
     if not places:
         raise NothingToAudit(tree.nothing(kind))
     single = _has_one_authority(tree, places) and kind is not LayoutKind.SROS2
@@ -175,9 +172,8 @@ def discover(root: Root) -> Layout:
         governance=_existing(root, shared, b"governance.p7s"),
         unsigned_governance=_existing(root, shared, b"governance.xml"),
         directory_links=tuple(_directory_links(tree, kind, enclaves)),
-        unreadable_directories=tree.unreadable,
+        unreadable_directories=tuple(f for f in tree.unreadable if kind is not LayoutKind.SROS2 or f.path != _LOST),
         expected=tuple(_expected(tree, kind)),
-        provisioning=tuple(_provisioning(tree)),
         nested=tuple(_nested(tree, kind)),
         folders=folders,
     )
@@ -198,23 +194,40 @@ def keeps_enclaves_apart(names: AbstractSet[bytes]) -> bool:
 
 
 class _Tree:
-    """Every directory below the root, in order of path, with the names in it."""
+    """Every directory below the root, in order of path, with the names in it: `every` one, and in `listings` those in
+    which enclaves may be: not what the files of a mounted volume lead to.
+    """
 
     def __init__(self, root: Root) -> None:
         self.root = root
-        self.listings = dict(_walk(root))
-        self.unreadable = tuple(
-            listing.directory for listing in self.listings.values() if listing.directory.status is not Status.DIRECTORY
-        )
-        self.top = {entry.name: entry.kind for entry in self.listings[b""].entries}
+        self.top = {entry.name: entry.kind for entry in root.entries(b"").entries}
+        is_there = self.top.get(b"enclaves") is EntryKind.DIRECTORY or root.directory_behind(b"enclaves") is not None
+        self._since_foxy = is_there and keeps_enclaves_apart(self.top.keys())
+        self._volumes: set[bytes] = set()
+        self.every = dict(walk(root, self._enters))
+        inside = (*(volume + b"/" for volume in self._volumes),)
+        self.listings = {place: each for place, each in self.every.items() if not (place + b"/").startswith(inside)}
+        directories = (listing.directory for listing in self.every.values())
+        self.unreadable = tuple(each for each in directories if each.status is not Status.DIRECTORY)
         self._names = {place: self._names_in(place, listing) for place, listing in self.listings.items()}
+
+    def _enters(self, path: bytes, end: Place) -> bool:
+        """Whether enclaves or authorities are reached over the link; what is elsewhere is seen where it stands."""
+        if is_volume(self.root, path, end):
+            self._volumes.add(below(path.rpartition(b"/")[0], end[-1]))
+            return False
+        if not self._since_foxy or in_other_root(path, end):
+            return True
+        return path in (b"enclaves", b"public", b"private") or path.startswith(b"enclaves/")
 
     def _names_in(self, place: bytes, listing: Listing) -> frozenset[bytes]:
         """Return the names in a directory; in one that cannot be listed, those that can be opened."""
         if listing.directory.status is Status.DIRECTORY:
             return frozenset(entry.name for entry in listing.entries)
         sealed = self.root.sealed
-        return frozenset(name for name in _FILE_NAMES if sealed(_below(place, name)).status is Status.PRESENT)
+        return frozenset(
+            name for name in ENCLAVE_NAMES | _FLAT_ROOT if sealed(below(place, name)).status is Status.PRESENT
+        )
 
     def names(self, place: bytes) -> frozenset[bytes]:
         """Return the names in a directory, none where there is no such directory."""
@@ -222,7 +235,7 @@ class _Tree:
 
     def kind(self) -> LayoutKind:
         """Return the layout as the root shows it; ARDENT is a FLAT one, to be told by its enclaves."""
-        if self.top.get(b"enclaves") is EntryKind.DIRECTORY and keeps_enclaves_apart(self.top.keys()):
+        if self._since_foxy:
             return LayoutKind.SROS2
         names = self.names(b"")
         if names & _OWN:
@@ -231,7 +244,7 @@ class _Tree:
 
     def enclaves(self, kind: LayoutKind) -> list[bytes]:
         """Return the directories that are enclaves (design section 3)."""
-        if self.top.get(b"enclaves") is EntryKind.LINK or (kind is LayoutKind.PARTIAL and self._keystores()):
+        if kind is LayoutKind.PARTIAL and (self.top.get(b"enclaves") is EntryKind.LINK or self._keystores()):
             return []
         return [place for place in self.listings if self._is_enclave(place, kind)]
 
@@ -257,7 +270,7 @@ class _Tree:
         if top.status is not Status.DIRECTORY:
             text = f"{where} {top.detail}"
         elif self.top.get(b"enclaves") is EntryKind.LINK:
-            text = f"{where}/enclaves is a link, and links to directories are not followed"
+            text = f"{where}/enclaves {self.root.sealed(b'enclaves').detail}"
         elif not self.top:
             text = f"{where} is empty: expected a keystore, with a folder for each enclave below enclaves/"
         elif kind is LayoutKind.SROS2:
@@ -276,31 +289,28 @@ class _Tree:
         return text + "."
 
 
-def _walk(root: Root) -> Iterator[tuple[bytes, Listing]]:
-    """List every directory, in order of path; end at the limit of entries."""
-    stack = [b""]
-    while stack and not root.exhausted:
-        place = stack.pop()
-        listing = root.entries(place)
-        yield place, listing
-        below = [entry.name for entry in listing.entries if entry.kind is EntryKind.DIRECTORY]
-        stack.extend(_below(place, name) for name in reversed(below))
+def _without(aliases: Iterable[str], tree: _Tree, kind: LayoutKind, places: list[bytes]) -> list[bytes]:
+    """The enclaves but those that are another one by another path, and are called so."""
+    called = (*(f"{alias.rstrip('/')}/" for alias in aliases),)
+    alias = {place for place in places if f"{_ros_name(place, kind)}/".startswith(called)}
+    others = {tree.root.real(place) for place in places if place not in alias}
+    return [place for place in places if place not in alias or tree.root.real(place) not in others]
 
 
-def _below(place: bytes, name: bytes) -> bytes:
-    return place + b"/" + name if place else name
+def _ros_name(place: bytes, kind: LayoutKind) -> str:
+    named = place[len(b"enclaves/") :] if kind is LayoutKind.SROS2 else place
+    return f"/{display(named)}" if named else "/"
 
 
 def _enclave(tree: _Tree, place: bytes, kind: LayoutKind, *, one_authority: bool) -> EnclaveFiles:
     root, names = tree.root, tree.names(place)
     stand_in = {Role.IDENTITY_CA: _ONE_AUTHORITY, Role.PERMISSIONS_CA: _ONE_AUTHORITY} if one_authority else {}
-    paths = {role: _below(place, stand_in.get(role, name)) for role, name in _NAMES.items()}
+    paths = {role: below(place, stand_in.get(role, name)) for role, name in _NAMES.items()}
     files = {role: root.secret(path) if role is Role.KEY else root.file(path) for role, path in paths.items()}
-    pkcs11 = {role: root.sealed(_below(place, name)) for role, name in _PKCS11_NAMES.items() if name in names}
-    unsigned = {role: root.file(_below(place, name)) for role, name in _UNSIGNED_NAMES.items() if name in names}
-    named = place[len(b"enclaves/") :] if kind is LayoutKind.SROS2 else place
+    pkcs11 = {role: root.sealed(below(place, name)) for role, name in _PKCS11_NAMES.items() if name in names}
+    unsigned = {role: root.file(below(place, name)) for role, name in _UNSIGNED_NAMES.items() if name in names}
     return EnclaveFiles(
-        path=f"/{display(named)}" if named else "/",
+        path=_ros_name(place, kind),
         directory=display(place),
         files=files,
         pkcs11=pkcs11,
@@ -319,7 +329,7 @@ def _authorities(tree: _Tree, enclaves: list[bytes]) -> Iterator[File]:
         if place not in enclaves:
             for name in sorted(tree.names(place)):
                 if name.endswith(b".cert.pem" if place else b"ca.cert.pem"):
-                    yield tree.root.file(_below(place, name))
+                    yield tree.root.file(below(place, name))
 
 
 def _authority_keys(tree: _Tree) -> list[File]:
@@ -327,37 +337,26 @@ def _authority_keys(tree: _Tree) -> list[File]:
     for place in tree.listings:
         for name in sorted(tree.names(place)):
             if name.endswith(b"key.pem" if place == b"private" else b"ca.key.pem"):
-                file = tree.root.sealed(_below(place, name))
+                file = tree.root.sealed(below(place, name))
                 if file.link is None or file.place not in found:
                     found[file.place] = file
     return [found[place] for place in sorted(found)]
 
 
 def _existing(root: Root, directory: bytes | None, name: bytes) -> File | None:
-    if directory is None:
-        return None
-    file = root.file(directory + name)
-    return None if file.status is Status.MISSING else file
+    file = root.file(directory + name) if directory is not None else None
+    return None if file is None or file.status is Status.MISSING else file
 
 
 def _directory_links(tree: _Tree, kind: LayoutKind, enclaves: Iterable[EnclaveFiles]) -> Iterator[File]:
     spoken_of = {file.path for enclave in enclaves for file in enclave.for_run_time}
     for place, listing in tree.listings.items():
-        may_hold_enclaves = kind is not LayoutKind.SROS2 or (place + b"/").startswith(b"enclaves/")
+        if kind is LayoutKind.SROS2 and not (place + b"/").startswith(b"enclaves/"):
+            continue
         for entry in listing.entries:
-            if entry.kind is not EntryKind.LINK:
-                continue
-            file = tree.root.sealed(_below(place, entry.name))
-            unseen = file.status in (Status.OUTSIDE, Status.UNREADABLE) and file.path not in spoken_of
-            if file.status is Status.DIRECTORY or (unseen and may_hold_enclaves):
+            file = tree.root.sealed(below(place, entry.name)) if entry.kind is EntryKind.LINK else None
+            if file and file.status in (Status.OUTSIDE, Status.UNREADABLE) and file.path not in spoken_of:
                 yield file
-
-
-def _provisioning(tree: _Tree) -> Iterator[str]:
-    for place in tree.listings:
-        for name in sorted(tree.names(place)):
-            if _PROVISIONING.fullmatch(name):
-                yield display(_below(place, name))
 
 
 def _nested(tree: _Tree, kind: LayoutKind) -> Iterator[Nested]:
@@ -381,7 +380,7 @@ def _folders(tree: _Tree, authorities: Iterable[File], enclaves: Iterable[Enclav
     while above:
         folders |= above
         above = {folder.rpartition("/")[0] or "." for folder in above} - folders
-    return (each.directory for each in tree.listings.values() if each.directory.path in folders)
+    return (each.directory for each in tree.every.values() if each.directory.path in folders)
 
 
 def _expected(tree: _Tree, kind: LayoutKind) -> Iterator[str]:

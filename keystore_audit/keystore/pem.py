@@ -27,7 +27,7 @@ _ESCAPES: Final = (rb"\n", rb"\r", rb"\t")
 _BASE64: Final = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/="
 _NO_BASE64: Final = bytes(set(range(0x100)) - set(_BASE64))
 """With the escapes, what stands between the characters of a block in a quotation, a list or a JSON string."""
-_LINE: Final = re.compile(rb"(?<![A-Za-z0-9+/])[A-Za-z0-9+/]{48}")
+LINE: Final = re.compile(rb"(?<![A-Za-z0-9+/])[A-Za-z0-9+/]{48}")
 """What base64 has, and hardly any text about it. Asked once for each run of such characters: a file may have 4 MB."""
 
 _BEGINNING: Final = 1024
@@ -129,7 +129,7 @@ def loose_blocks(content: bytes, *labels: str) -> Iterator[Block]:
     """Every block whose label ends in one of these, wherever it stands: indented, quoted, within other text.
 
     No run time reads it there, and whoever wants it takes it out. `der` is None where it is encrypted, or stands there
-    in a form from which nobody here takes it; of a text about blocks it is whatever comes out.
+    in a form from which nobody here takes it, and b"" in a text about blocks: a placeholder, or one that is shortened.
     """
     line, before = 1, 0
     for opening in _LOOSE.finditer(content):
@@ -151,10 +151,10 @@ def _loosely_decoded(body: bytes) -> bytes | None:
     if der is None:
         der = _from_base64(base64_of(text.partition(b"-")[0]))  # OpenSSL's ends at the first hyphen
     der = der or b""
-    line = _LINE.search(body)
-    if line is None or first_element(der) is not None:
+    if first_element(der) is not None:
         return der
-    if _is_shortened(body[line.start() :]):
+    line = LINE.search(body)
+    if line is None or _is_shortened(body[line.start() :]):
         return b""
     return der if der[:1] == b"0" else None
 

@@ -15,11 +15,9 @@ from cryptography.utils import CryptographyDeprecationWarning
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.der import MAX_ELEMENTS, elements, structures
+from keystore_audit.keystore.der import first_element
 from keystore_audit.keystore.files import File
-from keystore_audit.keystore.forms import blocks_in
 from keystore_audit.keystore.pem import Block, Problem, loose_blocks, read_pem
-from keystore_audit.keystore.traces import in_base64, is_key_in_der, is_pkcs12
 
 MAX_KEY_BYTES: Final = 64 * 1024
 """Longest key that is parsed: an RSA key of 16,384 bits, the largest that OpenSSL uses, has 9,300 bytes."""
@@ -98,32 +96,29 @@ def read_private_key(file: File) -> PrivateKey:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldKeys:
-    """Whose private keys a file holds, in whatever form. `keys` as in `PrivateKey`, each once.
+    """Whose private keys a file holds. `keys` as in `PrivateKey`, each once.
 
-    `locked`: there is one that could not be read: with a password, or in another form. `sealed`: it is a PKCS #12
-    file, which may hold the certificate, too.
+    `locked`: there is one that could not be read: with a password, or in another form.
     """
 
     keys: tuple[str, ...] = ()
     locked: bool = False
-    sealed: bool = False
+
+
+def holds_key(der: bytes) -> bool:
+    """Whether a structure in DER is a private key without a password."""
+    return _public_half(Block(label="", line=1, der=der)) is not None
 
 
 def read_held_keys(file: File) -> HeldKeys:
-    """Look at every private key of a file that is no enclave's. Never raises or asks."""
+    """Look at every private key of a file that is no enclave's, in PEM or DER. Never raises or asks."""
     content = file.content
     if content is None:
         return HeldKeys(locked=True)
-    encoded = list(in_base64(content))
-    if any(map(is_pkcs12, (*structures(content), *encoded))):
-        return HeldKeys(sealed=True)
-    blocks = list(islice(blocks_in(content, "PRIVATE KEY"), MAX_HELD_KEYS + 1))
-    whole = list(elements(content))
-    blocks += (Block(label="", line=1, der=each) for each in (*whole, *encoded) if is_key_in_der(each))
-    cut_off = not whole and is_key_in_der(content)
-    if not blocks or cut_off or len(whole) == MAX_ELEMENTS:  # not known what it is, or what stands behind
-        blocks.append(Block(label="", line=1, der=None))
+    blocks = list(islice(loose_blocks(content, "PRIVATE KEY"), MAX_HELD_KEYS + 1))
     read = [_public_half(block) for block in blocks[:MAX_HELD_KEYS] if block.der != b""]  # else a text about keys
+    if not read:
+        read = [_public_half(Block(label="", line=1, der=first_element(content)))]
     keys = dict.fromkeys(public_key.identity(key) for key in read if key is not None)
     return HeldKeys(keys=tuple(keys), locked=None in read or len(blocks) > MAX_HELD_KEYS)
 

@@ -1,4 +1,4 @@
-"""Reads an untrusted directory: regular files only, bounded, each once, and none outside it."""
+"""Reads an untrusted directory: regular files only, bounded, each once, and none outside it and what the user names."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from keystore_audit.keystore.descent import (
     Descent,
     Place,
     Refusal,
+    described,
     display,
     names,
     read_at_most,
@@ -24,7 +25,7 @@ from keystore_audit.keystore.descent import (
     refuse_unless_file,
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
-from keystore_audit.keystore.traces import MAX_SEARCHED, look, search
+from keystore_audit.keystore.traces import MAX_HASHED, look, search
 
 MAX_FILE_BYTES: Final = 4 * 1024 * 1024
 """Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""
@@ -54,6 +55,8 @@ class Root:
         self.exhausted = False
         """Whether MAX_ENTRIES was reached: no further directory can be listed."""
         self._descent = descent
+        self._reals: dict[bytes, Place] = {b"": ()}
+        self._entered: set[bytes] = set()
         self._readings: dict[tuple[int, int], File] = {}
         self._files: dict[bytes, File] = {}
         self._sealed: dict[bytes, File] = {}
@@ -64,26 +67,26 @@ class Root:
         self._listings: dict[bytes, Listing] = {}
         self._entries_left = MAX_ENTRIES
         self._bytes_left = MAX_TOTAL_BYTES
-        self._searched_left = MAX_SEARCHED
+        self._hashed_left = MAX_HASHED
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str]) -> Root:
-        """Open the directory at `path`, links in `path` itself followed: the user chose it.
+    def open(cls, path: str | os.PathLike[str], others: Iterable[str] = ()) -> Root:
+        """Open the directory at `path`, and the `others` that links may lead into: links in these paths themselves are
+        followed, since the user chose them.
 
-        Raises NothingToAudit if it is missing, no directory or unreadable.
+        Raises NothingToAudit if one is missing, no directory or unreadable.
         """
         name = os.fspath(path)
+        descriptors: dict[str, int] = {}
         try:
-            descriptor = os.open(name, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        except FileNotFoundError:
-            raise NothingToAudit(f"{name} does not exist: {_EXPECTED}.") from None
-        except NotADirectoryError:
-            raise NothingToAudit(f"{name} is not a directory: {_EXPECTED}.") from None
-        except OSError as error:
-            raise NothingToAudit(f"{name} cannot be read ({reason(error)}): {_EXPECTED}.") from None
-        except ValueError:  # a NUL character
-            raise NothingToAudit(f"{name!r} is not a path: {_EXPECTED}.") from None
-        return cls(name, Descent(descriptor, os.path.realpath(name), os.path.abspath(name)))
+            for each in (name, *others):
+                if each not in descriptors:
+                    descriptors[each] = _opened(each)
+        except NothingToAudit:
+            for descriptor in descriptors.values():
+                os.close(descriptor)
+            raise
+        return cls(name, Descent(descriptors.pop(name), name, descriptors))
 
     def __enter__(self) -> Root:
         """Return the root itself."""
@@ -172,6 +175,42 @@ class Root:
             self._entries.update((below + entry.name, entry) for entry in found.entries)
         return found
 
+    def real(self, relative: bytes) -> Place:
+        """Where the directory at `relative` is, over links that were entered."""
+        found = self._reals.get(relative)
+        if found is None:
+            above, _slash, name = relative.rpartition(b"/")
+            found = (*self._reals[above], name) if above in self._reals else names(relative)
+            self._reals[relative] = found
+        return found
+
+    def directory_behind(self, relative: bytes) -> Place | None:
+        """Where the link at `relative` leads, if that is a directory in one of the roots."""
+        try:
+            place, _found, target = self._find(relative)
+            end, found, _left = self._descent.follow(place[:-1], target or b"")
+        except (OSError, ValueError, Refusal):
+            return None
+        return end if stat.S_ISDIR(found.st_mode) else None
+
+    def enter(self, relative: bytes, end: Place) -> None:
+        """Let the link at `relative`, which leads to the directory at `end`, be a way to what is there."""
+        self._reals[relative] = end
+        self._entered.add(relative)
+
+    def ways(self) -> dict[str, list[str]]:
+        """Of directories to which entered links lead, the paths over these."""
+        found: dict[str, list[str]] = {}
+        for path, end in self._reals.items() if self._entered else ():
+            place = b"/".join(end)
+            if place != path:
+                found.setdefault(display(place), []).append(display(path))
+        return found
+
+    def is_entered(self, relative: bytes) -> bool:
+        """Whether a link is a way to what it leads to."""
+        return relative in self._entered
+
     def _file(self, relative: bytes, *, keep: bool, needed: bool = True) -> File:
         """Read a file; its content is None unless it is `needed`, and kept for others if `keep`."""
         place: Place = ()
@@ -203,9 +242,10 @@ class Root:
     def _find(self, relative: bytes) -> tuple[Place, os.stat_result | None, bytes | None]:
         """Return the place of a file or link, a file's state unless its directory was listed, a link's target."""
         entry = self._entries.get(relative)
+        directory, _slash, name = relative.rpartition(b"/")
         if entry is not None and entry.kind in (EntryKind.FILE, EntryKind.LINK):
-            return tuple(relative.split(b"/")), None, entry.target
-        place = names(relative)
+            return (*self.real(directory), name), None, entry.target
+        place = (*self._reals[directory], name) if name and directory in self._reals else names(relative)
         found = self._descent.entry(place)
         if stat.S_ISLNK(found.st_mode):
             return place, None, self._descent.target(place)
@@ -262,8 +302,8 @@ class Root:
             if len(content) > MAX_FILE_BYTES:
                 too_large = f"holds more than the limit of {MAX_FILE_BYTES} bytes"
         if too_large:
-            traces, searched = search(descriptor, self._searched_left)
-            self._searched_left = max(0, self._searched_left - searched)
+            traces, hashed = search(descriptor, self._hashed_left)
+            self._hashed_left -= min(hashed, self._hashed_left)
         else:
             traces = look(content)
             for held, kept in (
@@ -283,12 +323,13 @@ class Root:
             holds_certificates=traces.certificate,
             may_be_message=traces.message,
             concealed=traces.concealed,
+            opaque=traces.unread,
         )
 
     def _list(self, relative: bytes) -> Listing:
         path = display(relative)
         try:
-            found, entries = self._scan(names(relative))
+            found, entries = self._scan(self.real(relative))
         except (OSError, ValueError) as error:
             missing = (Status.MISSING, "there is no such directory")
             return Listing(directory=_refused(path, refusal(error, "cannot be listed", missing=missing)), entries=())
@@ -299,7 +340,7 @@ class Root:
     def _scan(self, place: Place) -> tuple[os.stat_result, tuple[Entry, ...]]:
         found = self._descent.entry(place)
         if not stat.S_ISDIR(found.st_mode):
-            raise Refusal(Status.UNREADABLE, "is no directory, or a link to one; those are not followed")
+            raise Refusal(Status.UNREADABLE, "is no directory")
         if len(place) > MAX_DEPTH:
             raise Refusal(Status.UNREADABLE, f"lies deeper than the limit of {MAX_DEPTH} directories")
         descriptor = self._descent.open(place, _LIST_FLAGS)
@@ -311,7 +352,7 @@ class Root:
                         self.exhausted = True
                         limit = f"with it, the keystore holds more than {MAX_ENTRIES} entries"
                         raise Refusal(Status.UNREADABLE, f"was not listed, nor what comes after it: {limit}")
-                    entries.append(_described(entry, descriptor))
+                    entries.append(described(entry, descriptor))
         finally:
             os.close(descriptor)
         self._entries_left -= len(entries)
@@ -319,9 +360,23 @@ class Root:
         return found, tuple(entries)
 
 
+def _opened(path: str) -> int:
+    try:
+        return os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        raise NothingToAudit(f"{path} does not exist: {_EXPECTED}.") from None
+    except NotADirectoryError:
+        raise NothingToAudit(f"{path} is not a directory: {_EXPECTED}.") from None
+    except OSError as error:
+        raise NothingToAudit(f"{path} cannot be read ({reason(error)}): {_EXPECTED}.") from None
+    except ValueError:  # a NUL character
+        raise NothingToAudit(f"{path!r} is not a path: {_EXPECTED}.") from None
+
+
 def _there(found: os.stat_result, *, path: str = "", **more: Any) -> File:
     shared = found.st_gid != found.st_uid
-    return File(path=path, resolved=None, mode=stat.S_IMODE(found.st_mode), shared_group=shared, **more)
+    mode = stat.S_IMODE(found.st_mode)
+    return File(path=path, resolved=None, mode=mode, group=found.st_gid, shared_group=shared, **more)
 
 
 def _refused(path: str, refused: Refusal) -> File:
@@ -336,14 +391,3 @@ def _each_once(files: Iterable[File], contents: Mapping[str, bytes]) -> tuple[Fi
         if file.sha256 is not None and file.sha256 not in found:
             found[file.sha256] = file.holding(contents[file.sha256])
     return tuple(found.values())
-
-
-def _described(entry: os.DirEntry[str], directory: int) -> Entry:
-    name = os.fsencode(entry.name)
-    if entry.is_symlink():
-        return Entry(name=name, kind=EntryKind.LINK, target=os.readlink(name, dir_fd=directory))
-    if entry.is_dir(follow_symlinks=False):
-        return Entry(name=name, kind=EntryKind.DIRECTORY)
-    if entry.is_file(follow_symlinks=False):
-        return Entry(name=name, kind=EntryKind.FILE)
-    return Entry(name=name, kind=EntryKind.SPECIAL)

@@ -21,9 +21,6 @@ MAX_STRAYS: Final = 2_000
 _GOVERNANCE_ONLY: Final = b"domain_access_rules"
 """The element that every governance document has and no permissions document."""
 
-_MESSAGE_NAMES: Final = ("p7s", "p7m")
-"""What the names of signed messages hold (RFC 8551, 3.2.1), old copies and compressed ones among them."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stray:
@@ -38,16 +35,10 @@ class Stray:
         return self.file.place
 
 
-def is_message_by_name(file: File) -> bool:
-    """Whether a file that could not be read is to count as a signed message."""
-    name = file.path.rpartition("/")[2].lower()
-    return any(part in name for part in _MESSAGE_NAMES)
-
-
 def read_strays(messages: Iterable[File], carried: Collection[str], candidates: Candidates) -> Iterator[Stray]:
     """Read every message but those `carried` by enclaves; what OpenSSL takes for no message is left out.
 
-    A message in a form that OpenSSL does not read is one that could not be read (`message.concealed`).
+    The mark of a message where OpenSSL reads none is one that could not be read (`message.concealed`).
 
     `messages`: files that may be one, each content once; without content, they were not read. `carried`: the SHA-256 of
     the documents of the enclaves, since a copy of one gives nothing more.

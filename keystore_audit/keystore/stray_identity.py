@@ -1,33 +1,28 @@
 """Identities beside the enclaves: certificates that no enclave carries, with private keys that lie in the same tree.
 
 Whoever has both is a participant, whatever folder they are in: a run time starts from any six files. So certificates
-and keys are taken from wherever they stand: files that are parsed for something else, other text, DER, base64.
+and keys are taken from wherever they stand in PEM, files that are parsed for something else among them, or in DER.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
-from keystore_audit.keystore.der import MAX_ELEMENTS, elements, first_element
+from keystore_audit.keystore.der import first_element
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.forms import blocks_in
 from keystore_audit.keystore.layout import EnclaveFiles
 from keystore_audit.keystore.message import ARMOUR, MAX_ARMOURED, is_signed_data
+from keystore_audit.keystore.pem import loose_blocks
 from keystore_audit.keystore.private_key import HeldKeys, PrivateKey, read_held_keys
 from keystore_audit.keystore.root import Root
-from keystore_audit.keystore.traces import has_certificate_version, in_base64, is_certificate_in_der
 
 MAX_BYTES: Final = 4 * 1024 * 1024
 """Of files with certificates outside enclaves that are parsed: 5,000 certificates, a quarter of a second."""
-
-_CERTIFICATE_NAMES: Final = (".pem", ".crt", ".cer", ".der", ".p12", ".pfx", ".p7b", ".p7c")
-_KEY_NAMES: Final = (".key", "key.pem", "key.der")
-"""How the names end of files that hold certificates, and of those that hold a private key alone."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -62,24 +57,6 @@ class StrayIdentities:
         return tuple(StrayIdentity(certificate=each, key=key) for key in keys for each in self.keyless)
 
 
-def may_be_anything(file: File, key_places: Collection[str]) -> bool:
-    """Whether nothing is known of a file: it lies in the keystore, no byte was read, and no key should be there.
-
-    `key_places`: where those of authorities should be. Elsewhere a name says nothing: anybody can call a file `x.key`.
-    """
-    return file.status is Status.UNREADABLE and file.place not in key_places
-
-
-def is_certificate_by_name(file: File) -> bool:
-    """Whether a file that could not be read is to count as one of certificates."""
-    return file.path.lower().endswith(_CERTIFICATE_NAMES) and not is_key_by_name(file)
-
-
-def is_key_by_name(file: File) -> bool:
-    """Whether a file that could not be read is to count as one of a private key."""
-    return file.path.lower().endswith(_KEY_NAMES)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Carried:
     """What the files of enclaves and authorities hold: it is read where they are.
@@ -88,7 +65,7 @@ class Carried:
     beside them or inside messages. `files`: the digests of those in which nothing else stands. `places`: those of which
     it is said elsewhere what cannot be read. `keys`: the private keys of enclaves. `own_places`: where
     enclaves' files are, and what links there lead to. `key_places`: where their keys should be, and those of
-    authorities.
+    authorities, of which it need not be known which key they hold.
     """
 
     identities: tuple[Certificate, ...]
@@ -102,7 +79,8 @@ class Carried:
 
 
 def read_stray_identities(root: Root, carried: Carried, unread: Iterable[File]) -> StrayIdentities:
-    """What the certificates and the private keys of the tree make. `unread`: files of no enclave that were not read.
+    """What the certificates and the private keys of the tree make. `unread`: files of no enclave that were not read and
+    carry the mark of one.
 
     A further certificate of an enclave's key that stands in the files of enclaves is none of these.
     """
@@ -152,7 +130,7 @@ def own_places(enclaves: Iterable[EnclaveFiles]) -> frozenset[str]:
 
 
 def loose_keys(root: Root, enclaves: Iterable[EnclaveFiles]) -> dict[str, list[str]]:
-    """Private keys in files of no enclave, in whatever form: the public half, and each place.
+    """Private keys in files of no enclave: the public half, and each place.
 
     Every file has been read.
     """
@@ -176,29 +154,15 @@ class _Keys:
         self.places: dict[str, str] = {}
         self.elsewhere: dict[str, list[str]] = {}
         self._own_places = carried.own_places
-        self.unread: list[File] = []
         self._locked: dict[str, File] = {}
         for key in carried.keys:
             self._of_enclave(key)
-        enclaves, authorities = carried.key_places
-        for file in unread:
-            if file.holds_certificates or may_be_anything(file, authorities) or is_certificate_by_name(file):
-                self.unread.append(file)
-            elif is_key_by_name(file):
-                self._locked[file.place] = file
+        enclaves, self._authorities = carried.key_places
+        self.unread = [*unread]
         understood = enclaves - {key.file.place for key in carried.keys if key.key is None}
         for file in root.holding_private_keys():
             if file.place not in understood:
-                self._held(file, read_held_keys(root.unsealed(file) if file.status is Status.PRESENT else file))
-        theirs = authorities & self._locked.keys()
-        # Each once: of what could not be read no more is known of a link than where it leads.
-        files = (self._locked[place] for place in theirs)
-        contents = {file.sha256 or file.place for file in files if file.resolved or file.link is None}
-        if len(contents) <= len({certificate.key for certificate in carried.authorities} - self.places.keys()):
-            # An authority's key with a password, say, wherever copies of it lie.
-            for place, file in [*self._locked.items()]:
-                if place in theirs or file.sha256 in contents:
-                    del self._locked[place]
+                self._held(file, read_held_keys(root.unsealed(file)))
 
     @property
     def locked(self) -> tuple[File, ...]:
@@ -217,38 +181,26 @@ class _Keys:
             self.places.setdefault(public, file.place)
             if file.place not in self._own_places:
                 self.elsewhere.setdefault(public, []).append(file.place)
-        if held.sealed:
-            self.unread.append(replace(file, detail="is a PKCS #12 file, made for a certificate with its key"))
-        elif held.locked:
+        if held.locked and file.place not in self._authorities:
             self._locked[file.place] = file
 
 
 def certificates_in(file: File) -> Iterator[Certificate | int]:
-    """Every certificate that can be taken out of a file; the line of each that cannot be read.
+    """The certificates in PEM that can be taken out of a file, or the one in DER; the line of each that cannot be read.
 
     What is cut off is no certificate, as in a text about certificates.
     """
     content = file.content or b""
-    blocks = list(islice(blocks_in(content, *ARMOUR), MAX_ARMOURED + 1))
+    blocks = list(islice(loose_blocks(content, *ARMOUR), MAX_ARMOURED + 1))
     if len(blocks) > MAX_ARMOURED:  # what begins there counts as a certificate that cannot be read
         yield blocks.pop().line
     for block in blocks:
         if block.der is None:
             yield block.line
         elif element := first_element(block.der):
-            yield from _in_element(element, block.line, file, labelled=True)
-    whole = list(elements(content))
-    for element in (*whole, *in_base64(content)):
-        yield from _in_element(element, 1, file, labelled=False)
-    if len(whole) == MAX_ELEMENTS:
-        yield 1
-
-
-def _in_element(der: bytes, line: int, file: File, *, labelled: bool) -> Iterator[Certificate | int]:
-    if is_signed_data(der):
-        yield from _in_message(der, line, file)
-    elif labelled or is_certificate_in_der(der):
-        yield from _certificate(der, line, file, sure=labelled or has_certificate_version(der))
+            yield from (_in_message if is_signed_data(element) else _certificate)(element, block.line, file)
+    if not blocks and (element := first_element(content)):
+        yield from (found for found in _certificate(element, 1, file) if isinstance(found, Certificate))
 
 
 def _in_message(der: bytes, line: int, file: File) -> Iterator[Certificate | int]:
@@ -258,13 +210,9 @@ def _in_message(der: bytes, line: int, file: File) -> Iterator[Certificate | int
     except CmsError:
         return
     for certificate in certificates:
-        yield from _certificate(certificate, line, file, sure=True)
+        yield from _certificate(certificate, line, file)
 
 
-def _certificate(der: bytes, line: int, file: File, *, sure: bool) -> Iterator[Certificate | int]:
-    """`sure`: it is one, while revocation lists and requests in DER begin alike."""
+def _certificate(der: bytes, line: int, file: File) -> Iterator[Certificate | int]:
     read = read_certificate(der, line, file.place)
-    if isinstance(read, Certificate):
-        yield read
-    elif sure:
-        yield line
+    yield read if isinstance(read, Certificate) else line

@@ -188,6 +188,10 @@ class Report:
     """Path (relative to the keystore) and SHA-256, in hexadecimal, of every file, by path."""
     uncovered: tuple[str, ...] = ()
     """Files and directories of which no digest holds what is in them: no statement speaks for all of the keystore."""
+    roots: tuple[str, ...] = ()
+    """Further directories that links of the keystore might lead into."""
+    unread_foreign: tuple[str, ...] = ()
+    """Files of which nobody read what is in them, and that nobody accepted (`Keystore.unread_foreign`)."""
     overview: Overview | None = None
     """What pictures show; None where the audit was not asked for it."""
     blast_radius: tuple[Ranking, ...] | None = None

@@ -60,7 +60,12 @@ def _report(report: Report) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
         "tool": {"name": TOOL, "version": report.version},
-        "keystore": {"path": report.keystore, "layout": report.layout, "digest": report.digest},
+        "keystore": {
+            "path": report.keystore,
+            "layout": report.layout,
+            "digest": report.digest,
+            "roots": list(report.roots),
+        },
         "settings": None if report.settings is None else _file(report.settings),
         "baseline": None if report.baseline is None else _file(report.baseline),
         "inputs": [{"option": option, **_file(file)} for option, file in report.inputs],

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.traces import MAX_SEARCHED
 from keystore_audit.model.profiles import Evidence, Profile
+from keystore_audit.text import counted
 
 
 def unread(keystore: Keystore) -> Iterator[str]:
-    """Files that were not read and are taken for no documents and no identities, and what no digest speaks of."""
-    if keystore.unread_foreign:
+    """Files that were not read, and what no digest speaks of."""
+    files = keystore.unread_foreign
+    if files:
         yield (
-            f"{len(keystore.unread_foreign)} of the other files, which could not be read: their names, and what was "
-            f"searched of those that are too large (at most {MAX_SEARCHED // 1024**2} MB in all), are not of signed "
-            "documents or certificates."
+            f"{counted(len(files), 'file')} that could not be read and that nobody accepted, {files[0].place} first: "
+            "what is said here holds if no key, certificate or document is in there, and no statement passes."
         )
     uncovered = keystore.uncovered
     if uncovered:

@@ -3,8 +3,8 @@
 Subjects are the files with the SHA-256 of the bytes that were read. Two predicates (in-toto attestation
 framework, spec/predicates): `test-result/v0.1`, which can tell of a failure, and `svr/v0.2`, whose properties are those
 that hold. An incomplete audit never passes in either. One whose gate was weakened is WARNED at best, and so is one of a
-keystore with files that nobody hashed, since what they hold later would go unseen, and one of authorities that nobody
-declared, since whoever could write in the folder chose them.
+keystore with files that nobody hashed, since what they hold later would go unseen, or that nobody read, and one of
+authorities that nobody declared, since whoever could write in the folder chose them.
 """
 
 from __future__ import annotations
@@ -69,9 +69,9 @@ def _result(report: Report, *, warned: bool) -> str:
 
 
 def _sound(report: Report) -> bool:
-    """Whether it passed at full strength, all that it speaks for was hashed, and somebody said who is trusted."""
-    hashed = not report.uncovered
-    return report.verdict is Verdict.PASS and not report.weakened and hashed and report.authorities_declared
+    """Whether it passed at full strength, all that it speaks for was read or accepted by hash, and trust is declared."""
+    open_to_doubt = report.weakened or report.uncovered or report.unread_foreign or not report.authorities_declared
+    return report.verdict is Verdict.PASS and not open_to_doubt
 
 
 def _deciding(report: Report) -> set[str]:
@@ -119,6 +119,8 @@ def _details(report: Report) -> dict[str, Any]:
         "safeUntil": None if report.safe_until is None else instant(report.safe_until),
         "keystoreDigest": report.digest,
         "uncovered": list(report.uncovered),
+        "roots": list(report.roots),
+        "unread": list(report.unread_foreign),
         "profiles": sorted(report.judged_profiles),
         "deployed": report.deployed,
         "domain": report.domain,

@@ -234,10 +234,12 @@ def _checked(page: Page, report: Report, *, verbose: bool) -> None:
     """What was looked at, by whom, what was not, and when the answer changes by itself."""
     scope = report.scope
     page.blank()
+    roots = ", ".join(report.roots)
     page.labelled(
         "Checked",
         f"{scope.certificates} certificates, {scope.documents} signed documents, {scope.channels} topic "
-        f"channels, with {scope.rules} rules, under {', '.join(report.judged_profiles) or 'no profile'}.",
+        f"channels, with {scope.rules} rules, under {', '.join(report.judged_profiles) or 'no profile'}"
+        f"{f', links into {roots} followed' if report.roots else ''}.",
         indent=0,
         column=13,
         style="bold",

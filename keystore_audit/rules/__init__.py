@@ -21,6 +21,7 @@ from keystore_audit.rules import (  # noqa: F401 - each registers its rules
     drift,
     envelope,
     environment,
+    foreign,
     formal,
     governance,
     identity,

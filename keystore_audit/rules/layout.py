@@ -91,18 +91,18 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
     "KA104",
     Severity.HIGH,
     clause=_UNREAD,
-    remedy="Put the directory in the place of the link, or audit its target as a keystore of its own.",
+    remedy="Name the directory that it leads into with `--root DIR`, or put its content in the place of the link.",
 )
 def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterator[Violation]:
-    """A link leads to a directory in which enclaves may lie.
+    """A link leads out of the keystore, from where enclaves may be.
 
-    Links to directories are never followed: they may leave the keystore or go in a circle. A robot follows them. One
-    that leaves the keystore is taken for one to a directory, since nobody looks there, unless a run time reads it as
-    a file of an enclave.
+    A robot follows it, and nobody here looks there: it is taken for one to a directory, unless a run time reads it as a
+    file of an enclave. Links to directories of the keystore, and into those that `--root` names, are followed as a
+    robot does: two paths to one folder are two enclaves of one identity, unless settings call one an alias.
     """
     for file in keystore.layout.directory_links:
         yield Violation(
-            message=f"A link to a directory was not followed ({file.detail}): enclaves may lie behind it.",
+            message=f"A link was not followed ({file.detail}): enclaves may lie behind it.",
             locations=(Location(path=file.path),),
             undecided=True,
         )
@@ -145,7 +145,7 @@ def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
 def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """A run-time file or a directory could not be read, for want of permission or by an error of the file system.
 
-    Of other files see KA663 and KA668.
+    Of other files see KA121.
     """
     for directory in keystore.layout.unreadable_directories:
         yield Violation(

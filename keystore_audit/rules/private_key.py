@@ -7,7 +7,7 @@ from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.files import UNREAD_BUT_THERE, File
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.private_key import PrivateKey
@@ -30,9 +30,6 @@ from keystore_audit.rules.wording import defective, listed, located, of_kinds, q
 _OTHERS: Final = 0o077
 """Permission bits of group and others."""
 
-_UNREAD_BUT_THERE: Final = frozenset({Status.PRESENT, Status.UNREADABLE, Status.TOO_LARGE})
-"""A key that we could not read is in the tree all the same; one outside, by a link, is not."""
-
 ANEW: Final = {
     Role.PERMISSIONS_CA: f"{MAKE_PERMISSIONS_CA}. Sign everything with it: {SIGN_GOVERNANCE}, and for every enclave "
     f"{SIGN_PERMISSIONS}. {UNREVIEWED}.",
@@ -41,9 +38,13 @@ ANEW: Final = {
 """How to replace an authority of a role whose key others have."""
 
 
-def _open_to_others(file: File) -> bool:
-    """Whether other users may read it. Unknown where there are no modes: then nothing is said."""
-    return file.mode is not None and bool(file.mode & _OTHERS)
+_READ_BY_GROUP: Final = 0o040
+
+
+def _open_to_others(file: File, group: int | None = None) -> bool:
+    """Whether other users may read it than those of the `group`. Unknown where there are no modes: nothing is said."""
+    allowed = _READ_BY_GROUP if group is not None and file.group == group else 0
+    return file.mode is not None and bool(file.mode & _OTHERS & ~allowed)
 
 
 def _octal(file: File) -> str:
@@ -61,10 +62,10 @@ def _octal(file: File) -> str:
 def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterator[Violation]:
     """Other users of the machine may read the private key, and then be the enclave.
 
-    High in a tree that goes on a robot (--deployed). Directories above it, owners and access control lists are not
-    looked at.
+    High in a tree that goes on a robot (--deployed). The group that settings name may read it (`key_group`).
+    Directories above it, owners and access control lists are not looked at.
     """
-    if enclave.key is not None and _open_to_others(enclave.key.file):
+    if enclave.key is not None and _open_to_others(enclave.key.file, context.keystore.declared.key_group):
         file = enclave.key.file
         yield Violation(
             message=f"The private key of {enclave.path} has mode {_octal(file)} (expected 0600): other users may "
@@ -94,7 +95,7 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
     known = {key.file.place: key.key for key in keystore.authority_keys}
     told = {file.place for file in _keys_on_robots(keystore, context)}
     for file in keystore.layout.authority_keys:
-        if file.status in _UNREAD_BUT_THERE and file.place not in told:
+        if file.status in UNREAD_BUT_THERE and file.place not in told:
             subject = subjects.get(known.get(file.place) or "")
             whose = f"of {quoted(subject)}" if subject is not None else "of an authority"
             where = "a tree that goes on a robot" if context.deployed else "the tree; keep it off robots"
@@ -146,9 +147,8 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     every robot. Whose key it is changes nothing: nobody needs one there. Where a certificate of the keystore has it,
     the finding names the holder, for the first 64 such files. A second key in key.pem counts as well. In a tree that
     goes on a robot (--deployed), so does a key in any other file, as in a backup; KA109 speaks of those that
-    authorities' names are on. Keys are seen in PEM anywhere in a file, in DER, in base64 of either, and as a PKCS #12
-    file, which is made for one. Where the file is too large to be hashed, nobody can tell whether it is the same one
-    tomorrow: undecided.
+    authorities' names are on. Keys are seen in PEM anywhere in a file, and in DER; a text that only quotes the first
+    line of one holds none.
     """
     holders = _holders(keystore)
     held = {key.file.place: key for key in (*keystore.authority_keys, *keystore.further_keys)}
@@ -161,7 +161,6 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
         yield Violation(
             message=f"A private key is in {file.place}, which goes on robots{whose}.",
             locations=(Location(path=file.place),),
-            undecided=file.sha256 is None,  # which key it is: nobody accepts one and gets another
             key=f"{file.place} {file.sha256}{whose}",
             remedy=f"{own}{_TAKE_OUT}" if own and anew is None else anew,
         )

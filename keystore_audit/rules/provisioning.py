@@ -41,30 +41,6 @@ def _deployed(_keystore: Keystore, context: Context) -> bool:
 
 
 @rule(
-    "KA664",
-    Severity.INFO,
-    clause="ROS 2 design, ROS 2 security enclaves (the files that a run time reads); CWE-538",
-    remedy="Copy only what a run time reads: of each enclave the six files, crl.pem, and what their links lead to.",
-    applies=lambda keystore, _context: bool(keystore.layout.provisioning),
-)
-def provisioning_leftover(keystore: Keystore, context: Context) -> Iterator[Violation]:
-    """Files that only making the keystore needs: unsigned XML, policies, requests, serial numbers, configuration.
-
-    No run time reads them. They tell whoever has the robot how the fleet is set up, and an unsigned document is taken
-    for the signed one in reviews. They are told by their names. A note where keystores are made, low in a tree that
-    goes on a robot (--deployed).
-    """
-    found = keystore.layout.provisioning
-    yield Violation(
-        message=f"No run time reads {counted(len(found), 'file')} of this tree, and no robot needs "
-        f"{'it' if len(found) == 1 else 'them'}.",
-        locations=places(Location(path=path) for path in found),
-        severity=Severity.LOW if context.deployed else None,
-        contents=False,
-    )
-
-
-@rule(
     "KA665",
     Severity.LOW,
     clause="NIST SP 800-57 part 1 revision 5, 5.3.6 (one to two years for authentication keys)",

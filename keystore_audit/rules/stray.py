@@ -4,12 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.stray import Stray
@@ -24,7 +23,6 @@ from keystore_audit.model.inventory import (
 from keystore_audit.model.participants.stray_identity import Admitted, admitted
 from keystore_audit.model.trust.verdicts import Acceptance, envelope
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.layout import READ_ALL
 from keystore_audit.rules.missing_files import renaming
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.signature import SIGN_AGAIN
@@ -41,7 +39,7 @@ _REVOKE: Final = (
 )
 
 _FIND_OUT: Final = (
-    "Find out what it holds (`openssl pkcs12 -in FILE -nokeys`, `openssl pkey -in FILE -pubout`), and take it out of "
+    "Find out what it holds (`openssl pkey -in FILE -pubout`), and take it out of "
     "the keystore. If it is the identity of a robot, whoever has a copy goes on being that participant: revoke its "
     "certificate, or let no grant name its subject."
 )
@@ -203,12 +201,13 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
 def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A file may be a permissions document that peers take, and what it says is unknown.
 
-    No enclave has it, or it is an enclave's own in a form that no implementation reads and anybody can bring into one
-    that all do. It was not read (too large, not readable, a link out of the keystore, one of too many, a message in
-    another form: below other text, in PEM, DER, base64 or UTF-16), or its XML has no single meaning; it then counts as
-    giving everything to everybody. So does a governance document without a single meaning where somebody has an
-    identity outside the enclaves (KA668) and may start with it. Critical where it is of a form that ends the process of
-    the implementation that reads it, since permissions come from peers too. What is wrong with a signature is in KA3.
+    No enclave has it, or it stands in an enclave's own where no implementation reads it and from where anybody can take
+    it. It carries the mark of a message and was not read as one (below other text, a signature in PEM, too large, one
+    of too many), or its XML has no single meaning; it then counts as giving everything to everybody. A text that only
+    quotes the mark, without a signature, is none. So does a governance document without a single meaning where somebody
+    has an identity outside the enclaves (KA668) and may start with it. Critical where it is of a form that ends the
+    process of the implementation that reads it, since permissions come from peers too. What is wrong with a signature
+    is in KA3.
     """
     strays = {stray.place: stray for stray in (*permissions_at_large(keystore), *governance_at_large(keystore))}
     carried = {file.place: enclave.path for enclave in keystore.enclaves for file in enclave.files.every}
@@ -222,7 +221,7 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
             message=f"{stray.place} may give anything to anybody. {sentence(doubt.reason)}.",
             locations=(doubt.location,),
             enclave=carried.get(stray.place),
-            remedy=SIGN_AGAIN if stray.place in carried else _to_be_read([stray.file]),
+            remedy=SIGN_AGAIN if stray.place in carried else None,
             severity=Severity.CRITICAL if crashes else None,
             undecided=True,
             key=stray.place,
@@ -247,17 +246,13 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     also one that begins later; by a governance with join access control off, where no grant is needed; or by
     permissions that it signs itself, where it has the permissions CA's own key or the signer is not pinned. Medium
     where an enclave has the same subject and all peers that take this identity take that enclave, too: the identity
-    has no further rights then. Certificates and keys are taken from wherever they stand: PEM within any file, in UTF-16
-    or in base64, too (as Kubernetes keeps files), DER, the same in base64 alone, PKCS #7.
+    has no further rights then. Certificates and keys are taken from wherever they stand in PEM, and from files in DER.
 
     A certificate that an enclave has as its own, in a form that no run time reads, is left to certificate-unreadable.
 
-    Undecided where a key that cannot be read (a password, another form, too large) may be that of such a certificate,
-    and where a file may hold both: PKCS #12, one with a certificate that cannot be read or with more structures than
-    are looked at, one too large to be read with a certificate in it, one that is not readable. Keys that cannot be
-    read and lie where those of authorities do are taken for theirs, if they are no more than the authorities whose keys
-    were not found. Not seen is what is in compressed archives, Java key stores and PKCS #11
-    tokens, or DER behind other bytes, nor a certificate without a key in the tree.
+    Undecided where a key in PEM that cannot be read (a password) may be that of such a certificate, unless it lies
+    where those of authorities do, and where a file with the mark of a certificate or key cannot be read. What other
+    files hold that were not read (KA121) is assumed to be none.
     """
     identities = keystore.identities
     unreadable = {enclave.files.files[Role.CERTIFICATE].place for enclave in keystore.enclaves if not enclave.identity}
@@ -277,14 +272,9 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
             f"{more_like(unread)}.",
             locations=places(Location(path=file.place) for file in unread),
             undecided=True,
-            remedy=_to_be_read(unread) or _FIND_OUT,
+            remedy=_FIND_OUT,
             key="unread",
         )
-
-
-def _to_be_read(files: Iterable[File]) -> str | None:
-    """The remedy where nothing is wrong with the files but that this user may not read them."""
-    return READ_ALL if all(file.status is Status.UNREADABLE for file in files) else None
 
 
 def _started(found: Sequence[Admitted], taken: str, rename: str) -> Violation:

@@ -10,6 +10,7 @@ from keystore_audit.assumptions import Assumption, Declaration
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import UsageError
 from keystore_audit.given import GivenFile
+from keystore_audit.keystore.foreign import DeclaredFiles
 from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.forwards import Declared, Determinism
 from keystore_audit.model.claims.labels import Labelling
@@ -17,6 +18,7 @@ from keystore_audit.model.trust.authorities import Authorities
 from keystore_audit.settings.acceptances import read_accepted, read_suppressions
 from keystore_audit.settings.authorities import read_authorities
 from keystore_audit.settings.claims import read_properties
+from keystore_audit.settings.files import read_files
 from keystore_audit.settings.labels import KEYS as LABEL_KEYS
 from keystore_audit.settings.labels import read_labels, read_single_writers
 from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance
@@ -48,6 +50,7 @@ class Settings:
     declared: Declared = field(default_factory=Declared)
     acceptances: tuple[Acceptance, ...] = ()
     max_suppression_days: int = MAX_DAYS
+    files: DeclaredFiles = DeclaredFiles()
     assumptions: Mapping[Assumption, Declaration] = field(default_factory=dict)
     """What somebody declared of what is taken for granted."""
 
@@ -78,7 +81,8 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
     """
     file = read_table(path, keystores, MAX_BYTES)
     root = file.root
-    root.only("authorities", "property", "forward", *LABEL_KEYS, "suppression", "max_suppression_days", "assumption")
+    keys = ("property", "forward", *LABEL_KEYS, "suppression", "max_suppression_days")
+    root.only(*keys, "assumption", "authorities", "files")
     labels = read_labels(root)
     claims, declared = read_properties(root)
     return Settings(
@@ -88,6 +92,7 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
         labels=labels,
         declared=declared,
         acceptances=read_suppressions(root),
+        files=read_files(root),
         max_suppression_days=root.number("max_suppression_days", MAX_DAYS, 1, MOST_DAYS),
         assumptions=dict(_assumptions(root)),
     )

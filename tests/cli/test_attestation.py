@@ -15,11 +15,13 @@ from typing import Any
 import pytest
 
 from keystore_audit.cli.program import run
-from keystore_audit.keystore.traces import MAX_SEARCHED
+from keystore_audit.dataclass import replace
+from keystore_audit.keystore.traces import MAX_HASHED
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from keystore_audit.report.statement import render_svr
+from keystore_audit.settings.settings import read_settings
 from tools.samples.made_at_test_time import RECIPES
 
 SAMPLE = Path(__file__).parents[2] / "sample_keystores" / "healthy" / "turtlesim"
@@ -148,36 +150,35 @@ def test_a_swapped_large_file_breaks_it(keystore: Path, name: str) -> None:
     large = keystore / name
     large.write_bytes(bytes(LARGE))
     said = statement(keystore)
-    assert any(
-        each.startswith("KEYSTORE_AUDIT_PASS_IF_NOTHING_ELSE_CERTIFIED") for each in said["predicate"]["properties"]
-    )
     assert name in {subject["name"] for subject in said["subject"]}
     large.write_bytes(bytes(LARGE - 1) + b"x")
     assert broken(keystore, said) == [name]
     assert not verified(keystore, said, audit(str(keystore), Options(at=NOW, engine="native")))
 
 
-@pytest.mark.parametrize("size", [MAX_SEARCHED, MAX_SEARCHED + 1, 10 * 1024**3])
-def test_what_nobody_hashed_passes_in_no_statement(tmp_path: Path, size: int) -> None:
-    """Of a file that is larger than what is searched nobody knows what is in it: an identity with its key (KA668)."""
+@pytest.mark.parametrize("size", [MAX_HASHED, MAX_HASHED + 1, 10 * 1024**3])
+def test_what_nobody_read_passes_in_no_statement_unless_it_is_accepted(tmp_path: Path, size: int) -> None:
+    """A recording beside the keys: the audit passes, and no statement does before somebody accepts the file."""
     root = tmp_path / "keys"
     RECIPES["KA230"][1](root)  # with keys of its own: those of samples are a finding
     with (root / "map.bin").open("wb") as sparse:
         sparse.write(b"a map\n\n")
         sparse.truncate(size)
-    hashed = size <= MAX_SEARCHED
+    hashed = size <= MAX_HASHED
+    report = audit(str(root), Options(at=NOW, engine="native"))
+    assert (report.exit_code, report.unread_foreign) == (0, ("map.bin",))
+    assert any("map.bin first: what is said here holds if" in sentence for sentence in report.scope.not_checked)
     said = statement(root, trusting=root)
-    assert bool(said["predicate"]["properties"]) is hashed
+    assert not said["predicate"]["properties"]
     assert ("map.bin" in {subject["name"] for subject in said["subject"]}) is hashed
     result = statement(root, kind="statement", trusting=root)["predicate"]
-    assert result["result"] == ("PASSED" if hashed else "FAILED")
+    assert (result["result"], result["keystoreAudit"]["unread"]) == ("WARNED", ["map.bin"])
     assert result["keystoreAudit"]["uncovered"] == ([] if hashed else ["map.bin"])
-    report = audit(str(root), Options(at=NOW, engine="native"))
-    assert any("in no digest" in sentence for sentence in report.scope.not_checked) is not hashed
-    assert report.exit_code == (0 if hashed else 4)
-    assert [each.locations[0].path for each in report.findings if each.code == "KA668"] == (
-        [] if hashed else ["map.bin"]
-    )
+    settings = tmp_path / "settings.toml"
+    digest = next((each["digest"]["sha256"] for each in said["subject"] if each["name"] == "map.bin"), "0" * 64)
+    settings.write_text(f'[files]\naccepted = ["sha256:{digest}"]\n')
+    accepted = replace(Options(at=NOW, engine="native"), settings=read_settings(settings, ()))
+    assert bool(json.loads(render_svr([audit(str(root), accepted)]))["predicate"]["properties"]) is hashed
 
 
 def test_nobody_attests_to_authorities_that_nobody_declared(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore import descent, root
 from keystore_audit.keystore.files import EntryKind, File, Status
 from keystore_audit.keystore.root import MAX_FILE_BYTES, Root
+from tests.keystore.builder import authority
 
 
 @pytest.fixture
@@ -48,6 +49,7 @@ def test_a_regular_file_is_read_with_hash_and_mode(keystore: Path) -> None:
         content=b"the certificate",
         sha256=hashlib.sha256(b"the certificate").hexdigest(),
         mode=0o640,
+        group=(keystore / "public/ca.cert.pem").stat().st_gid,
         link=None,
     )
     assert "the certificate" not in repr(file)
@@ -325,7 +327,7 @@ def test_sealed_files_keep_their_bytes_to_themselves(keystore: Path) -> None:
 
 def test_a_sealed_file_hands_out_what_was_hashed_or_nothing(keystore: Path) -> None:
     """A statement names the hash of what was judged, whatever lies there by then."""
-    key = b"-----BEGIN PRIVATE KEY-----\nMA==\n-----END PRIVATE KEY-----\n"
+    key = authority().key_pem
     (keystore / "old.pem").write_bytes(key)
     with Root.open(keystore) as opened:
         secret, other = opened.sealed("old.pem"), opened.sealed("public/ca.cert.pem")

@@ -211,7 +211,7 @@ def test_keys_of_authorities_are_found_anywhere(tmp_path: Path) -> None:
     ]
 
 
-def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> None:
+def test_links_that_lead_out_from_where_enclaves_may_be_are_listed(tmp_path: Path) -> None:
     path = sros2(tmp_path / "k", ["/talker"])
     (tmp_path / "outside").mkdir()
     (path / "shelf").mkdir()
@@ -238,16 +238,13 @@ def test_links_to_directories_are_listed_and_not_followed(tmp_path: Path) -> Non
     os.symlink("/etc", path / "elsewhere")  # no robot looks there
     os.symlink("shelf", path / "also")
     layout = read(path)
-    assert paths(layout) == ["/talker"]
+    assert paths(layout) == ["/inside", "/talker"], "a link to a folder of the keystore is a way to it"
     assert {file.path: file.status for file in layout.directory_links} == {
-        "also": Status.DIRECTORY,
         "enclaves/absolute": Status.OUTSIDE,
         "enclaves/ca.key.pem": Status.OUTSIDE,
         "enclaves/certXpem": Status.OUTSIDE,
-        "enclaves/circle": Status.DIRECTORY,
         "enclaves/governance.xml": Status.OUTSIDE,
         "enclaves/identity_ca.cert.pem": Status.OUTSIDE,
-        "enclaves/inside": Status.DIRECTORY,
         "enclaves/none/permissions.xml": Status.OUTSIDE,
         "enclaves/outside": Status.OUTSIDE,
         "enclaves/permissions.xml": Status.OUTSIDE,
@@ -349,11 +346,11 @@ def nothing_of_many(tmp_path: Path) -> str:
     return nothing(tmp_path)
 
 
-def test_a_linked_enclaves_folder_is_not_followed_and_said(tmp_path: Path) -> None:
+def test_an_enclaves_folder_that_leads_out_is_said(tmp_path: Path) -> None:
     path = sros2(tmp_path / "k")
-    (path / "enclaves").rename(path / "v2")
-    os.symlink("v2", path / "enclaves")
-    assert "enclaves is a link" in nothing(path)
+    (path / "enclaves").rename(tmp_path / "v2")
+    os.symlink("../v2", path / "enclaves")
+    assert "enclaves links to ../v2, outside the keystore" in nothing(path)
 
 
 def test_two_enclaves_below_each_other_keep_their_own_files(tmp_path: Path) -> None:

@@ -17,8 +17,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.der import MAX_ELEMENTS
 from keystore_audit.keystore.files import File
+from keystore_audit.keystore.foreign import DeclaredFiles
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.message import may_be_message
@@ -30,7 +30,7 @@ from keystore_audit.keystore.stray import MAX_STRAYS, read_strays
 from keystore_audit.keystore.traces import look
 from tests.conftest import libcrypto
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, flat, present, signed_document, sros2
-from tests.keystore.test_traces import loosened
+from tests.keystore.test_traces import PLACEHOLDERS
 
 DOCUMENT = PERMISSIONS.format(name="/talker").replace("rt/chatter", "rt/old").encode()
 
@@ -179,7 +179,7 @@ def test_a_message_is_found_whatever_it_is_called(name: str, tmp_path: Path) -> 
 def test_a_stock_keystore_has_none(tmp_path: Path) -> None:
     for root in (sros2(tmp_path / "linked"), sros2(tmp_path / "copied", links=False), flat(tmp_path / "flat")):
         keystore = read_keystore(root)
-        assert (keystore.strays, keystore.unread) == ((), 0)
+        assert (keystore.strays, keystore.foreign, keystore.unread_foreign) == ((), (), ())
 
 
 def test_copies_count_once_and_those_of_an_enclaves_document_not_at_all(tmp_path: Path) -> None:
@@ -206,22 +206,22 @@ def test_a_governance_is_told_from_permissions(tmp_path: Path) -> None:
     assert permissions.document.permissions is not None
 
 
-def test_what_is_not_read_is_known_by_name_or_beginning(tmp_path: Path) -> None:
+def test_what_is_not_read_is_a_document_where_it_has_the_mark_of_one(tmp_path: Path) -> None:
     root = sros2(tmp_path / "keystore")
     message = signed_document(DOCUMENT, authority_of(root))
     (root / "big").write_bytes(message + b"\n" * MAX_FILE_BYTES)
-    (root / "recording.bag").write_bytes(b"\x93" * (MAX_FILE_BYTES + 1))
-    os.mkfifo(root / "pipe.P7S.old")
-    os.mkfifo(root / "pipe")
+    (root / "recording.bag").write_bytes(b"\x93" * (20 * MAX_FILE_BYTES // 4))
+    os.mkfifo(root / "pipe.p7s")
     (root / "public/permissions.p7s").symlink_to(tmp_path / "elsewhere")
     (tmp_path / "elsewhere").write_bytes(message)
     keystore = read_keystore(root)
-    assert {stray.place: stray.document for stray in keystore.strays} == {
-        "big": None,
-        "pipe.P7S.old": None,
-        "public/permissions.p7s": None,
-    }
-    assert keystore.unread == 2
+    assert {stray.place: stray.document for stray in keystore.strays} == {"big": None}
+    unread = ["big", "pipe.p7s", "public/permissions.p7s", "recording.bag"]
+    assert [file.place for file in keystore.unread_foreign] == unread
+    accepted = {file.sha256 for file in keystore.unread_foreign if file.place == "recording.bag"}
+    again = read_keystore(root, declared=DeclaredFiles(accepted=frozenset(filter(None, accepted))))
+    assert [file.place for file in again.unread_foreign] == unread[:-1]
+    assert not again.identities.unread
 
 
 def test_ten_thousand_strays_are_bounded_and_the_rest_is_unknown() -> None:
@@ -251,7 +251,7 @@ def test_junk_is_a_stray_only_where_openssl_may_read_on(data: bytes, tmp_path: P
     assert bool(keystore.strays) is (b"multipart/signed" in data)
 
 
-# --- messages in other forms
+# --- marks of messages where OpenSSL reads none
 
 
 def by_openssl(message: bytes, *options: str) -> bytes:
@@ -266,37 +266,19 @@ CONCEALED: dict[str, Callable[[bytes], bytes]] = {
     "below CRLF": lambda message: b"Subject: rights\r\n\r\n" + message.replace(b"\n", b"\r\n"),
     "below another message": lambda message: message + message,
     "folded": lambda message: b"\n" + message.replace(b"Content-Type: multipart", b"Content-Type:\n multipart"),
-    "DER": lambda message: by_openssl(message, "-outform", "DER"),
+    "indented": lambda message: b"\n" + message.replace(b"\n", b"\n  ").replace(b"\n  Content", b"\nContent"),
     "PEM": lambda message: b"notes\n" + by_openssl(message, "-outform", "PEM"),
-    "DER behind another structure": lambda message: (
-        b"0" + b"\x82\x02\0" + bytes(512) + by_openssl(message, "-outform", "DER")
-    ),
-    "DER behind too many to look at": lambda message: b"0\0" * MAX_ELEMENTS + by_openssl(message, "-outform", "DER"),
-    "BER": lambda message: loosened(by_openssl(message, "-outform", "DER")),
-    "a long tag": lambda message: b"\x3f\x10" + by_openssl(message, "-outform", "DER")[1:],
     "a certificate's label": lambda message: by_openssl(message, "-outform", "PEM").replace(b" CMS-", b" CERTIFICATE-"),
-    "base64 of text": lambda message: b"data:\n  permissions.p7s: " + b64encode(message),
-    "base64 of text behind other bytes": lambda message: encodebytes(b"x\n" + message),
-    "base64 of PEM": lambda message: encodebytes(by_openssl(message, "-outform", "PEM")),
-    "base64 of DER": lambda message: b"p7s: " + b64encode(by_openssl(message, "-outform", "DER")),
-    "base64 of DER behind a certificate's": lambda message: (
-        b"cert "
-        + b64encode(bytes.fromhex("30820200308201a0a003020102") + bytes(512))
-        + b"\np7s "
-        + b64encode(by_openssl(message, "-outform", "DER"))
-    ),
-    "base64 of BER": lambda message: b64encode(loosened(by_openssl(message, "-outform", "DER"))),
-    "UTF-16": lambda message: message.decode().encode("utf-16"),
     "a hyphen": lambda message: by_openssl(message, "-outform", "PEM").replace(b"\n-----END", b"\n-A\n-----END"),
 }
 
 
 @pytest.mark.parametrize("form", CONCEALED)
-def test_a_message_in_another_form_may_say_anything(form: str, message: bytes, tmp_path: Path) -> None:
+def test_a_message_where_openssl_reads_none_may_say_anything(form: str, message: bytes, tmp_path: Path) -> None:
     content = CONCEALED[form](message)
     assert look(content).concealed != ""
-    if form in ("DER", "PEM", "BER", "a long tag", "a certificate's label", "a hyphen"):
-        assert by_openssl(content, "-inform", "DER" if content[:1] in b"0?" else "PEM").startswith(b"MIME-Version")
+    if form in ("PEM", "a certificate's label", "a hyphen"):
+        assert by_openssl(content, "-inform", "PEM").startswith(b"MIME-Version")
     root = sros2(tmp_path / "keys", ["/talker"])
     (root / "notes").write_bytes(content)
     (stray,) = read_keystore(root).strays
@@ -327,10 +309,45 @@ def test_what_only_speaks_of_messages_is_none(content: bytes, tmp_path: Path) ->
     assert read_keystore(root).strays == ()
 
 
-@pytest.mark.parametrize("form", ["DER", "PEM"])
-def test_certificates_in_an_envelope_are_no_message(form: str, signer: Signed, tmp_path: Path) -> None:
+@pytest.mark.parametrize("text", PLACEHOLDERS)
+def test_a_text_that_quotes_a_mark_is_no_document_and_no_identity(text: bytes, tmp_path: Path) -> None:
+    root = sros2(tmp_path / "keys", ["/talker"])
+    (root / "README.md").write_bytes(text)
+    keystore = read_keystore(root)
+    assert (keystore.strays, keystore.identities.unread, keystore.identities.locked) == ((), (), ())
+    assert (keystore.unread_foreign, [each.file.path for each in keystore.foreign]) == ((), ["README.md"])
+
+
+UNREAD: dict[str, Callable[[bytes], bytes]] = {
+    "DER": lambda message: by_openssl(message, "-outform", "DER"),
+    "base64 of text": lambda message: b"data:\n  permissions.p7s: " + b64encode(message),
+    "base64 of DER": lambda message: encodebytes(by_openssl(message, "-outform", "DER")),
+    "UTF-16": lambda message: message.decode().encode("utf-16"),
+}
+
+
+@pytest.mark.parametrize("form", UNREAD)
+def test_a_form_that_is_not_searched_for_is_a_file_that_was_not_read(form: str, message: bytes, tmp_path: Path) -> None:
+    root = sros2(tmp_path / "keys", ["/talker"])
+    (root / "notes").write_bytes(UNREAD[form](message))
+    keystore = read_keystore(root)
+    assert (keystore.strays, [file.path for file in keystore.unread_foreign]) == ((), ["notes"])
+
+
+def test_a_message_below_other_header_lines_is_read(message: bytes, openssl: OpenSSL, tmp_path: Path) -> None:
+    root = sros2(tmp_path / "keys", ["/talker"])
+    letter = b"From: me\nSubject: rights\n" + message
+    assert openssl.takes(letter)
+    (root / "letter.txt").write_bytes(letter)
+    keystore = read_keystore(root)
+    (stray,) = keystore.strays
+    assert isinstance(stray.document, PermissionsFile)
+    assert keystore.unread_foreign == ()
+
+
+def test_certificates_in_an_envelope_are_no_message(signer: Signed, tmp_path: Path) -> None:
     (tmp_path / "ca.pem").write_bytes(signer.pem)
-    command = ("openssl", "crl2pkcs7", "-nocrl", "-certfile", str(tmp_path / "ca.pem"), "-outform", form)
+    command = ("openssl", "crl2pkcs7", "-nocrl", "-certfile", str(tmp_path / "ca.pem"), "-outform", "PEM")
     assert look(subprocess.run(command, check=True, capture_output=True).stdout).concealed == ""
 
 
@@ -341,7 +358,10 @@ def test_stock_documents_conceal_nothing(message: bytes) -> None:
 @pytest.mark.parametrize("piece", [b"multipart/signed", b"multipart/signed\n", b"-----BEGIN CMS-----", b"\n\n "])
 def test_large_files_of_mentions_end(piece: bytes) -> None:
     content = b"\n" + piece * (MAX_FILE_BYTES // len(piece))
-    assert (look(content).concealed != "") is (b"multipart" in piece)
+    assert look(content).concealed == ""
+    assert look(content + b"YJKoZIhvcNAQcC").concealed == (
+        "a signed message stands in it below other text" if b"multipart" in piece else ""
+    )
 
 
 def test_a_large_block_of_hyphens_conceals_nothing() -> None:

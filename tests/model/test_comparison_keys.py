@@ -14,12 +14,8 @@ from cryptography.hazmat.primitives.serialization import (
     PrivateFormat,
 )
 
-from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.keystore.traces import MAX_SEARCHED
 from keystore_audit.model.comparison.change import Comparison, Direction, FailOn
-from keystore_audit.model.comparison.compare import compare
-from keystore_audit.model.profiles import resolve
-from tests.model.comparing import AT, authority, compared, key
+from tests.model.comparing import authority, compared, key
 from tests.model.single_changes import BASE, EVERYBODY
 
 IDENTITY, PERMISSIONS = authority("identityCA"), authority("permissionsCA")
@@ -75,41 +71,6 @@ def test_private_keys_that_lie_about(old: Files, new: Files, expected: tuple[str
     changes = [(each.kind, each.direction.value) for each in found.changes if each.direction is not Direction.INFO]
     assert changes == ([expected] if expected else [])
     assert bool(found.failing(FailOn.GAINED)) is (expected is not None)
-
-
-LARGE = b"\n" * 5_000_000
-"""More than is read of a file."""
-
-
-@pytest.mark.parametrize("name", ["map.bin", "private/permissions_ca.key.pem"])
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        (b"", PERMISSIONS.key_pem, "gained"),
-        (IDENTITY.key_pem, PERMISSIONS.key_pem, "mixed"),
-        (PERMISSIONS.key_pem, PERMISSIONS.key_pem, None),
-    ],
-)
-def test_private_keys_in_large_files(old: bytes, new: bytes, expected: str | None, name: str, tmp_path: Path) -> None:
-    found = changed({name: old + LARGE}, {name: new + LARGE}, tmp_path)
-    assert told(found, "private-key") == ([("private-key", expected, ())] if expected else [])
-    assert len(found.changes) == (expected is not None)
-    assert not found.unknown
-
-
-def test_a_private_key_that_nobody_hashed_is_unknown(tmp_path: Path) -> None:
-    keystores = []
-    for side, content in (("old", IDENTITY.key_pem), ("new", PERMISSIONS.key_pem)):
-        root = replace(BASE, files={"map.bin": b"a map\n\n" + content}).write(tmp_path / side)
-        with (root / "map.bin").open("r+b") as sparse:
-            sparse.truncate(MAX_SEARCHED + 1)
-        keystores.append(read_keystore(root))
-    unknown = compare(*keystores, resolve(()), AT).unknown
-    told = [(each.side, each.enclave, each.location.path, each.reason.partition(",")[0]) for each in unknown]
-    assert [each for each in told if "may hold an identity" not in each[-1]] == [
-        (side, None, "map.bin", "holds a private key") for side in ("old", "new")
-    ]
-    assert len(told) == 4  # and of each side that somebody's identity may be in it
 
 
 PATHS = {"/listener": "enclaves/listener/key.pem", "/talker": "enclaves/talker/key.pem"}

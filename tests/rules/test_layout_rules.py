@@ -11,6 +11,7 @@ import pytest
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.foreign import DeclaredFiles, Foreign
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.meaning import Usability
@@ -68,7 +69,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "KA101": (without_permissions(Status.MISSING), ["KA101"]),
     "KA102": (without_permissions(Status.DANGLING), ["KA102"]),
     "KA103": (without_permissions(Status.OUTSIDE), ["KA103"]),
-    "KA104": (laid_out(directory_links=(absent("enclaves/more", Status.DIRECTORY, "to /opt"),)), ["KA104"]),
+    "KA104": (laid_out(directory_links=(absent("enclaves/more", Status.OUTSIDE, "to /opt"),)), ["KA104"]),
     "KA105": (without_permissions(Status.SPECIAL), ["KA105"]),
     "KA106": (without_permissions(Status.TOO_LARGE), ["KA106"]),
     "KA107": (without_permissions(Status.UNREADABLE), ["KA107"]),
@@ -87,6 +88,10 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     ),
     "KA119": (laid_out(folders=(folder("enclaves", 0o757),)), ["KA119"]),
     "KA120": (laid_out(authorities=(file("public/ca.cert.pem", leaves=("public/ca.cert.pem", "/keys/a")),)), ["KA120"]),
+    "KA121": (
+        lambda store: replace(store, foreign=(Foreign(file=file("maps/hall.yaml", b"hall"), top="maps"),)),
+        ["KA121"],
+    ),
     "KA209": (talker(key=private_key(KEY, "somebody else's")), ["KA209"]),
     "KA210": (key_with(key=None, defects=(defect(Kind.KEY_UNREADABLE, KEY),)), ["KA210"]),
     "KA211": (key_with(key=None, encrypted=True), ["KA211"]),
@@ -101,15 +106,6 @@ def test_one_change_makes_a_rule_speak(code: str) -> None:
     assert becomes(lambda store: store) == []
     assert becomes(change) == expected
     assert open_codes(change(healthy())) == ({code} if code in OPEN else set())
-
-
-def test_which_key_a_file_holds_that_nobody_hashed_is_undecided() -> None:
-    """Else another key would be accepted with the first."""
-    for sha256, undecided in (("a" * 64, set()), (None, {"KA118"})):
-        holder = file("public/map.bin", None, holds_private_key=True, sha256=sha256)
-        store = replace(healthy(), private_keys=(holder,))
-        assert becomes(lambda _, store=store: store) == ["KA118"]
-        assert open_codes(store) == undecided
 
 
 def test_a_directory_in_the_place_of_a_file_is_a_missing_file() -> None:
@@ -143,6 +139,51 @@ def test_keys_are_judged_by_whom_the_tree_is_for() -> None:
     readable = key_with(file=file(KEY, None, mode=0o640))(healthy())
     assert findings("KA108", judged(readable))[0].severity is Severity.MEDIUM
     assert findings("KA108", judged(readable, deployed=True))[0].severity is Severity.HIGH
+
+
+@pytest.mark.parametrize(
+    ("mode", "group", "said"),
+    [(0o640, 998, False), (0o440, 998, False), (0o640, 999, True), (0o660, 998, True), (0o644, 998, True)],
+)
+def test_the_group_that_settings_name_may_read_keys(mode: int, group: int, said: bool) -> None:
+    store = key_with(file=file(KEY, None, mode=mode, group=group))(healthy())
+    assert findings("KA108", judged(store))
+    declared = replace(store, declared=DeclaredFiles(key_group=998))
+    assert bool(findings("KA108", judged(declared))) is said
+
+
+FOREIGN = tuple(
+    Foreign(file=file(path, b"x"), top=top)
+    for path, top in (("maps/hall.yaml", "maps"), ("maps/old/a.pgm", "maps"), (".git/HEAD", ".git"), ("notes", "notes"))
+)
+
+
+def test_foreign_files_are_named_in_one_finding() -> None:
+    store = replace(healthy(), foreign=FOREIGN)
+    (finding,) = findings("KA121", judged(store))
+    assert finding.severity is Severity.LOW
+    assert finding.message.startswith("4 foreign files in the keystore: maps/, .git/, notes")
+    assert "history that git keeps in .git may hold keys" in finding.message
+    assert [place.path for place in finding.locations] == ["maps", ".git", "notes"]
+    (finding,) = findings("KA121", judged(store, deployed=True))
+    assert finding.severity is Severity.HIGH
+
+
+@pytest.mark.parametrize(
+    ("declared", "left"),
+    [
+        (DeclaredFiles(foreign=("maps/**",)), [".git", "notes"]),
+        (DeclaredFiles(foreign=("maps/*", ".git/**")), ["maps", "notes"]),
+        (DeclaredFiles(foreign=("**",)), []),
+        (DeclaredFiles(foreign=("note?", "[m]aps/**")), ["maps", ".git"]),
+        (DeclaredFiles(accepted=frozenset({file("notes", b"x").sha256 or ""})), ["maps", ".git"]),
+        (DeclaredFiles(accepted=frozenset({"0" * 64})), ["maps", ".git", "notes"]),
+    ],
+)
+def test_what_settings_name_is_in_no_finding(declared: DeclaredFiles, left: list[str]) -> None:
+    store = replace(healthy(), foreign=FOREIGN, declared=declared)
+    told = [place.path for finding in findings("KA121", judged(store)) for place in finding.locations]
+    assert told == left
 
 
 @pytest.mark.parametrize(

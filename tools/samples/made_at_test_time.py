@@ -52,8 +52,10 @@ def _absolute(root: Path) -> None:
 
 
 def _directory_link(root: Path) -> None:
+    beside = root.with_name(root.name + "-outside")
+    beside.mkdir(parents=True)
     write(ONE.tree(), root)
-    (root / "enclaves" / "fleet").symlink_to("talker", target_is_directory=True)
+    (root / "enclaves" / "fleet").symlink_to(f"../../{beside.name}", target_is_directory=True)
 
 
 def _directory_as_file(root: Path) -> None:

@@ -1,4 +1,4 @@
-"""Pairs for KA660 to KA669: signed documents left lying about, what robots are given, and how long it lasts."""
+"""Pairs for KA121, KA660 to KA669: what is left lying about, what robots are given, and how long it lasts."""
 
 from __future__ import annotations
 
@@ -95,12 +95,15 @@ def _at_large() -> Iterator[Story]:
 
 def _given() -> Iterator[Story]:
     yield from pair(
-        "KA664",
+        "KA121",
         bad=Case(
-            "The tree still has the unsigned documents, which no run time reads.",
+            "The tree still has the policy that the keystore was made from, and a map.",
+            replace(ONE, changes={"policy.xml": b"<policy/>\n", "maps/hall.yaml": b"resolution: 0.05\n"}),
+        ),
+        good=Case(
+            "The same keystore with nothing but what sros2 makes, unsigned documents among it.",
             replace(ONE, unsigned=True),
         ),
-        good=Case("The same keystore with nothing but what a run time reads.", ONE),
     )
 
 

@@ -8,7 +8,6 @@ from functools import cached_property
 from zoneinfo import ZoneInfo
 
 from keystore_audit.dataclass import dataclass
-from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
@@ -167,10 +166,6 @@ class Sides:
             for profile in self._kinds.values():
                 for doubt in keystore_doubts(keystore, profile, self.accesses):
                     yield Unread(side=side, enclave=doubt.enclave, location=doubt.location, reason=doubt.reason)
-            for file in keystore.private_keys:
-                if file.sha256 is None:
-                    reason = "holds a private key, and is too large to be hashed: which one is unknown"
-                    yield Unread(side=side, enclave=None, location=Location(path=file.place), reason=reason)
 
     def _doubted(self) -> Iterator[str]:
         """The paths of enclaves of which something could not be read on one side: all that share a file."""

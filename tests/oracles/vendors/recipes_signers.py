@@ -114,6 +114,7 @@ def envelopes() -> tuple[Recipe, ...]:
         "with a byte order mark": lambda m: b"\xef\xbb\xbf" + m,
         "with text behind": lambda m: m + b"trailing\n",
         "with text before": lambda m: b"X-Note: hi\n" + m,
+        "below a letter's first lines": lambda m: b"From: me\nSubject: your rights\n" + m,
         "with a blank at a line's end": lambda m: m.replace(b"<permissions>", b"<permissions> \n", 1),
         "with one letter changed": lambda m: m.replace(b"rt/chatter", b"rt/chattex", 1),
         "with the default changed": lambda m: m.replace(b"DENY", b"ALLOW", 1),

@@ -1,6 +1,6 @@
 """What an enclave may do by its own implementation: ours beside the real Cyclone DDS 0.10.2 and Fast DDS 2.9.1.
 
-988 recipes that probe every row of the semantics tables, and 1,000 keystores with random rules (`long_run` asks for
+989 recipes that probe every row of the semantics tables, and 1,000 keystores with random rules (`long_run` asks for
 10,000). Where we do not know, the recipe stands in local_abstentions.json with our reason.
 """
 

@@ -1,0 +1,64 @@
+"""`[files]`: what settings say of the files of a keystore, and what comes of it."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.cli.program import run
+from keystore_audit.errors import UsageError
+from keystore_audit.keystore.foreign import DeclaredFiles
+from keystore_audit.settings.settings import read_settings
+from tests.keystore.builder import sros2
+
+
+def read(tmp_path: Path, text: str) -> DeclaredFiles:
+    path = tmp_path / "settings.toml"
+    path.write_text(text)
+    return read_settings(path, ()).files
+
+
+def test_every_key_is_read(tmp_path: Path) -> None:
+    digest = hashlib.sha256(b"x").hexdigest()
+    text = f'[files]\nforeign = "maps/**"\naccepted = ["sha256:{digest}"]\nkey_group = 998\naliases = ["/motor-v2"]\n'
+    assert read(tmp_path, text) == DeclaredFiles(
+        foreign=("maps/**",), accepted=frozenset({digest}), key_group=998, aliases=("/motor-v2",)
+    )
+    assert read(tmp_path, "[files]\n") == read(tmp_path, "") == DeclaredFiles()
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ('foreign = ["/maps"]', "expected a path in the keystore"),
+        ('foreign = ["maps/../keys"]', "expected a path in the keystore"),
+        ('accepted = ["sha256:abc"]', "64 digits"),
+        (f'accepted = ["{"0" * 64}"]', "64 digits"),
+        ('key_group = "ros"', "a number from 0"),
+        ("key_group = -1", "a number from 0"),
+        ('aliases = ["motor"]', "no enclave's path"),
+        ('roots = ["/opt"]', "unknown key"),
+    ],
+)
+def test_what_is_wrong_is_said(line: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=said):
+        read(tmp_path, f"[files]\n{line}\n")
+
+
+def test_a_root_is_named_on_the_command_line_and_in_the_report(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path, image = sros2(tmp_path / "k", ["/motor", "/talker"], links=False), tmp_path / "image"
+    image.mkdir()
+    shutil.move(path / "enclaves/motor", image / "motor")
+    (path / "enclaves/motor").symlink_to("../../image/motor")
+    asked = [str(path), "--engine", "native", "--at", "2026-11-21T12:00:00Z", "--fail-on", "never"]
+    assert run(asked) == 4
+    assert "KA104" in capfd.readouterr().out
+    assert run([*asked, "--root", str(image)]) == 0
+    told = capfd.readouterr().out
+    assert "KA104" not in told
+    assert f"links into {image}" in " ".join(told.split())
