@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Final
 
+from keystore_audit.assumptions import Assumption, Needed
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.horizon import Horizon
 from keystore_audit.findings import Finding, Result, Severity
@@ -12,11 +14,15 @@ from keystore_audit.model.profiles import DEFAULT, Profile, running
 from keystore_audit.options import DEFAULT_NOTICE, Options
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
-from keystore_audit.report.content import Verdict
+from keystore_audit.report.content import Verdict, conditions_of
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement
 from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance, check_codes, check_dates, first_end, limited
+from keystore_audit.text import shorten, terminal
+
+MAX_ARGUMENT: Final = 200
+"""Characters of an argument of launch files in a report."""
 
 
 def acceptances(options: Options) -> tuple[Acceptance, ...]:
@@ -103,3 +109,35 @@ def while_accepted(safe: Horizon, judgement: Judgement, fail_on: Severity | None
     if ends is None or (safe.instant is not None and safe.instant <= ends):
         return safe
     return replace(safe, instant=ends, why="a finding that is accepted until then counts again")
+
+
+def assumptions(context: Context, options: Options, *, authorities_declared: bool) -> Iterator[Needed]:
+    """What this audit takes for granted: first what it holds under, then what no property tells apart."""
+    declared = options.settings.assumptions if options.settings else {}
+    for needed in conditions_of(context.results):
+        yield replace(needed, declared=declared.get(needed.assumption))
+    lasting = options.settings.lasting if options.settings else ()
+    behaviour = options.settings.declared.claims if options.settings else ()
+    bearing = {
+        Assumption.ROBOTS_ENFORCE: None,
+        Assumption.NO_OTHER_DOCUMENTS: None,
+        **({} if authorities_declared else {Assumption.AUTHORITIES_AS_FOUND: None}),
+        **({Assumption.NOTHING_IN_UNREAD_FILES: None} if context.keystore.unread_foreign else {}),
+        **({Assumption.SESSIONS_END_WITH_GRANTS: lasting} if lasting else {}),
+        **({Assumption.LOCKSTEP_ROUNDS: tuple(each.id for each in behaviour)} if behaviour else {}),
+    }
+    holding = [result.prop.id for result in context.results if result.status is Status.HOLDS]
+    for assumption, ids in bearing.items():
+        if assumption not in options.not_assumed:
+            by = tuple(each for each in holding if ids is None or each in ids)
+            yield Needed(assumption=assumption, needed_by=by, declared=declared.get(assumption))
+
+
+def stated(options: Options) -> Iterator[str]:
+    """What options say of the robots: the zone in which dates are read, and the arguments of launch files."""
+    if options.time_zone is not None:
+        where = f"Robots are in the time zone {options.time_zone.key} (--time-zone)"
+        yield f"{where}: some implementations read the dates of grants in local time."
+    given = [shorten(terminal(f"{name}:={value}"), MAX_ARGUMENT) for name, value in options.launch_arguments.items()]
+    if given:
+        yield f"Launch files are started with {', '.join(given)} (--launch-argument)."

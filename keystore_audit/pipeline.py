@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from keystore_audit import __version__
-from keystore_audit.assumptions import EVERY, Assumption, Needed
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.agreement import EngineAnswers, combine, combine_claims, combine_determinism
 from keystore_audit.engine.conditions import with_conditions, without
@@ -16,7 +16,17 @@ from keystore_audit.engine.engines import Engines, run_engines
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.gate import acceptances, complete, passed_over, started_with, verdict, weakened, while_accepted
+from keystore_audit.gate import (
+    acceptances,
+    assumptions,
+    complete,
+    passed_over,
+    started_with,
+    stated,
+    verdict,
+    weakened,
+    while_accepted,
+)
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.environment import Environment, read_environment
 from keystore_audit.intent.intent import Intent, Origin
@@ -41,7 +51,6 @@ from keystore_audit.report.content import (
     EnclaveEntry,
     Report,
     Scope,
-    conditions_of,
 )
 from keystore_audit.report.not_checked import unread, untested
 from keystore_audit.rules import RULES
@@ -49,7 +58,6 @@ from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.wording import listed
 from keystore_audit.settings.suppressions import accepted_by
-from keystore_audit.text import shorten, terminal
 
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
@@ -57,9 +65,6 @@ if TYPE_CHECKING:
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
     from keystore_audit.model.intended.wiring import WiredNode
-
-MAX_ARGUMENT: Final = 200
-"""Characters of an argument of launch files in a report."""
 
 
 def audit(
@@ -248,7 +253,7 @@ def _report(
     anchors = trust.trusted(context.keystore, context.authorities)
     agree = all(result.engines_agree for result in context.results)
     declared = all(each.declared for each in anchors)
-    assumed = tuple(_assumptions(context, options, authorities_declared=declared))
+    assumed = tuple(assumptions(context, options, authorities_declared=declared))
     return Report(
         version=__version__,
         keystore=context.keystore.root,
@@ -266,7 +271,7 @@ def _report(
             *accepted_by(judgement.findings),
         ),
         assumptions=assumed,
-        stated=(*_in_zone(options), *_launched_with(options)),
+        stated=tuple(stated(options)),
         engines=context.engines,
         engines_agree=agree if len(answered) > 1 else None,
         enclaves=_enclaves(context),
@@ -295,28 +300,6 @@ def _anchors(found: trust.Anchors) -> Anchors:
     )
 
 
-def _assumptions(context: Context, options: Options, *, authorities_declared: bool) -> Iterator[Needed]:
-    """What this audit takes for granted: first what it holds under, then what no property tells apart."""
-    declared = options.settings.assumptions if options.settings else {}
-    for needed in conditions_of(context.results):
-        yield replace(needed, declared=declared.get(needed.assumption))
-    lasting = options.settings.lasting if options.settings else ()
-    behaviour = options.settings.declared.claims if options.settings else ()
-    bearing = {
-        Assumption.ROBOTS_ENFORCE: None,
-        Assumption.NO_OTHER_DOCUMENTS: None,
-        **({} if authorities_declared else {Assumption.AUTHORITIES_AS_FOUND: None}),
-        **({Assumption.NOTHING_IN_UNREAD_FILES: None} if context.keystore.unread_foreign else {}),
-        **({Assumption.SESSIONS_END_WITH_GRANTS: lasting} if lasting else {}),
-        **({Assumption.LOCKSTEP_ROUNDS: tuple(each.id for each in behaviour)} if behaviour else {}),
-    }
-    holding = [result.prop.id for result in context.results if result.status is Status.HOLDS]
-    for assumption, ids in bearing.items():
-        if assumption not in options.not_assumed:
-            by = tuple(each for each in holding if ids is None or each in ids)
-            yield Needed(assumption=assumption, needed_by=by, declared=declared.get(assumption))
-
-
 def _files(context: Context) -> Iterator[tuple[str, str]]:
     """What the report speaks for, with its digests: what the same run audits apart is another report's.
 
@@ -329,20 +312,6 @@ def _files(context: Context) -> Iterator[tuple[str, str]]:
     read = chain(shared, *(each.files.every for each in keystore.enclaves)) if apart else ()
     ours = {file.place for file in read}
     return ((path, sha256) for path, sha256 in keystore.contents if path in ours or not path.startswith(folders))
-
-
-def _in_zone(options: Options) -> tuple[str, ...]:
-    """That dates are read as in one zone, where one was named."""
-    if options.time_zone is None:
-        return ()
-    where = f"Robots are in the time zone {options.time_zone.key} (--time-zone)"
-    return (f"{where}: some implementations read the dates of grants in local time.",)
-
-
-def _launched_with(options: Options) -> tuple[str, ...]:
-    """That launch files get these arguments, where any were given: with others they may start something else."""
-    given = [shorten(terminal(f"{name}:={value}"), MAX_ARGUMENT) for name, value in options.launch_arguments.items()]
-    return (f"Launch files are started with {', '.join(given)} (--launch-argument).",) if given else ()
 
 
 def _policy(options: Options) -> Policy | None:

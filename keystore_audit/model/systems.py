@@ -32,6 +32,7 @@ from keystore_audit.model.inventory import (
     Document,
     behind,
     certificates_of,
+    embeddable,
     instants_of,
     issuers_of,
     system_documents,
@@ -268,11 +269,12 @@ class SystemBuilder:
     def _in_use(self, enclaves: Iterable[EnclaveAtom], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:
         """The certificates. One at large that adds nothing has no issuer, so that it is not taken for a stranger's.
 
-        Signers add something, and so do the authorities over which they chain.
+        Signers add something, and so do the authorities over which they chain, and what an attacker may embed.
         """
         if not self._large.candidates:  # nearly always
             return self._certificate_atoms
         used = {enclave.identity for enclave in enclaves}.union(*(document.signers for document in documents))
+        used |= {self._number[certificate.sha256] for certificate in embeddable(self._keystore, self._at)}
         idle = {each.number for each in self._large.candidates} - used.union(*self._issuers)
         atoms = enumerate(self._certificate_atoms)
         return [replace(atom, issuers=frozenset()) if number in idle else atom for number, atom in atoms]

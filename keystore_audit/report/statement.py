@@ -69,7 +69,7 @@ def _result(report: Report, *, warned: bool) -> str:
 
 
 def _sound(report: Report) -> bool:
-    """Whether it passed at full strength, all that it speaks for was read or accepted by hash, and trust is declared."""
+    """Whether it passed at full strength, of files that were all read or accepted, with authorities declared."""
     open_to_doubt = report.weakened or report.uncovered or report.unread_foreign or not report.authorities_declared
     return report.verdict is Verdict.PASS and not open_to_doubt
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
@@ -13,16 +13,11 @@ from tests.second_reader.comparison import Seen, compare
 from tests.second_reader.given import differences
 from tests.second_reader.listing import Listing
 from tests.second_reader.material import AT
-from tests.second_reader.stores import NOT_YET, store
-
-LATER = frozenset({"foreign files", "embeddable certificates", "anchors as identities"})
+from tests.second_reader.stores import store
 
 
-def check(
-    root: Path, at: datetime, profiles: Sequence[str], seen: Seen, not_yet: Mapping[str, str] = NOT_YET
-) -> list[str] | None:
+def check(root: Path, at: datetime, profiles: Sequence[str], seen: Seen) -> list[str] | None:
     """Where the readers differ; None where there is nothing to audit."""
-    wanted = LATER - not_yet.keys()
     asked = ask(root, at, profiles)
     listing = Listing(root)
     if asked is None:
@@ -32,12 +27,10 @@ def check(
         for system, text in zip(asked.systems, asked.texts, strict=True)
         for each in differences(system, text)
     ]
-    found += compare(listing, asked.systems, asked.certificates, at, seen, wanted)
-    if "foreign files" in wanted:
-        mine = frozenset(listing.tree.foreign)
-        seen["foreign file"] += len(mine)
-        found += [f"foreign, or not: {path}" for path in sorted(mine ^ asked.foreign)]
-    return found
+    found += compare(listing, asked.systems, asked.certificates, at, seen)
+    mine = frozenset(listing.tree.foreign)
+    seen["foreign file"] += len(mine)
+    return [*found, *(f"foreign, or not: {path}" for path in sorted(mine ^ asked.foreign))]
 
 
 def profiles_of(seed: int) -> tuple[str, ...]:
@@ -46,13 +39,13 @@ def profiles_of(seed: int) -> tuple[str, ...]:
     return "spec", "fastdds-2.9", fastdds, cyclonedds
 
 
-def check_seed(seed: int, folder: Path, seen: Seen, not_yet: Mapping[str, str] = NOT_YET) -> list[str]:
+def check_seed(seed: int, folder: Path, seen: Seen) -> list[str]:
     """The same of a random store, which is taken away again."""
-    made = store(seed, not_yet)
+    made = store(seed)
     here: Seen = Seen()
     with _written(folder / str(seed)) as root:
         made.write(root)
-        found = check(root, AT, profiles_of(seed), here, not_yet)
+        found = check(root, AT, profiles_of(seed), here)
     if found is None:
         return ["nothing to audit"]
     seen.update(here)

@@ -35,14 +35,12 @@ Seen = Counter[str]
 """How much was compared, by what it is."""
 
 
-def compare(
-    listing: Listing, systems: Sequence[Any], digests: Sequence[str], at: datetime, seen: Seen, wanted: frozenset[str]
-) -> list[str]:
-    """All differences, each once for all that it is told of. `wanted`: what is compared beside the rest."""
+def compare(listing: Listing, systems: Sequence[Any], digests: Sequence[str], at: datetime, seen: Seen) -> list[str]:
+    """All differences, each once for all that it is told of."""
     found: dict[str, None] = {}
     for system in systems:
         for way in dict.fromkeys(IMPLEMENTATIONS[name] for name in system.profiles if name in IMPLEMENTATIONS):
-            for each in _System(listing, system, digests, at, way, seen, wanted).differences():
+            for each in _System(listing, system, digests, at, way, seen).differences():
                 found.setdefault(f"{way.name}, {system.reading.value}: {each}")
     return list(found)
 
@@ -55,7 +53,6 @@ class _System:
     at: datetime
     way: Implementation
     seen: Seen
-    wanted: frozenset[str]
     held: list[Certificate | None] = field(init=False)
     by_name: dict[str, list[Enclave]] = field(init=False)
 
@@ -73,8 +70,7 @@ class _System:
         yield from self._documents()
         yield from self._rights()
         yield from self._unmanaged()
-        if "embeddable certificates" in self.wanted:
-            yield from self._signing()
+        yield from self._signing()
 
     # certificates and keys
 
@@ -125,7 +121,7 @@ class _System:
         held = (c for each in self.listing.enclaves for c in (*each.identity_ca, *each.permissions_ca))
         if any(each.sha256 == issuer.sha256 for each in held):
             return True
-        if "embeddable certificates" in self.wanted and not self.way.pins:
+        if not self.way.pins:
             return issuer.may_issue
         contents = (self._content(n) for n in range(len(self.system.documents)))
         messages = [openssl.message_in(content) for content in contents if content is not None]
@@ -226,10 +222,9 @@ class _System:
 
     def _identities(self, realm: Any, mine: Enclave) -> Iterator[str]:
         identities = {e.identity for e in self.system.enclaves if e.identity is not None}
-        anchors = set(mine.identity_ca)
         for n in sorted(identities):
             certificate = self.held[n]
-            if certificate is None or (certificate in anchors and "anchors as identities" not in self.wanted):
+            if certificate is None:
                 continue
             self.seen["identity under a realm"] += 1
             authorities = self.system.certificates
@@ -533,8 +528,6 @@ class _System:
         for realm, enclave in self._members():
             for certificate in mine.values():
                 if certificate.not_after < self.at or not self.listing.lets_in(enclave, certificate, self.way).certain:
-                    continue
-                if certificate in enclave.identity_ca and "anchors as identities" not in self.wanted:
                     continue
                 there = [e for e in s.enclaves if e.realm == numbers[realm]]
                 named = self._names_of(certificate)

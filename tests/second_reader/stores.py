@@ -1,28 +1,17 @@
 """Random stores from the pool of `material`: one seed, one store (keys and signatures apart, which are new each time).
 
-A store says which features it has. `NOT_YET` names those that wait for other parts of issue 26: no store has them, and
-what they need is not compared.
+A store says which features it has.
 """
 
 from __future__ import annotations
 
 import os
 from base64 import b64encode
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
 from tests.second_reader import material as m
-
-NOT_YET: Mapping[str, str] = {
-    "directory links": "files: links to directories inside the root are followed",
-    "other forms": "files: UTF-16 and base64 of base64 are searched for nothing, and no more unknown",
-    "foreign files": "files: `Keystore.foreign`, the list itself",
-    "embeddable certificates": "assumptions: under unpinned signers every certificate of the tree counts",
-    "anchors as identities": "assumptions: an enclave's certificate in another's identity CA file is a participant",
-}
-"""What waits for which part. The first two are features of stores, the others are comparisons."""
 
 UNREAD = frozenset({"outside link", "pkcs11", "locked key"})
 """Features by which something stays unknown: elsewhere no atom may be opaque."""
@@ -56,9 +45,9 @@ class Store:
         return bool(self.features & UNREAD)
 
 
-def store(seed: int, not_yet: Mapping[str, str] = NOT_YET) -> Store:
+def store(seed: int) -> Store:
     """The store of a seed."""
-    return _Maker(Random(seed), frozenset(not_yet)).store()
+    return _Maker(Random(seed)).store()
 
 
 def _ups(folder: str) -> str:
@@ -66,9 +55,8 @@ def _ups(folder: str) -> str:
 
 
 class _Maker:
-    def __init__(self, random: Random, not_yet: frozenset[str]) -> None:
+    def __init__(self, random: Random) -> None:
         self._random = random
-        self._not_yet = not_yet
         self._made = Store()
         self._files = self._made.files
 
@@ -182,7 +170,7 @@ class _Maker:
                 self._put(f"{at}{stem}.cert.pem", f"{_ups(folder)}public/{stem}.cert.pem")
             else:
                 self._put(f"{at}{stem}.cert.pem", self._pem(names))
-        if "anchors as identities" not in self._not_yet and self._has("identity in a CA file", 0.05):
+        if self._has("identity in a CA file", 0.05):
             other = m.identities()[random.choice(m.NAMES)]["self"]
             self._files[f"{at}identity_ca.cert.pem"] = self._pem(self._identity) + other.pem
         if self._has("own governance", 0.1):
@@ -219,9 +207,9 @@ class _Maker:
         self._keys_and_certificates(name)
         if self._has("prose", 0.3):
             self._put(self._somewhere("README.txt"), b"How this was made: ros2 security create_keystore.\n")
-        if layout == "sros2" and "directory links" not in self._not_yet and self._has("enclave by link", 0.05):
+        if layout == "sros2" and self._has("enclave by link", 0.05):
             self._put("enclaves/alias", self._names[0][1:])
-        if "other forms" not in self._not_yet and self._has("other forms", 0.1):
+        if self._has("other forms", 0.1):
             content = random.choice((m.key_pem(m.identities()[name]["identity"]), self._document(name, 0.1)))
             shown = content.decode().encode("utf-16") if random.random() < 0.5 else b64encode(b64encode(content))
             self._put(self._somewhere("notes.bin"), shown)

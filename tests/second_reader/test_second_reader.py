@@ -244,7 +244,7 @@ def test_each_changed_fact_is_a_difference(
                 changed = change(system)
             except (StopIteration, ValueError, IndexError):
                 continue
-            if changed != system and compare(listing, [changed], asked.certificates, AT, Counter(), frozenset()):
+            if changed != system and compare(listing, [changed], asked.certificates, AT, Counter()):
                 told.add(system.pins_signer)
     assert told == {True, False}
 

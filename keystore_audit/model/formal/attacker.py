@@ -36,9 +36,7 @@ class RealmView:
         self._honest: dict[int, Abilities] = {}
 
     def vouched(self, pool: frozenset[int], certificate: int, *, in_force: bool) -> bool:
-        """Whether an authority among `pool`, within its validity if `in_force`, issued the certificate,
-        within its own.
-        """
+        """Whether an authority among `pool` issued the certificate, each within its validity if `in_force`."""
         subject = self._system.certificates[certificate]
         if in_force and not self._permissions.in_force(subject.not_before, subject.not_after):
             return False
@@ -64,14 +62,8 @@ class RealmView:
     @cached_property
     def genuine(self) -> frozenset[int]:
         """Documents that the permissions CA itself signed."""
-        return frozenset(
-            number
-            for number, document in enumerate(self._system.documents)
-            if document.intact
-            and not document.opaque
-            and document.signers
-            and document.signers <= self._realm.permissions_ca
-        )
+        documents, trusted = enumerate(self._system.documents), self._realm.permissions_ca
+        return frozenset(n for n, d in documents if d.intact and not d.opaque and d.signers and d.signers <= trusted)
 
     @cached_property
     def accepted(self) -> frozenset[int]:
