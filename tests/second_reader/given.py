@@ -135,6 +135,11 @@ def of_system(system: Any) -> Relations:  # noqa: C901 - a list
     opaque = [("P", s.documents), ("E", s.enclaves), ("C", s.certificates)]
     put("opaque", (row for letter, several in opaque for row in flags(letter, [each.opaque for each in several])))
     every_realm = [(f"R{n}",) for n in range(len(s.realms))]
+    every = {each.value for each in type(next(iter(s.assumed)))} if s.assumed else set()
+    told = {each.value for each in s.assumed}
+    names = {"".join(word.capitalize() for word in each.split("-")) for each in told}
+    put("assumed", [("Assumption",)] if told == every else [(name,) for name in names])
+    put("asks_announced_only", every_realm if s.asks_announced_only else [])
     put("pins_signer", every_realm if s.pins_signer else [])
     put("requires_grant", every_realm if s.requires_grant else [])
     for name in ("identity_ca", "permissions_ca", "revoked", "refuses"):
