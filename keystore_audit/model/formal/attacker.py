@@ -251,7 +251,7 @@ class RealmView:
             return self.abilities(enclave)
         if enclave not in self._honest:
             atom = self._system.enclaves[enclave]
-            anything = self._any_opaque or atom.opaque
+            anything = self._any_opaque or self._system.anybody(enclave)
             everything, documents = self._permissions.all_channels, self.accepted
             rights = [everything if anything else self._right(atom.identity, op, genuine=False) for op in Operation]
             joined = self._joined_with(enclave, documents, anything=anything, issuing=False)

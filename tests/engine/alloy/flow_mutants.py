@@ -15,7 +15,7 @@ MUTANTS = {
     ),
     "who could not be read is nobody else": (
         "one that may be anybody",
-        " + one_key + (opaque & Enclave) -> Enclave + Enclave -> (opaque & Enclave)",
+        " + one_key + anybody -> Enclave + Enclave -> anybody",
         " + one_key",
     ),
     "eavesdroppers have no keys but their own": (

@@ -147,7 +147,7 @@ def test_users_files_speak_of_nodes_where_there_are_some(tmp_path: Path) -> None
     file = read_user_file(Source(file=GivenFile.of("asked.als", b""), real="/asked.als", text=QUESTIONS))
     run = job(file, wired())
     found = outcomes(tmp_path, dict(run.files), run.main)
-    assert found == {
+    assert {name: answer for name, answer in found.items() if "RangeOf" not in name} == {
         "WiredAndPermitted": False,
         "LiarIsWiredAndNotPermitted": True,
         "PermittedNotWired": True,
