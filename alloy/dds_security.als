@@ -153,7 +153,7 @@ abstract sig Grant extends Entry {}
 /** An `<allow_rule>` or `<deny_rule>` of a grant (9.4.1.3.3): domains, and topics to publish, subscribe to or relay. */
 abstract sig Rule extends Entry {}
 
-/** What is taken for granted: `docs/assumptions.md` has a section for each. Those that are made are in `assumed`. */
+/** What is taken for granted: docs/assumptions.md has a section for each. Those that are made are in `assumed`. */
 abstract sig Assumption {}
 /** By the names of reports. */
 one sig RobotsEnforce, AuthoritiesAsFound, NothingElseCertified, NoOtherDocuments, NothingInUnreadFiles,

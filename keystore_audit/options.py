@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Final, Protocol
 from keystore_audit.assumptions import Assumption
 from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.findings import Severity
-from keystore_audit.keystore.foreign import DeclaredFiles
 
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
 
     from keystore_audit.engine.alloy.user_file import UserFile
+    from keystore_audit.keystore.foreign import DeclaredFiles
     from keystore_audit.model.trust.authorities import Authorities
     from keystore_audit.settings.settings import Baseline, Settings
 
@@ -105,5 +105,7 @@ class Options:
     @property
     def files(self) -> DeclaredFiles:
         """What is declared of the keystore's files, with further directories."""
-        declared = self.settings.files if self.settings is not None else DeclaredFiles()
+        from keystore_audit.keystore.foreign import NOTHING_DECLARED  # with what reads keystores: `--help` needs none
+
+        declared = self.settings.files if self.settings is not None else NOTHING_DECLARED
         return replace(declared, roots=tuple(map(str, self.roots)))

@@ -137,7 +137,7 @@ def read_keystore(
         marked, private_keys = _marked(root, layout), root.holding_private_keys()
         strays = _strays(root, marked, enclaves, candidates)
         carried = _carried(layout, enclaves, authorities, strays)
-        unread = (file for file in marked if file.holds_certificates and file.place not in carried.key_places[1])
+        unread = (file for file in marked if _may_hold_keys(file) and file.place not in carried.key_places[1])
         identities = read_stray_identities(root, carried, unread)
         return Keystore(
             root=root.path,
@@ -316,11 +316,15 @@ def _further_keys(
 
 
 def _marked(root: Root, layout: Layout) -> list[File]:
-    """Files that were not read and carry the mark of a message, certificate or key, apart from those of enclaves."""
+    """Files that were not read and may hold a message, certificate or key, apart from those of enclaves: they carry its
+    mark, or their link leads out of the roots.
+    """
     known = {file.path for enclave in layout.enclaves for file in enclave.for_run_time}
-    return [
-        file for file in root.unread() if file.path not in known and (file.may_be_message or file.holds_certificates)
-    ]
+    return [file for file in root.unread() if file.path not in known and (file.may_be_message or _may_hold_keys(file))]
+
+
+def _may_hold_keys(file: File) -> bool:
+    return file.holds_certificates or file.status is Status.OUTSIDE
 
 
 def _distinct(readings: Iterable[_Reading | None]) -> tuple[_Reading, ...]:

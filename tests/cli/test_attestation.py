@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import shutil
+import ssl
 import sys
 from collections.abc import Callable
 from datetime import datetime, timezone
@@ -40,10 +41,15 @@ PASS = "KEYSTORE_AUDIT_PASS_IF_NOTHING_ELSE_CERTIFIED_AND_TRUTHFUL_ANNOUNCEMENTS
 
 
 def declared(sample: Path = SAMPLE) -> list[str]:
-    """The options that declare the authorities of a sample."""
+    """The options that declare the authorities of a sample, or of a keystore, by fingerprint."""
     roles = ("identity", "permissions")
-    files = {role: sample / f"public/{role}_ca.cert.pem" for role in roles}
-    return [word for role in roles for word in (f"--expect-{role}-ca", str(files[role]))]
+    ders = {role: ssl.PEM_cert_to_DER_cert((sample / f"public/{role}_ca.cert.pem").read_text()) for role in roles}
+    digests = {role: hashlib.sha256(der).hexdigest() for role, der in ders.items()}
+    return [word for role in roles for word in (f"--expect-{role}-ca", f"sha256:{digests[role]}")]
+
+
+def _pairs(options: list[str]) -> list[tuple[str, str]]:
+    return list(zip(options[::2], options[1::2], strict=True))
 
 
 def statement(keystore: Path, *options: str, kind: str = "svr", trusting: Path | None = SAMPLE) -> dict[str, Any]:
@@ -176,28 +182,29 @@ def test_what_nobody_read_passes_in_no_statement_unless_it_is_accepted(tmp_path:
     assert result["keystoreAudit"]["uncovered"] == ([] if hashed else ["map.bin"])
     settings = tmp_path / "settings.toml"
     digest = next((each["digest"]["sha256"] for each in said["subject"] if each["name"] == "map.bin"), "0" * 64)
-    settings.write_text(f'[files]\naccepted = ["sha256:{digest}"]\n')
+    trusted = "".join(f'{role[9:].removesuffix("-ca")} = "{sha256}"\n' for role, sha256 in _pairs(declared(root)))
+    settings.write_text(f'[files]\naccepted = ["sha256:{digest}"]\n[authorities]\n{trusted}')
     accepted = replace(Options(at=NOW, engine="native"), settings=read_settings(settings, ()))
     assert bool(json.loads(render_svr([audit(str(root), accepted)]))["predicate"]["properties"]) is hashed
 
 
 def test_nobody_attests_to_authorities_that_nobody_declared(tmp_path: Path) -> None:
     """Neither PASS in any form nor a property; verdict and exit code stay."""
-    root, sample = tmp_path / "keys", SAMPLE.parents[1] / "rules/KA115-deprecated-layout/good"
-    shutil.copytree(sample, root, symlinks=True)
-    (root / "enclaves/talker/key.pem").chmod(0o600)
+    root = tmp_path / "keys"
+    RECIPES["KA230"][1](root)
     told = {}
-    for trusting in (None, sample):
+    for trusting in (None, root):
         result = statement(root, kind="statement", trusting=trusting)["predicate"]
         properties = statement(root, trusting=trusting)["predicate"]["properties"]
         assert result["keystoreAudit"]["verdict"] == "pass"
-        told[trusting] = result["result"], "KEYSTORE_AUDIT_PASS" in properties, bool(properties)
-        assumed = " ".join(result["keystoreAudit"]["assumptions"])
-        assert ("Authorities as found" in assumed) is (trusting is None)
+        passes = any(each.startswith("KEYSTORE_AUDIT_PASS") for each in properties)
+        told[trusting] = result["result"], passes, bool(properties)
+        assumed = [each["name"] for each in result["keystoreAudit"]["assumptions"]]
+        assert ("authorities-as-found" in assumed) is (trusting is None)
         said = result["keystoreAudit"]["authorities"]["identity"]["declared"]
         assert bool(said) is (trusting is not None)
-    assert told == {None: ("WARNED", False, False), sample: ("PASSED", True, True)}
-    half = statement(root, *declared(sample)[:2], trusting=None)["predicate"]["properties"]
+    assert told == {None: ("WARNED", False, False), root: ("PASSED", True, True)}
+    half = statement(root, *declared(root)[:2], trusting=None)["predicate"]["properties"]
     assert half == [], "one role is not enough"
 
 

@@ -60,7 +60,7 @@ def test_what_honest_enclaves_let_the_outsider_hear_is_what_is_written_and_not_e
         everybody, channels = Place(enclaves=frozenset(range(len(system.enclaves)))), range(len(system.channels))
         views = realm_views(system)
         clear = union(view.readable for view in views)
-        written = union(view.abilities(e).writes_at_all & view.readable for view in views for e in everybody.enclaves)
+        written = union(view.honest(e).writes_at_all & view.readable for view in views for e in everybody.enclaves)
         for channel in channels:
             heard = replace(
                 system.claims[0],

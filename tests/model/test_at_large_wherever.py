@@ -124,7 +124,6 @@ def test_so_may_its_key(key: bytes, tmp_path: Path) -> None:
             "backup/key.pem": ADMIN.key_pem,
         },
         {"backup/cert.txt": UNDERLINED, "backup/key.pem": ADMIN.key_pem},
-        {"backup/ca.pem": identity("permissionsCA", "permissionsCA", ca=True).pem, "backup/key.pem": LOCKED},
     ],
 )
 def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None:

@@ -38,12 +38,12 @@ from tests.rules import (
 )
 
 CATALOGUE = {
-    "KA1": range(101, 121),
+    "KA1": range(101, 122),
     "KA2": range(201, 232),
     "KA3": range(301, 318),
     "KA4": range(401, 424),
     "KA5": range(501, 523),
-    "KA6": (*range(601, 628), *range(630, 639), *range(640, 647), *range(650, 656), *range(660, 670), *range(670, 678)),
+    "KA6": (*range(601, 628), *range(630, 639), *range(640, 647), *range(650, 656), *range(660, 664), *range(665, 678)),
     "KA7": (*range(701, 708), *range(711, 716), *range(721, 726), 731, 740, 741, 742),
     "KA9": range(901, 911),
 }

@@ -70,7 +70,6 @@ def test_things_are_counted_in_their_number() -> None:
         ("KA650", "The node /talker publishes /chatter, and its enclave /talker may not: "),
         ("KA654", "a package is installed. Nodes may need more than"),
         ("KA655", "'false': there is no security unless the value is exactly 'true'."),
-        ("KA665", "1 identity and 1 grant, the longest"),
     ],
 )
 def test_a_finding_reads_as_a_sentence(code: str, says: str) -> None:

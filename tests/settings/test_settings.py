@@ -84,7 +84,7 @@ to = "/b"
     ("text", "where", "what"),
     [
         ("x = [", ":1:6", "this is not TOML"),
-        ("[[propertty]]\n", ":1:1", "unknown key 'propertty'; expected authorities, property, "),
+        ("[[propertty]]\n", ":1:1", "unknown key 'propertty'; expected property, forward, "),
         ("property = 3\n", ":1:1", "headed [[property]]"),
         (f"{HEAD}", ":1:1", "expected exactly one of no_flow"),
         ("[[property]]\nable = 1\n", ":1:1", "expected name"),
