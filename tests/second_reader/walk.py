@@ -36,8 +36,8 @@ _FLAT = {"ca.cert.pem", "ca.key.pem", "governance.p7s", "governance.xml"}
 _OF_ENCLAVE = _RUN_TIME | {"crl.pem", "permissions.xml", "governance.xml"}
 _OF_OPENSSL_ERA = {"ecdsaparam", "req.pem", "request.cnf"}
 _OF_FLAT_ROOT = re.compile(
-    r"ca\.(cert|key)\.pem|ca_conf\.cnf|ecdsaparam|governance\.(xml|p7s)|(index\.txt|serial)(\.attr)?(\.old)?"
-    r"|[0-9A-F]{4}\.pem"
+    r"(identity_|permissions_)?ca\.(cert|key)\.pem|ca_conf\.cnf|ecdsaparam|governance\.(xml|p7s)"
+    r"|(index\.txt|serial)(\.attr)?(\.old)?|[0-9A-F]{4}\.pem"
 )
 _AUTHORITY = re.compile(r"((identity_|permissions_)?ca)\.(cert|key)\.pem")
 

@@ -225,7 +225,7 @@ def questions() -> list[Question]:
         ),
         (
             below_one_ca(chain()),
-            claim(at(TALKER), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH),
+            claim(at(TALKER, LISTENER, THIRD), on_channel(CHATTER), kind=ClaimKind.ONLY_PUBLISH),
             True,
             "published by a grant that others below the CA sign",
         ),
