@@ -184,7 +184,8 @@ def test_what_nobody_read_passes_in_no_statement_unless_it_is_accepted(tmp_path:
     digest = next((each["digest"]["sha256"] for each in said["subject"] if each["name"] == "map.bin"), "0" * 64)
     trusted = "".join(f'{role[9:].removesuffix("-ca")} = "{sha256}"\n' for role, sha256 in _pairs(declared(root)))
     settings.write_text(f'[files]\naccepted = ["sha256:{digest}"]\n[authorities]\n{trusted}')
-    accepted = replace(Options(at=NOW, engine="native"), settings=read_settings(settings, ()))
+    given = read_settings(settings, ())
+    accepted = replace(Options(at=NOW, engine="native"), settings=given, authorities=given.authorities)
     assert bool(json.loads(render_svr([audit(str(root), accepted)]))["predicate"]["properties"]) is hashed
 
 
