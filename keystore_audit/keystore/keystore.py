@@ -320,6 +320,7 @@ def _marked(root: Root, layout: Layout) -> list[File]:
     mark, or their link leads out of the roots.
     """
     known = {file.path for enclave in layout.enclaves for file in enclave.for_run_time}
+    known |= {file.path for file in layout.directory_links}  # behind which whole enclaves may be
     return [file for file in root.unread() if file.path not in known and (file.may_be_message or _may_hold_keys(file))]
 
 

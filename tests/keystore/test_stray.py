@@ -221,7 +221,7 @@ def test_what_is_not_read_is_a_document_where_it_has_the_mark_of_one(tmp_path: P
     accepted = {file.sha256 for file in keystore.unread_foreign if file.place == "recording.bag"}
     again = read_keystore(root, declared=DeclaredFiles(accepted=frozenset(filter(None, accepted))))
     assert [file.place for file in again.unread_foreign] == unread[:-1]
-    assert not again.identities.unread
+    assert [file.place for file in again.identities.unread] == ["public/permissions.p7s"], "outside may be anything"
 
 
 def test_ten_thousand_strays_are_bounded_and_the_rest_is_unknown() -> None:
