@@ -57,10 +57,12 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
 
 def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Counterexample:
     """Between which places, and what may keep it from them beside rights."""
-    asked = claims_at(system, 2 * system.now if answer.moment is None else answer.moment, Decisions(system))
+    moment = 2 * system.now if answer.moment is None else answer.moment
+    then = [enclave.at(moment) for enclave in system.enclaves]
+    asked = claims_at(system, moment, Decisions(system))
     ending = some(sorted(system.enclaves[number].label for number in asked.ending(claim)), 1)
     but = ""
-    if any(enclave.refused_writes or enclave.refused_reads for enclave in system.enclaves):
+    if any(enclave.refused_writes or enclave.refused_reads for enclave in then):
         but = ", some of which their own implementations refuse them (`can` says why)"
     if ending:
         but += f": {ending} can start now, and not at every instant until then"
@@ -242,7 +244,9 @@ def then_at(system: System, answer: Answer) -> tuple[str, System]:
         moment = 2 * (answer.path[0].instant if answer.path else system.now)
     index, after = divmod(moment, 2)
     when = instant(system.instants[index])
-    system = replace(system, realms=tuple(realm.at(moment) for realm in system.realms))
+    enclaves = tuple(enclave.at(moment) for enclave in system.enclaves)
+    realms = tuple(realm.at(moment) for realm in system.realms)
+    system = replace(system, enclaves=enclaves, realms=realms)
     if after:
         return f", after {when}", _just_after(system, index)
     return f", from {when} on" if index != system.now else "", replace(system, now=index)

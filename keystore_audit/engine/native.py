@@ -285,12 +285,14 @@ class _Questions:
 
 
 def _as_now(system: System, moment: int) -> bool:
-    """Whether at the moment all is in force that is now, and no more, and nobody else is revoked; what is claimed of a
-    time is not asked here.
+    """Whether at the moment all is in force that is now, and no more, nobody else is revoked, and implementations make
+    the same endpoints; what is claimed of a time is not asked here.
     """
     now = 2 * system.now
     dated: Iterable[CertificateAtom | GrantAtom] = (*system.certificates, *system.grants)
     if system.claims or any(realm.at(moment).revoked != realm.revoked for realm in system.realms):
+        return False
+    if any(enclave.at(moment).by_itself != enclave.by_itself for enclave in system.enclaves):
         return False
     return all(
         (2 * each.not_before <= now <= 2 * each.not_after) == (2 * each.not_before <= moment <= 2 * each.not_after)

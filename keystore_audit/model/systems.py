@@ -14,7 +14,7 @@ from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign
-from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels
@@ -49,11 +49,11 @@ from keystore_audit.model.participants.at_large import (
 from keystore_audit.model.participants.doubt import identity_doubt, realm_doubt
 from keystore_audit.model.participants.holders import Large, may_apply, own_endpoints
 from keystore_audit.model.participants.lone_endpoints import (
-    NO_ENDPOINTS,
     NOTHING,
     LocalMoments,
     LoneEndpoints,
     LoneRefusals,
+    made_alone,
 )
 from keystore_audit.model.participants.views import Kind, Realms, Views, trust_files
 from keystore_audit.model.profiles import Access, Profile
@@ -69,7 +69,7 @@ class SystemBuilder:
     `claims`: the names and instants that they speak of take part. `channels`: these, which tell apart all that the
     keystore's documents do. `named`: sets of names that are told apart as well. `literal`: partitions are plain names,
     as they are to permissions; else who may be in one that is a pattern is met in all that it matches. None: they are
-    where there are `points`.
+    where there are `points`. `instants` (attribute): at which anything may begin or end, sorted, `at` among them.
     Raises errors.BudgetExceeded where the classes are too many.
     """
 
@@ -102,7 +102,9 @@ class SystemBuilder:
         self._read = {row: self._read_all(row) for row in accesses.rows(profiles)}
         grants = (g for read in self._read.values() for document in read for g in document.grants or ())
         ends = {c.until for c in claims if c.until is not None and c.until > at} | self._views.list_dates(profiles)
-        self._instants = tuple(sorted({*instants_of(self._certificates, grants, at), *ends}))
+        # With the dates of what enclaves present, and of nobody's here: theirs may start by them.
+        presented = every_certificate(keystore.enclaves, (), ())
+        self.instants = tuple(sorted({*instants_of((*self._certificates, *presented), grants, at), *ends}))
         if channels is None:
             regions = (*claim_regions(claims), *named)
             channels = document_channels(self._read, points, regions, opened=self._may_be_open())
@@ -110,7 +112,7 @@ class SystemBuilder:
         self._issuers, self._unknown = self._identified()
         plain = points is not None if literal is None else literal
         self._meets = () if plain else channels.meets
-        self._rule_atoms = RuleAtoms(self.channels, self._instants)
+        self._rule_atoms = RuleAtoms(self.channels, self.instants)
         self._typed: dict[object, Atoms] = {}
         self._keys = {key: n for n, key in enumerate(dict.fromkeys(c.key for c in self._certificates))}
 
@@ -134,7 +136,7 @@ class SystemBuilder:
 
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
-        moments = LocalMoments(self._accesses, self.channels, self._at)
+        moments = LocalMoments(self._accesses, self.channels, self.instants, self._at)
         at_large = [holder.enclave for holder in self._large.holders]
         lone = LoneEndpoints(self._keystore, self._accesses, self.channels, moments, self._meets, at_large)
         return self._views.kinds(self._profiles, lone, LoneRefusals(self._keystore, moments))
@@ -165,8 +167,8 @@ class SystemBuilder:
             asks_announced_only=kind.trust.trusts_declarations and Assumption.TRUTHFUL_ANNOUNCEMENTS not in assumed,
             assumed=assumed if may else assumed | WORLD,
             reading=reading,
-            instants=self._instants,
-            now=self._instants.index(self._at),
+            instants=self.instants,
+            now=self.instants.index(self._at),
             certificates=(*self._in_use(enclaves, atoms), *((self._unread,) if may and self._opens else ())),
             documents=tuple(atoms),
             realms=realms,
@@ -218,7 +220,7 @@ class SystemBuilder:
     ) -> Iterator[EnclaveAtom]:
         """The enclaves of the keystore, each with its realm."""
         count = len(self._keystore.enclaves)
-        alone, refusals = kind.alone[:count] or (NOTHING,) * count, kind.refusals or (NO_ENDPOINTS,) * count
+        alone, refusals = kind.alone[:count] or (NOTHING,) * count, kind.refusals or ((),) * count
         rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, alone, refusals, strict=True)
         for enclave, unknown, doubt, lone, refused in rows:
             if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
@@ -230,19 +232,15 @@ class SystemBuilder:
                 realm = realms.known[files]
             else:
                 realm = realms.known[files] = realms.number(self._realm(enclave, number, kind, may=may))
-            endpoints = lone.possible if may else lone.certain
-            yield EnclaveAtom(
+            atom = EnclaveAtom(
                 label=enclave.path,
                 location=_place(enclave),
                 realm=realm,
                 identity=None if unknown else self._identity(enclave),
                 permissions=number.get(enclave.files.files[Role.PERMISSIONS].place),  # it may be unread (MAY)
                 opaque=unknown,
-                reads_alone=endpoints.reads,
-                writes_alone=endpoints.writes,
-                refused_writes=refused.writes,
-                refused_reads=refused.reads,
             )
+            yield made_alone(atom, lone.possible if may else lone.certain, refused)
 
     def _behind_unread(self, atoms: list[DocumentAtom], realms: Realms) -> Iterator[EnclaveAtom]:
         """What stands for whatever enclaves are behind places that were not read."""
@@ -308,7 +306,7 @@ class SystemBuilder:
             fit_to_sign=False,
             key=len(self._keys),
             not_before=0,
-            not_after=len(self._instants) - 1,
+            not_after=len(self.instants) - 1,
             opaque=True,
         )
 
@@ -334,7 +332,7 @@ class SystemBuilder:
             revoked=revoked if may or not unread else frozenset(range(len(self._certificates))),
             list_unread=may and unread,
             told=self._views.told(enclave, kind.trust),
-            revoked_later=self._views.revoked_later(enclave, kind.trust, self._instants),
+            revoked_later=self._views.revoked_later(enclave, kind.trust, self.instants),
         )
 
     def _governance_place(self, enclave: Enclave) -> str | None:
@@ -356,7 +354,7 @@ class SystemBuilder:
 
     @cached_property
     def _certificate_atoms(self) -> tuple[CertificateAtom, ...]:
-        index = {instant: n for n, instant in enumerate(self._instants)}
+        index = {instant: n for n, instant in enumerate(self.instants)}
         return tuple(
             CertificateAtom(
                 label=certificate.subject,

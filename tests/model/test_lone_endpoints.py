@@ -84,21 +84,48 @@ def test_endpoints_that_peers_refuse_are_met_where_their_partitions_are_patterns
     assert (("rt/a", "secret") in reads, ("rt/b", "secret") in writes) == (met, met)
 
 
-@pytest.mark.parametrize(("begins", "ends", "reads"), [(5, 10, True), (-10, -5, False), (None, None, True)])
-def test_what_it_reads_once_its_revocation_list_is_in_force(
-    begins: int | None, ends: int | None, reads: bool, tmp_path: Path
+def days_of(keystore_root: Path, profile: str) -> list[int]:
+    """The days, of the first thousand, on which what /e reads by itself becomes something, or nothing, in turn."""
+    accesses = AccessViews(documents_of(keystore := read_keystore(keystore_root)), recipe.NOW, None)
+    [system] = SystemBuilder(keystore, (VARIANTS[profile],), recipe.NOW, accesses).systems()
+    [enclave] = system.enclaves
+    found = [False]
+    days = []
+    for moment in range(2 * system.now, 2 * len(system.instants)):
+        reads = bool(enclave.at(moment).reads_alone)
+        if reads != found[-1]:
+            found.append(reads)
+            days.append(round((system.instants[moment // 2] - recipe.NOW) / timedelta(days=1)))
+    return [each for each in days if each < 1000]
+
+
+@pytest.mark.parametrize(
+    ("begins", "ends", "days"), [(5, 10, [5, 10]), (-10, 10, [0, 10]), (-10, -5, []), (None, None, [0])]
+)
+def test_what_it_reads_while_its_revocation_list_is_in_force(
+    begins: int | None, ends: int | None, days: list[int], tmp_path: Path
 ) -> None:
     """Until then it does not start, and where the list has ended it never does."""
     document = permissions(grant("/e", rule(criterion("subscribe", "rt/a"), domains="<id>9</id>")))
     store = Store(members={"/e": Member(permissions=document)}, governance=governance())
     if begins is not None and ends is not None:
-        days = (recipe.NOW - START).days + begins
-        listed = crl(store.identity[0], end=recipe.NOW + timedelta(days=ends), days=days)
+        since = round((recipe.NOW - START) / timedelta(days=1))
+        listed = crl(
+            store.identity[0],
+            end=recipe.NOW + timedelta(days=ends),
+            days=since + begins,
+        )
         store = replace(store, files={"enclaves/e/crl.pem": listed.public_bytes(Encoding.PEM)})
-    keystore = read_keystore(store.write(tmp_path))
-    accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
-    [system] = SystemBuilder(keystore, (VARIANTS["fastdds-3.6"],), recipe.NOW, accesses).systems()
-    assert bool(system.enclaves[0].reads_alone) is reads
+    assert days_of(store.write(tmp_path), "fastdds-3.6") == days
+
+
+@pytest.mark.parametrize(("first", "last", "days"), [(-9, 9, [0, 9]), (3, 9, [3, 9]), (-9, -3, [])])
+def test_what_a_grant_of_other_dates_lets_it_read(first: int, last: int, days: list[int], tmp_path: Path) -> None:
+    """Not before it begins, nor after it has ended."""
+    dates = [f"{recipe.NOW + timedelta(days=each):%Y-%m-%dT%H:%M:%S}" for each in (first, last)]
+    lasting = grant("/e", rule(criterion("subscribe", "rt/a"), domains="<id>9</id>"), start=dates[0], end=dates[1])
+    store = Store(members={"/e": Member(permissions=permissions(lasting))}, governance=governance())
+    assert days_of(store.write(tmp_path), "fastdds-3.6") == days
 
 
 @pytest.mark.parametrize(("profile", "reads"), [("fastdds-2.9", True), ("cyclonedds-0.10", False)])
@@ -111,8 +138,7 @@ def test_what_it_reads_once_the_older_authority_is_over(profile: str, reads: boo
     [enclave], usabilities = keystore.enclaves, Usabilities(None, accesses)
     assert usabilities.of(enclave, recipe.NOW, VARIANTS[profile]).usable is False
     assert usabilities.of(enclave, recipe.NOW + timedelta(days=31), VARIANTS[profile]).usable is reads
-    [system] = SystemBuilder(keystore, (VARIANTS[profile],), recipe.NOW, accesses).systems()
-    assert bool(system.enclaves[0].reads_alone) is reads
+    assert days_of(Path(keystore.root), profile) == ([30] if reads else [])
 
 
 @pytest.mark.parametrize("lists", [1, 2])

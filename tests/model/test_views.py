@@ -44,7 +44,7 @@ def builder_of(store: Path, at: datetime) -> tuple[SystemBuilder, Callable[[str]
     keystore = read_keystore(store)
     accesses = AccessViews(documents_of(keystore), at, None)
     builder = SystemBuilder(keystore, list(VARIANTS.values()), at, accesses)
-    moments = LocalMoments(accesses, builder.channels, at)
+    moments = LocalMoments(accesses, builder.channels, builder.instants, at)
     lone = LoneEndpoints(keystore, accesses, builder.channels, moments, builder.channels.meets)
     refusals = LoneRefusals(keystore, moments)
 

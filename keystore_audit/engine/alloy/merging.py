@@ -232,6 +232,7 @@ class _Restriction:
                     writes_alone=self._named(old.enclaves[n].writes_alone),
                     refused_writes=self._named(old.enclaves[n].refused_writes),
                     refused_reads=self._named(old.enclaves[n].refused_reads),
+                    later=(),
                 )
                 for n in self._kept_enclaves
             ),

@@ -1,8 +1,9 @@
 """The facts of a system at a later moment, for claims that must hold until a date.
 
-Of what a claim speaks of, dates change nothing but which grants are in force and who is refused. So each choice is
-asked about once, with static facts: a start of the Analyzer for each, but each as exact and as fast as the audit
-itself. (A moving clock in one temporal model costs a translation for each state of each trace that is tried.)
+Of what a claim speaks of, dates change nothing but which grants are in force, who is refused, and what implementations
+make of enclaves by themselves. So each choice is asked about once, with static facts: a start of the Analyzer for each,
+but each as exact and as fast as the audit itself. (A moving clock in one temporal model costs a translation for each
+state of each trace that is tried.)
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from datetime import timedelta
 from typing import Final, TypeVar
 
 from keystore_audit.dataclass import replace
-from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, System
+from keystore_audit.model.formal.system import CertificateAtom, EnclaveAtom, GrantAtom, RealmAtom, System
 
 MAX_MOMENTS: Final = 16
 """Moments asked about for one system."""
@@ -20,11 +21,12 @@ MAX_MOMENTS: Final = 16
 _TICK: Final = timedelta(microseconds=1)
 
 Dated = TypeVar("Dated", CertificateAtom, GrantAtom)
+Changing = TypeVar("Changing", EnclaveAtom, RealmAtom)
 
 
 def later(system: System, until: int) -> Iterator[int]:
-    """Yield the moments after the audit instant, up to the instant `until`, at which other grants are in force, or
-    others are revoked or refused.
+    """Yield the moments after the audit instant, up to the instant `until`, at which other grants are in force,
+    others are revoked or refused, or implementations make other endpoints.
 
     A moment is twice the index of an instant, plus one for the time between it and the next (as in
     `model.formal.permission.Permissions`). Of several moments that are alike the first counts.
@@ -40,9 +42,9 @@ def later(system: System, until: int) -> Iterator[int]:
 def at(system: System, moment: int) -> System:
     """Return the same system as it is at `moment`: with an instant of its own if that lies between two."""
     index, between = divmod(moment, 2)
-    realms = tuple(realm.at(moment) for realm in system.realms)
+    realms, enclaves = _then(system.realms, moment), _then(system.enclaves, moment)
     if not between:
-        return replace(system, now=index, realms=realms)
+        return replace(system, now=index, realms=realms, enclaves=enclaves)
 
     def shift(instant: int) -> int:
         return instant + 1 if instant > index else instant
@@ -53,6 +55,7 @@ def at(system: System, moment: int) -> System:
         instants=(*instants[: index + 1], instants[index] + _TICK, *instants[index + 1 :]),
         now=index + 1,
         realms=realms,
+        enclaves=enclaves,
         certificates=redated(system.certificates, shift),
         grants=redated(system.grants, shift),
     )
@@ -66,17 +69,22 @@ def redated(dated: Iterable[Dated], of: Callable[[int], int]) -> tuple[Dated, ..
 def every(system: System) -> System:
     """Return the same system with an instant of its own between each two from the audit on, and after the last.
 
-    Who is revoked or refused stays as it is at the audit.
+    Who is revoked or refused, and what implementations make, stays as it is at the audit.
     """
-    realms = tuple(realm.at(2 * system.now) for realm in system.realms)
+    realms, enclaves = _then(system.realms, 2 * system.now), _then(system.enclaves, 2 * system.now)
     for index in reversed(range(system.now, len(system.instants))):
         system = replace(at(system, 2 * index + 1), now=system.now)
-    return replace(system, realms=realms)
+    return replace(system, realms=realms, enclaves=enclaves)
+
+
+def _then(atoms: Iterable[Changing], moment: int) -> tuple[Changing, ...]:
+    """Realms or enclaves as they are then, and for good."""
+    return tuple(atom.at(moment) for atom in atoms)
 
 
 def _in_force(system: System, moment: int) -> tuple[object, ...]:
-    """Grants; and by realm, whom it does not take, and why."""
+    """Grants; by realm, whom it does not take, and why; and what implementations make of enclaves by themselves."""
     grants = enumerate(system.grants)
     found = frozenset(number for number, grant in grants if 2 * grant.not_before <= moment <= 2 * grant.not_after)
-    realms = [realm.at(moment) for realm in system.realms]
-    return found, *((realm.revoked, realm.refuses) for realm in realms)
+    refused = ((realm.revoked, realm.refuses) for realm in _then(system.realms, moment))
+    return found, *refused, *(enclave.by_itself for enclave in _then(system.enclaves, moment))

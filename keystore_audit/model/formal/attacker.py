@@ -25,6 +25,7 @@ class RealmView:
         self._number = realm
         self._realm = system.realms[realm].at(permissions.moment)
         self._permissions = permissions
+        self.moment = permissions.moment
         self.refuses = self._realm.refuses
         governance = self._realm.governance
         unread = governance is not None and system.documents[governance].opaque
@@ -260,7 +261,7 @@ class RealmView:
 
     def _alone(self, enclave: int) -> tuple[int, int]:
         """What its own implementation lets a member write, and read."""
-        atom = self._system.enclaves[enclave]
+        atom = self._system.enclaves[enclave].at(self.moment)
         return (bits(atom.writes_alone), bits(atom.reads_alone)) if atom.realm == self._number else (0, 0)
 
     def everybody(self) -> Iterator[Abilities]:

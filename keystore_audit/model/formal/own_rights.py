@@ -27,7 +27,7 @@ class OwnRights:
         return self._abilities[enclave]
 
     def _able(self, enclave: int) -> Abilities:
-        atom = self._system.enclaves[enclave]
+        atom = self._system.enclaves[enclave].at(self._view.moment)
         own = atom.permissions
         anything = atom.opaque or (own is not None and self._system.documents[own].opaque)
         documents = frozenset() if own is None else self._view.accepted & {own}

@@ -128,7 +128,8 @@ class EnclaveAtom:
     `possible`: (MAY only) whether anybody has its key is unknown.
     `reads_alone`, `writes_alone`: channels that its own implementation lets it read, and write, where that may be more
     than peers concede. `refused_writes`, `refused_reads`: those on which it refuses a writer, or a reader, that peers
-    would take.
+    would take. `later`: the same enclave from moments on (`permission.Permissions`), ascending, at which these are
+    others.
     """
 
     label: str
@@ -143,6 +144,12 @@ class EnclaveAtom:
     writes_alone: frozenset[int] = frozenset()
     refused_writes: frozenset[int] = frozenset()
     refused_reads: frozenset[int] = frozenset()
+    later: tuple[tuple[int, EnclaveAtom], ...] = ()
+
+    def at(self, moment: int) -> EnclaveAtom:
+        """The same as it is then, and for good."""
+        *_, found = self, *(each for begin, each in self.later if begin <= moment)
+        return replace(found, later=()) if found.later else found
 
     @property
     def by_itself(self) -> tuple[frozenset[int], ...]:

@@ -17,7 +17,7 @@ from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.model.formal.system import CertificateAtom, EnclaveAtom, RealmAtom
-from keystore_audit.model.participants.lone_endpoints import NO_ENDPOINTS, Endpoints
+from keystore_audit.model.participants.lone_endpoints import Endpoints, Timeline, joined, made_alone, within
 from keystore_audit.text import shorten
 
 MAX_SUBJECT: Final = 160
@@ -48,7 +48,7 @@ def at_large_atoms(
     realms: Sequence[RealmAtom],
     certificates: Sequence[CertificateAtom],
     names: Mapping[str, frozenset[int]],
-    own: Mapping[tuple[int, int], Sequence[Endpoints]],
+    own: Mapping[tuple[int, int], Sequence[Timeline]],
 ) -> Iterator[EnclaveAtom]:
     """The identities that a realm lets in, in each that does.
 
@@ -59,15 +59,15 @@ def at_large_atoms(
     all that peers look at, and that has no endpoints beyond those of that one, adds nothing to its realm and is left
     out there: a certificate that was renewed, for instance. Raises errors.BudgetExceeded.
     """
-    joined = {key: _joined(ends) for key, ends in own.items()}
-    adding = _adding(candidates, enclaves, realms, certificates, names, joined)
-    for count, (each, realm, ends) in enumerate(adding):
+    every = {key: joined(several) for key, several in own.items()}
+    adding = _adding(candidates, enclaves, realms, certificates, names, every)
+    for count, (each, realm, timeline) in enumerate(adding):
         if count >= MAX_AT_LARGE:
             raise BudgetExceeded(
                 f"More than {MAX_AT_LARGE} identities that are no enclave's own are more than can be told apart, "
                 f"{each.certificate.path}:{each.certificate.line} among them."
             )
-        yield EnclaveAtom(
+        atom = EnclaveAtom(
             label=f"{shorten(each.certificate.subject, MAX_SUBJECT)} ({each.certificate.path}, no enclave)",
             location=Location(path=each.certificate.path, line=each.certificate.line),
             realm=realm,
@@ -76,9 +76,8 @@ def at_large_atoms(
             opaque=each.doubted,
             at_large=True,
             possible=each.possible,
-            reads_alone=ends.reads,
-            writes_alone=ends.writes,
         )
+        yield made_alone(atom, timeline)
 
 
 def let_in(
@@ -98,8 +97,8 @@ def _adding(
     realms: Sequence[RealmAtom],
     certificates: Sequence[CertificateAtom],
     names: Mapping[str, frozenset[int]],
-    own: Mapping[tuple[int, int], Endpoints],
-) -> Iterator[tuple[Candidate, int, Endpoints]]:
+    own: Mapping[tuple[int, int], Timeline],
+) -> Iterator[tuple[Candidate, int, Timeline]]:
     """Those that a realm lets in and that add something to the enclaves there and to those before.
 
     With the realm, and what their own implementation creates in it.
@@ -108,26 +107,21 @@ def _adding(
     if not candidates:  # nearly always
         return
     told = _Told(realms, certificates, names)
-    known: dict[tuple[int, object], list[Endpoints]] = {}
+    known: dict[tuple[int, object], list[Timeline]] = {}
     for enclave in enclaves:
         if enclave.identity is not None:
-            ends = Endpoints(enclave.reads_alone, enclave.writes_alone)
-            known.setdefault((enclave.realm, told.of(enclave.identity)), []).append(ends)
+            moments = ((0, enclave), *enclave.later)
+            timeline = tuple((begin, Endpoints(atom.reads_alone, atom.writes_alone)) for begin, atom in moments)
+            known.setdefault((enclave.realm, told.of(enclave.identity)), []).append(timeline)
     for each in candidates:
         about = told.of(each.number)
         for realm, atom in enumerate(realms):
             if not admits(atom, each, certificates):
                 continue
-            ends, alike = own.get((each.number, realm), NO_ENDPOINTS), known.setdefault((realm, about), [])
-            if each.doubted or not any(ends.reads <= one.reads and ends.writes <= one.writes for one in alike):
-                alike.append(ends)
-                yield each, realm, ends
-
-
-def _joined(several: Iterable[Endpoints]) -> Endpoints:
-    """What one has that starts with one document or the other."""
-    reads, writes = zip(NO_ENDPOINTS, *several, strict=True)
-    return Endpoints(frozenset[int]().union(*reads), frozenset[int]().union(*writes))
+            timeline, alike = own.get((each.number, realm), ()), known.setdefault((realm, about), [])
+            if each.doubted or not any(within(timeline, other) for other in alike):
+                alike.append(timeline)
+                yield each, realm, timeline
 
 
 def unread_atoms(places: Sequence[str], realms: Sequence[RealmAtom]) -> Iterator[EnclaveAtom]:

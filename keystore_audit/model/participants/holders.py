@@ -33,7 +33,7 @@ from keystore_audit.model.inventory import (
 )
 from keystore_audit.model.participants.at_large import Candidate
 from keystore_audit.model.participants.doubt import at_large_doubt, realm_doubt
-from keystore_audit.model.participants.lone_endpoints import Alone, Endpoints
+from keystore_audit.model.participants.lone_endpoints import Alone, Timeline
 from keystore_audit.model.participants.views import TrustFiles, trust_files
 from keystore_audit.model.profiles import Profile, Trust
 from keystore_audit.model.trust.verdicts import MAX_AUTHORITIES, may_take
@@ -193,7 +193,7 @@ def holders_of(
 
 def own_endpoints(
     holders: Iterable[Holder], alone: Iterable[Alone], realms: Mapping[TrustFiles, int], *, may: bool
-) -> dict[tuple[int, int], list[Endpoints]]:
+) -> dict[tuple[int, int], list[Timeline]]:
     """By certificate and realm what their own implementation creates, possibly (MAY) or certainly (MUST).
 
     `alone`: by holder. Whose realm could not be read is left out: there everybody may do anything.

@@ -18,15 +18,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
+from keystore_audit.dataclass import replace
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
-from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights, wildcard_names
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Meetings
+from keystore_audit.model.formal.system import EnclaveAtom
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import ReadGrant
@@ -44,14 +45,62 @@ class Endpoints(NamedTuple):
 NO_ENDPOINTS = Endpoints(frozenset(), frozenset())
 
 
+Timeline = tuple[tuple[int, Endpoints], ...]
+"""Those from moments on (`permission.Permissions`), ascending; none before the first, which is the audit's."""
+
+
+def changes(found: Iterable[tuple[int, Endpoints]]) -> Timeline:
+    """The same without later moments that change nothing; empty where there are none at any."""
+    kept: list[tuple[int, Endpoints]] = []
+    for moment, ends in found:
+        if not kept or ends != kept[-1][1]:
+            kept.append((moment, ends))
+    return tuple(kept) if any(any(ends) for _moment, ends in kept) else ()
+
+
+def then(timeline: Timeline, moment: int) -> Endpoints:
+    """Those at a moment."""
+    *_, found = NO_ENDPOINTS, *(each for begin, each in timeline if begin <= moment)
+    return found
+
+
+def joined(several: Sequence[Timeline]) -> Timeline:
+    """What one has that may have any of these."""
+    found = []
+    for moment in sorted({begin for each in several for begin, _ends in each}):
+        reads, writes = zip(*(then(each, moment) for each in several), strict=True)
+        found.append((moment, Endpoints(frozenset[int]().union(*reads), frozenset[int]().union(*writes))))
+    return tuple(found)
+
+
+def made_alone(atom: EnclaveAtom, alone: Timeline, refused: Timeline = ()) -> EnclaveAtom:
+    """The enclave with these endpoints, made and refused by its own implementation."""
+    several = []
+    for moment in sorted({begin for begin, _ends in (*alone, *refused)}):
+        made, lost = then(alone, moment), then(refused, moment)
+        ways = {"reads_alone": made.reads, "writes_alone": made.writes}
+        ways |= {"refused_reads": lost.reads, "refused_writes": lost.writes}
+        several.append((moment, replace(atom, **ways)))
+    return replace(several[0][1], later=tuple(several[1:])) if several else atom
+
+
+def within(one: Timeline, other: Timeline) -> bool:
+    """Whether the other has, at each moment, all that this one has."""
+    moments = [begin for begin, _ends in (*one, *other)]
+    pairs = ((then(one, moment), then(other, moment)) for moment in moments)
+    return all(mine.reads <= its.reads and mine.writes <= its.writes for mine, its in pairs)
+
+
 class LocalMoments:
-    """What an enclave's own implementation decides, now and at each later instant at which another grant may count, or
-    at which it may come to start. Of the enclaves of one keystore, from `at` (aware UTC) on.
+    """What an enclave's own implementation decides, now and from each later moment on at which another grant may
+    count, or at which it may come to start or no longer start. Of the enclaves of one keystore, from `at` on, one of
+    the `instants` (aware UTC, sorted), among which are all dates of its certificates, lists and grants.
     """
 
-    def __init__(self, accesses: AccessViews, channels: Channels, at: datetime) -> None:
+    def __init__(self, accesses: AccessViews, channels: Channels, instants: Sequence[datetime], at: datetime) -> None:
         self._accesses = accesses
         self._channels = channels
+        self._number = {instant: number for number, instant in enumerate(instants)}
         self._at = at
         self._rights: dict[datetime, LocalRights] = {}
 
@@ -59,32 +108,32 @@ class LocalMoments:
         """What its own document grants, to whomever."""
         return () if enclave.permissions is None else self._accesses.read(enclave.permissions, access).grants or ()
 
-    def of(self, enclave: Enclave, profile: Profile) -> Iterator[tuple[datetime, LocalRights]]:
-        """The instants, and what is decided then."""
-        grants = self.grants(enclave, profile.access)
-        lists = ends_of_lists(enclave, profile.trust, self._at)
-        ends = {grant.not_after for grant in grants if grant.not_after < END}.union(lists)
-        documents = (document for document in (enclave.governance, enclave.permissions) if document is not None)
-        choices = [enclave.trusts(Role.IDENTITY_CA), enclave.trusts(Role.PERMISSIONS_CA)]
-        choices += [document.signed.embedded for document in documents]
-        # Where one of several authorities ends, another of its name is tried (`trust.verdicts.issuers_taken`).
-        ends.update(each.not_after for authorities in choices if len(authorities) > 1 for each in authorities)
-        later = {end + datetime.resolution for end in ends}.union(lists, (grant.not_before for grant in grants))
-        later.update(certificate.not_before for certificate in every_certificate((enclave,), (), ()))
-        for at in (self._at, *sorted(moment for moment in later if moment > self._at)):
-            if at not in self._rights:
-                self._rights[at] = LocalRights(self._accesses, self._channels, at)
-            yield at, self._rights[at]
+    def of(self, enclave: Enclave, profile: Profile) -> Iterator[tuple[int, datetime, LocalRights]]:
+        """The moments, instants at which they are, and what is decided then."""
+        dates = {date for each in self.grants(enclave, profile.access) for date in (each.not_before, each.not_after)}
+        for certificate in every_certificate((enclave,), (), ()):
+            dates.update((certificate.not_before, certificate.not_after))
+        dates.update(ends_of_lists(enclave, profile.trust, self._at))
+        later = sorted(date for date in dates if self._at < date < END)
+        for date in (self._at, *later):
+            for behind in (0, 1):
+                at = date + behind * datetime.resolution
+                yield 2 * self._number[date] + behind, at, self._decided(at)
+
+    def _decided(self, at: datetime) -> LocalRights:
+        if at not in self._rights:
+            self._rights[at] = LocalRights(self._accesses, self._channels, at)
+        return self._rights[at]
 
 
 class Alone(NamedTuple):
     """What its own implementation lets an enclave do where it possibly starts, and where it certainly does."""
 
-    possible: Endpoints
-    certain: Endpoints
+    possible: Timeline = ()
+    certain: Timeline = ()
 
 
-NOTHING = Alone(NO_ENDPOINTS, NO_ENDPOINTS)
+NOTHING = Alone()
 """Of an enclave whose implementation lets it do nothing but what its peers concede it."""
 
 
@@ -130,25 +179,28 @@ class LoneEndpoints:
             return ()
         enclaves = enumerate(self._enclaves)
         found = tuple(self._alone(each, profile) if number in differing else NOTHING for number, each in enclaves)
-        return found if any(any(each.possible) for each in found) else ()
+        return found if any(each.possible for each in found) else ()
 
     def _alone(self, enclave: Enclave, profile: Profile) -> Alone:
-        reads, writes = (self._allowed(enclave, profile, each) for each in (Operation.SUBSCRIBE, Operation.PUBLISH))
-        return Alone(*(Endpoints(*sides) for sides in zip(reads, writes, strict=True)))
+        possible, certain = [], []
+        for moment, at, local in self._moments.of(enclave, profile):
+            ways = (Operation.SUBSCRIBE, Operation.PUBLISH)
+            allowed = [self._meetings.met(local.allowed(enclave, profile, each)) for each in ways]
+            may, must = self._where_usable(enclave, profile, at, allowed[0] | allowed[1])
+            possible.append((moment, Endpoints(*(self._set(each & may) for each in allowed))))
+            certain.append((moment, Endpoints(*(self._set(each & must) for each in allowed))))
+        return Alone(changes(possible), changes(certain))
 
-    def _allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> tuple[frozenset[int], ...]:
-        """The channels on which it is allowed, in domains in which it possibly and in which it certainly starts."""
+    def _where_usable(self, enclave: Enclave, profile: Profile, at: datetime, asked: int) -> tuple[int, int]:
+        """Of the channels asked those of domains in which the enclave possibly, and in which it certainly starts."""
         possible, certain = 0, 0
-        for at, local in self._moments.of(enclave, profile):
-            allowed = self._meetings.met(local.allowed(enclave, profile, operation))
-            for domain in range(len(self._channels.domains)):
-                here = allowed & self._channels.bits_in(domain)
-                if here:
-                    lowest = self._channels.domains[domain].intervals[0][0]
-                    usable = self._usabilities.in_domain(lowest).of(enclave, at, profile).usable
-                    possible |= here if usable is not False else 0
-                    certain |= here if usable else 0
-        return self._set(possible), self._set(certain)
+        for number, domain in enumerate(self._channels.domains):
+            here = asked & self._channels.bits_in(number)
+            if here:
+                usable = self._usabilities.in_domain(domain.intervals[0][0]).of(enclave, at, profile).usable
+                possible |= here if usable is not False else 0
+                certain |= here if usable else 0
+        return possible, certain
 
     def _set(self, channels: int) -> frozenset[int]:
         """The channels of a bit set; the same object for the same ones, of which there may be 300,000."""
@@ -180,7 +232,7 @@ class LoneEndpoints:
 
 
 class LoneRefusals:
-    """Those that are refused: of the enclaves of one keystore, at any of the `moments`."""
+    """Those that are refused: of the enclaves of one keystore, at all the `moments`."""
 
     def __init__(self, keystore: Keystore, moments: LocalMoments) -> None:
         self._enclaves = keystore.enclaves
@@ -188,24 +240,27 @@ class LoneRefusals:
         governances = (enclave.governance for enclave in keystore.enclaves if enclave.governance is not None)
         self._several = len({governance.signed.file.sha256 for governance in governances}) > 1
 
-    def of(self, profile: Profile) -> tuple[Endpoints, ...]:
+    def of(self, profile: Profile) -> tuple[Timeline, ...]:
         """By enclave; empty where no implementation refuses what peers concede."""
         found = tuple(self._refused(enclave, profile) for enclave in self._enclaves)
-        return found if any(any(each) for each in found) else ()
+        return found if any(found) else ()
 
-    def _refused(self, enclave: Enclave, profile: Profile) -> Endpoints:
+    def _refused(self, enclave: Enclave, profile: Profile) -> Timeline:
         grants = self._moments.grants(enclave, profile.access)
         if not any(self._may_refuse(grant, profile) for grant in grants):  # nearly always
-            return NO_ENDPOINTS
-        reads, writes = 0, 0
-        for _at, local in self._moments.of(enclave, profile):
-            reads |= self._conceded_not_allowed(local, enclave, profile, Operation.SUBSCRIBE)
-            writes |= self._conceded_not_allowed(local, enclave, profile, Operation.PUBLISH)
-        return Endpoints(frozenset(members(reads)), frozenset(members(writes)))
+            return ()
+        ways = (Operation.SUBSCRIBE, Operation.PUBLISH)
+        return changes(
+            (moment, Endpoints(*(self._conceded_not_allowed(local, enclave, profile, each) for each in ways)))
+            for moment, _at, local in self._moments.of(enclave, profile)
+        )
 
     @staticmethod
-    def _conceded_not_allowed(local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation) -> int:
-        return local.conceded(enclave, profile, operation) & ~local.allowed(enclave, profile, operation)
+    def _conceded_not_allowed(
+        local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation
+    ) -> frozenset[int]:
+        refused = local.conceded(enclave, profile, operation) & ~local.allowed(enclave, profile, operation)
+        return frozenset(members(refused))
 
     def _may_refuse(self, grant: ReadGrant, profile: Profile) -> bool:
         """Whether its rules may decide otherwise about the enclave's own endpoints than about those of a peer."""

@@ -18,10 +18,10 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import RealmAtom
 from keystore_audit.model.inventory import Document, permissions_cas
 from keystore_audit.model.participants.doubt import may_say_anything
-from keystore_audit.model.participants.lone_endpoints import Alone, Endpoints, LoneEndpoints, LoneRefusals
+from keystore_audit.model.participants.lone_endpoints import Alone, LoneEndpoints, LoneRefusals, Timeline
 from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
 from keystore_audit.model.subjects.comparison import matching
-from keystore_audit.model.trust.revocation import list_dates, list_unread, revoked
+from keystore_audit.model.trust.revocation import ends_of_lists, list_dates, list_unread, revoked
 from keystore_audit.model.trust.verdicts import (
     Acceptance,
     authorities_read,
@@ -48,7 +48,7 @@ class Kind(NamedTuple):
     trust: Trust
     access: Access
     alone: tuple[Alone, ...] = ()
-    refusals: tuple[Endpoints, ...] = ()
+    refusals: tuple[Timeline, ...] = ()
 
 
 def trust_files(enclave: Enclave) -> TrustFiles:
@@ -166,9 +166,10 @@ class Views:
         return tuple((2 * instants.index(date) + behind, each) for date, behind, each in self._later(enclave, trust))
 
     def list_dates(self, profiles: Iterable[Profile]) -> set[datetime]:
-        """All these instants."""
+        """All these instants, and those at which a list begins or ends."""
         trusts = dict.fromkeys(profile.trust for profile in profiles)
-        return {date for trust in trusts for each in self._realms for date in list_dates(each, trust, self._at)}
+        asked = [(each, trust, self._at) for trust in trusts for each in self._realms]
+        return {date for each in asked for date in (*list_dates(*each), *ends_of_lists(*each))}
 
     def told(self, enclave: Enclave, trust: Trust) -> int:
         """What the enclave tells peers of its permissions CA: equal numbers, equal things."""
