@@ -78,9 +78,8 @@ def made_alone(atom: EnclaveAtom, alone: Timeline, refused: Timeline = ()) -> En
     several = []
     for moment in sorted({begin for begin, _ends in (*alone, *refused)}):
         made, lost = then(alone, moment), then(refused, moment)
-        ways = {"reads_alone": made.reads, "writes_alone": made.writes}
-        ways |= {"refused_reads": lost.reads, "refused_writes": lost.writes}
-        several.append((moment, replace(atom, **ways)))
+        made_then = replace(atom, reads_alone=made.reads, writes_alone=made.writes)
+        several.append((moment, replace(made_then, refused_reads=lost.reads, refused_writes=lost.writes)))
     return replace(several[0][1], later=tuple(several[1:])) if several else atom
 
 
