@@ -11,6 +11,7 @@ from zoneinfo import ZoneInfo
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
+from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.keystore import Enclave, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
@@ -48,9 +49,10 @@ class Access:
         profiles: Sequence[Profile],
         at: datetime,
         zone: ZoneInfo | None = None,
+        declared: DeclaredFiles = NOTHING_DECLARED,
         assumed: frozenset[Assumption] = EVERY,
     ) -> None:
-        keystore = read_keystore(path)
+        keystore = read_keystore(path, declared=declared)
         self._profiles = profiles
         self._at = at
         self._enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
@@ -146,6 +148,7 @@ def read_access_table(
     profiles: Sequence[Profile],
     at: datetime,
     zone: ZoneInfo | None = None,
+    declared: DeclaredFiles = NOTHING_DECLARED,
     assumed: frozenset[Assumption] = EVERY,
     domain: int | None = None,
 ) -> AccessTable:
@@ -156,5 +159,5 @@ def read_access_table(
     """
     from keystore_audit.model.tables.access_table import access_table  # single questions need none of it
 
-    keystore = read_keystore(path)
+    keystore = read_keystore(path, declared=declared)
     return access_table(keystore, profiles, at, AccessViews(system_documents(keystore), at, zone, assumed), domain)

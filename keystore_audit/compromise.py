@@ -11,6 +11,7 @@ from zoneinfo import ZoneInfo
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
+from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
@@ -33,6 +34,7 @@ def find_blast_radius(
     profiles: Sequence[Profile],
     at: datetime,
     zone: ZoneInfo | None = None,
+    declared: DeclaredFiles = NOTHING_DECLARED,
     assumed: frozenset[Assumption] = EVERY,
     include_ambient: bool = False,
 ) -> CompromiseAnswer:
@@ -42,7 +44,7 @@ def find_blast_radius(
     Raises errors.NothingToAudit, errors.UsageError for an enclave that is not there, and errors.BudgetExceeded where
     there are too many names, authorities or subjects.
     """
-    keystore = read_keystore(path)
+    keystore = read_keystore(path, declared=declared)
     accesses = AccessViews(system_documents(keystore), at, zone, assumed)
     stolen = Stolen(who) if who in (Stolen.IDENTITY_CA.value, Stolen.PERMISSIONS_CA.value) else Stolen.ENCLAVE
     if stolen is Stolen.ENCLAVE:

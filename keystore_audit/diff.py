@@ -12,6 +12,7 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.policy import Policy
+from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
@@ -49,6 +50,7 @@ def compare_keystores(
     profiles: Sequence[Profile],
     at: datetime,
     zone: ZoneInfo | None = None,
+    declared: DeclaredFiles = NOTHING_DECLARED,
     domain: int | None = None,
     labels: Mapping[str, Globs] | None = None,
     intended: Intended | None = None,
@@ -60,7 +62,7 @@ def compare_keystores(
     Raises errors.NothingToAudit where one of them is none, errors.UsageError for a label of nothing in either, and
     errors.BudgetExceeded where there are too many classes of names.
     """
-    keystores = read_keystore(old), read_keystore(new)
+    keystores = read_keystore(old, declared=declared), read_keystore(new, declared=declared)
     found = compare(*keystores, profiles, at, zone, domain, labels)
     if not intended:
         return found

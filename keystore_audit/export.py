@@ -12,6 +12,7 @@ from keystore_audit.engine.alloy.facts import write_model
 from keystore_audit.engine.alloy.user_file import UserFile, identifier
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.intent.intent import Intent
+from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.places import NamedPlace
@@ -29,6 +30,7 @@ def export_model(
     profiles: Sequence[Profile],
     at: datetime,
     zone: ZoneInfo | None = None,
+    declared: DeclaredFiles = NOTHING_DECLARED,
     domain: int | None = None,
     intents: Sequence[Intent] = (),
     files: Sequence[UserFile] = (),
@@ -40,7 +42,7 @@ def export_model(
     """
     places = [place for file in files for place in file.places]
     beside = _beside(files, places)
-    keystore = read_keystore(path)
+    keystore = read_keystore(path, declared=declared)
     nodes = wiring(intents, keystore.layout.kind)
     accesses = AccessViews(system_documents(keystore), at, zone)
     usabilities = Usabilities(domain, accesses)

@@ -14,6 +14,7 @@ from keystore_audit.engine.conditions import with_conditions
 from keystore_audit.engine.engines import Engines, run_engines
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
+from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.claims import Claim, with_claims
@@ -71,6 +72,7 @@ def find_flow(
     profiles: Sequence[Profile],
     at: datetime,
     zone: ZoneInfo | None = None,
+    declared: DeclaredFiles = NOTHING_DECLARED,
     assumed: frozenset[Assumption] = EVERY,
     engines: Engines | None = None,
 ) -> FlowAnswer:
@@ -80,7 +82,7 @@ def find_flow(
     where there are too many classes of names.
     """
     claims = questions(question)
-    keystore = read_keystore(path)
+    keystore = read_keystore(path, declared=declared)
     accesses = AccessViews(system_documents(keystore), at, zone, assumed)
     builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}))

@@ -13,6 +13,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.document import DomainRange, Text
+from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.keystore import Enclave, Keystore, read_keystore
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
 from keystore_audit.model.access_view import AccessViews
@@ -59,10 +60,11 @@ class Suggester:
         profiles: Sequence[Profile],
         at: datetime,
         zone: ZoneInfo | None = None,
+        declared: DeclaredFiles = NOTHING_DECLARED,
         domain: int | None = None,
     ) -> None:
         self._intents = intents
-        self._keystore: Keystore = read_keystore(path)
+        self._keystore: Keystore = read_keystore(path, declared=declared)
         self._enclaves = {enclave.path: enclave for enclave in reversed(self._keystore.enclaves)}
         accesses = AccessViews(system_documents(self._keystore), at, zone)
         self._deciders = Deciders(profiles, at, accesses, domain)

@@ -23,6 +23,7 @@ MAX_WIDTH: Final = 200
 @opt.format_option("How the table is written.", *FORMATS)
 @opt.domain_option("In which domain (default: the lowest that a governance covers).")
 @opt.reading_options
+@opt.file_options
 @opt.verbose_option()
 def command(keystore: str, **given: Any) -> int:
     """Show who may do what in KEYSTORE: its enclaves and all topics, for each implementation.
@@ -35,7 +36,7 @@ def command(keystore: str, **given: Any) -> int:
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.access import read_access_table
 
-    table = read_access_table(keystore, **opt.reading(given), domain=given["domain"])
+    table = read_access_table(keystore, **opt.reading(given, keystore), domain=given["domain"])
     output.write_stdout(_rendered(table, given["form"]))
     return EXIT_INCOMPLETE if table.has_unknown else 0
 

@@ -93,7 +93,7 @@ MAX_JOBS: Final = 1024
     help="Properties of your own in Alloy, which Alloy alone decides (repeatable).",
 )
 @opt.authority_options
-@opt.file("--root", "roots", metavar="DIR", multiple=True, help="Links of the keystore may lead into DIR (repeatable).")
+@opt.roots_option
 @settings.option
 @settings.baseline_option
 @click.option("--deployed", is_flag=True, help="This tree goes on a robot: CA private keys in it are critical.")

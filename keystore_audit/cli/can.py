@@ -32,6 +32,7 @@ EXPECTED: Final = ("allow", "deny")
 @opt.domain_option("In which domain (default: 0).")
 @click.option("--partition", default="", metavar="NAME", help="In which partition (default: the one without a name).")
 @opt.reading_options
+@opt.file_options
 @opt.format_option("How the answer is written.", "text", "json")
 @click.option("--effective", is_flag=True, help="The exit code is about what peers accept, not about own checks.")
 @opt.choice("--expect", words=EXPECTED, help="Exit with 0 only if every answer is this.")
@@ -83,7 +84,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
     from keystore_audit.report import answer
 
     questions = _questions(enclave, operation, name, given)
-    reading = opt.reading(given)
+    reading = opt.reading(given, keystore)
     access = Access(keystore, questions, **reading)
     governed = access.governed(enclave) if given["domain"] is None else ()
     if governed and given["expect"] == "deny" and not contains(governed, 0):
@@ -144,7 +145,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
     from keystore_audit.access import Access
     from keystore_audit.report import answer
 
-    lines, reading = list(_lines(given["batch"])), opt.reading(given)
+    lines, reading = list(_lines(given["batch"])), opt.reading(given, keystore)
     parsed = [_parse(line, given["domain"] or 0, given["partition"]) for line in lines]
     try:
         access = Access(keystore, [each for each in parsed if not isinstance(each, str)], **reading)

@@ -44,6 +44,7 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
 )
 @click.option("--include-ambient", is_flag=True, help="Over /rosout, /parameter_events, /clock and discovery too.")
 @opt.reading_options
+@opt.file_options
 @opt.choice("--engine", words=ENGINES, default="native", help="Who decides.")
 @opt.alloy_options
 @opt.format_option("How the answer is written.", "text", "json")
@@ -84,7 +85,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     answer = find_flow(
         keystore,
         question,
-        **opt.reading(given),
+        **opt.reading(given, keystore),
         engines=Engines(
             choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"]
         ),
@@ -105,7 +106,7 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     from keystore_audit.compromise import find_blast_radius
 
     answer = find_blast_radius(
-        keystore, given["compromised"], **opt.reading(given), include_ambient=given["include_ambient"]
+        keystore, given["compromised"], **opt.reading(given, keystore), include_ambient=given["include_ambient"]
     )
     if given["form"] == "json":
         from keystore_audit.report import compromise_json

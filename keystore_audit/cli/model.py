@@ -25,6 +25,7 @@ from keystore_audit.text import terminal
     help="Where to; made if it is not there.",
 )
 @opt.interpretation_options
+@opt.file_options
 @opt.observation_options
 @opt.file("--policy", help="An SROS2 policy: the nodes that it is about, and what they are to do.")
 @opt.file(
@@ -49,7 +50,9 @@ def command(keystore: str, directory: Path, **given: Any) -> int:
     arguments = dict(given["launch_arguments"])
     intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"])
     try:
-        export_model(keystore, directory, **opt.reading(given), domain=given["domain"], intents=intents, files=files)
+        export_model(
+            keystore, directory, **opt.reading(given, keystore), domain=given["domain"], intents=intents, files=files
+        )
     except OSError as error:
         raise UsageError(f"Cannot write the model to {directory}: {error.strerror or error}.") from error
     click.echo(f"The model is in {terminal(str(directory))}.", err=True)

@@ -15,6 +15,7 @@ from click.core import ParameterSource
 
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.cli.completion import Directory, Word
+from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
 from keystore_audit.options import FIRST_YEAR, LAST_DOMAIN, LAST_YEAR, MAX_SECONDS
 from keystore_audit.text import meant
@@ -225,6 +226,15 @@ reading_options: Final = _together(_profile, _at, _time_zone, _no_assume)
 no_assume_option: Final = _no_assume
 """That of an audit, which takes more."""
 
+roots_option: Final = file(
+    "--root", "roots", metavar="DIR", multiple=True, help="Links of the keystore may lead into DIR (repeatable)."
+)
+
+file_options: Final = _together(
+    file("--settings", help="What is declared of the keystore's files and of enclaves with two names."), roots_option
+)
+"""What is declared of a keystore that is asked about, not audited: `reading` takes them."""
+
 interpretation_options: Final = _together(
     _at,
     _time_zone,
@@ -241,11 +251,19 @@ alloy_options: Final = _together(
 """Those that say where the Alloy Analyzer is, and how long it may take."""
 
 
-def reading(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what `--profile`, `--at`, `--time-zone` and `--no-assume` mean, as whoever reads a keystore takes them."""
-    from keystore_audit.model.profiles import resolve
+def reading(given: Mapping[str, Any], *keystores: str) -> dict[str, Any]:
+    """Return what the options mean that decide how keystores are read, as whoever reads them takes it.
 
+    Raises errors.UsageError for settings that are none, or that lie in one of the keystores.
+    """
+    from keystore_audit.keystore.foreign import NOTHING_DECLARED
+    from keystore_audit.model.profiles import resolve
+    from keystore_audit.settings.settings import read_settings
+
+    settings = read_settings(given["settings"], keystores) if given["settings"] is not None else None
+    declared = settings.files if settings is not None else NOTHING_DECLARED
     return {
+        "declared": replace(declared, roots=tuple(map(str, given["roots"]))),
         "profiles": resolve(given["profiles"]),
         "at": given["at"] or now(),
         "zone": given["time_zone"],

@@ -48,6 +48,7 @@ FILE_NAME: Final = "permissions.xml"
     help="Write it there: a file, or for permissions of several enclaves a directory.",
 )
 @opt.interpretation_options
+@opt.file_options
 @opt.verbose_option()
 def command(keystore: str, **given: Any) -> int:
     """Print the least SROS2 policy for what graphs, launch files or a policy say of the nodes of KEYSTORE.
@@ -69,7 +70,7 @@ def command(keystore: str, **given: Any) -> int:
 
     arguments = dict(given["launch_arguments"])
     intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"], given["include"])
-    suggester = Suggester(keystore, intents, **opt.reading(given), domain=given["domain"])
+    suggester = Suggester(keystore, intents, **opt.reading(given, keystore), domain=given["domain"])
     suggestion = suggester.suggestion(usual=not given["no_usual"])
     enclaves = _chosen(suggestion, given["enclave"])
     if given["form"] == POLICY:

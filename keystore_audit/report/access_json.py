@@ -10,6 +10,7 @@ from keystore_audit.model.formal.safeguard import Safeguard
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
+from keystore_audit.report.content import answered_if
 from keystore_audit.report.encoded import array, document, encoded, keys
 from keystore_audit.text import instant
 
@@ -25,6 +26,7 @@ def json(table: AccessTable) -> str:
         "at": instant(table.at),
         "domain": table.domain,
         "complete": not table.has_unknown,
+        "assumptions": [each.described for each in answered_if(n for group in table.groups for n in group.profiles)],
     }
     names = array("names", [encoded(_name(table, number)) for number in range(len(table.names))])
     return document([*keys(head), names, array("groups", [_group(table, group) for group in table.groups])])

@@ -94,10 +94,10 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
         lines.append(_sentence(f"{covered}; this is about {asked.domain}, --domain asks about another"))
     if asked.operation == "relay":
         lines.append("  No endpoint is made for relaying: this is what the rules say.")
+    if conditions := holds_if(_assumptions(answers)):
+        lines.append(wrapped(f"What peers refuse {conditions}."))
     for answer, names in sorted(by_answer(answers).items(), key=lambda group: len(group[1])):
         lines += ["", *_answer(answer, profiles(names, answers))]
-    if conditions := holds_if(_assumptions(answers)):
-        lines += ["", wrapped(f"What peers refuse {conditions}.")]
     return "\n".join(lines) + "\n"
 
 

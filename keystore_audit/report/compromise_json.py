@@ -6,6 +6,7 @@ from typing import Any
 
 from keystore_audit.model.blast_radius import Ground, Topic
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius
+from keystore_audit.report.content import answered_if
 from keystore_audit.report.encoded import encoded
 from keystore_audit.report.flow_json import FOUND
 from keystore_audit.text import instant
@@ -13,12 +14,14 @@ from keystore_audit.text import instant
 
 def json(answer: CompromiseAnswer) -> str:
     """One line."""
+    asked = dict.fromkeys(name for key in answer.keys for name in key.alone)
     document = {
         "from_compromised": answer.who,
         "include_ambient": answer.include_ambient,
         "at": instant(answer.at),
         "enclaves": answer.enclaves,
         "beyond_itself": FOUND[answer.status],
+        "assumptions": [each.described for each in answered_if(asked)],
         "keys": [_key(answer.ground, key) for key in answer.keys],
     }
     return encoded(document) + "\n"

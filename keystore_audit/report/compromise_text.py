@@ -29,16 +29,15 @@ _PARAMETERS: Final = tuple(f"/{service}" for service in PARAMETER_SERVICES)
 
 def text(answer: CompromiseAnswer) -> str:
     """Lines of 80 columns at most, as far as names allow."""
-    lines: list[str] = []
+    asked = dict.fromkeys(name for key in answer.keys for name in key.alone)
+    conditions = holds_if(answered_if(asked))
+    lines = [wrapped(f"That it opens no more {conditions}."), ""] if conditions else []
     for key in answer.keys:
         lines += [*_key(answer, key), ""]
     if not answer.keys:
         lines += [wrapped("No certificate of such an authority could be read: what its key opens is unknown."), ""]
     if not answer.include_ambient:
         lines.append(wrapped("Flows are apart from /clock, /parameter_events, /rosout and ros_discovery_info."))
-    asked = dict.fromkeys(name for key in answer.keys for name in key.alone)
-    if conditions := holds_if(answered_if(asked)):
-        lines.append(wrapped(f"That it opens no more {conditions}."))
     if answer.status is Status.UNKNOWN and answer.doubts:
         lines.append(wrapped(rests_on(answer.doubts)))
     return "\n".join(lines).rstrip("\n") + "\n"

@@ -36,6 +36,8 @@ def text(
     lines = [terminal(title)]
     if not ambient:
         lines.append("(apart from /clock, /parameter_events, /rosout and ros_discovery_info)")
+    if conditions := holds_if(assumptions(results)):
+        lines.append(unbroken(f"That there is no flow {conditions}."))
     unknown = False
     shown: set[tuple[Step, ...]] = set()
     for attacker, result in results:
@@ -49,8 +51,6 @@ def text(
             if answer.counterexample is not None:
                 lines += _path(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
     lines.append("")
-    if conditions := holds_if(assumptions(results)):
-        lines.append(unbroken(f"That there is no flow {conditions}."))
     if unknown and doubts:
         lines.append(unbroken(rests_on(doubts)))
     for run in engines:

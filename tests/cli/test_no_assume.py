@@ -74,6 +74,12 @@ def test_without_one(assumption: Assumption, code: int, prop: str, status: str) 
     assert assumption.value not in assumptions
 
 
+def test_what_is_announced_is_told_as_what_it_is() -> None:
+    done = run_at(HEALTHY, *AUDIT, "--no-assume", "truthful-announcements")
+    assert done.stdout.count("no file here changes that") + done.stdout.count("no\n    file here changes that") == 2
+    assert "with the keys that it holds" not in " ".join(done.stdout.split())
+
+
 def test_one_that_there_is_not_is_answered_with_the_nearest() -> None:
     done = run_at(HEALTHY, *AUDIT, "--no-assume", "truthful-announcement")
     assert done.returncode == 2

@@ -14,6 +14,9 @@ from keystore_audit.keystore.foreign import DeclaredFiles
 from keystore_audit.settings.settings import read_settings
 from tests.keystore.builder import sros2
 
+POLICY = """<policy version="0.2.0"><enclaves><enclave path="/motor"><profiles><profile node="motor" ns="/">
+<topics publish="ALLOW"><topic>chatter</topic></topics></profile></profiles></enclave></enclaves></policy>"""
+
 
 def read(tmp_path: Path, text: str) -> DeclaredFiles:
     path = tmp_path / "settings.toml"
@@ -62,3 +65,45 @@ def test_a_root_is_named_on_the_command_line_and_in_the_report(
     told = capfd.readouterr().out
     assert "KA104" not in told
     assert f"linksinto{image}" in "".join(told.split()), "a long path is broken between lines"
+
+
+ASKED = {
+    "can": ["can", "KEYS", "/motor", "subscribe", "/chatter"],
+    "access": ["access", "KEYS"],
+    "flow": ["flow", "KEYS", "/talker", "/motor"],
+    "flow of one": ["flow", "KEYS", "--from-compromised", "/motor"],
+    "suggest": ["suggest", "KEYS", "--policy", "POLICY"],
+    "model": ["model", "KEYS", "-o", "MODEL"],
+    "diff": ["diff", "KEYS", "KEYS"],
+}
+
+
+@pytest.mark.parametrize("words", ASKED.values(), ids=ASKED)
+def test_whatever_is_asked_goes_by_the_roots(
+    words: list[str], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path, image = sros2(tmp_path / "k", ["/motor", "/talker"], links=False), tmp_path / "image"
+    image.mkdir()
+    shutil.move(path / "enclaves/motor", image / "motor")
+    (path / "enclaves/motor").symlink_to("../../image/motor")
+    (tmp_path / "policy.xml").write_text(POLICY)
+    places = {"KEYS": str(path), "POLICY": str(tmp_path / "policy.xml"), "MODEL": str(tmp_path / "model")}
+    asked = [*(places.get(word, word) for word in words), "--at", "2026-11-21T12:00:00Z"]
+
+    def answered(*more: str) -> tuple[int, tuple[str, str], list[bytes]]:
+        shutil.rmtree(tmp_path / "model", ignore_errors=True)
+        code = run([*asked, *more])
+        return code, capfd.readouterr(), [each.read_bytes() for each in sorted(tmp_path.glob("model/*/*.als"))]
+
+    without, found = answered(), answered("--root", str(image))
+    assert found[0] in (0, 1)
+    assert found != without
+
+
+def test_an_alias_is_no_other_enclave_to_whoever_asks(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path, settings = sros2(tmp_path / "k", ["/motor-v2", "/talker"]), tmp_path / "s.toml"
+    (path / "enclaves/motor").symlink_to("motor-v2")
+    settings.write_text('[files]\naliases = ["/motor-v2"]\n')
+    for given, known in ([], True), (["--settings", str(settings)], False):
+        assert run(["access", str(path), "-f", "csv", *given]) == 0
+        assert ("/motor-v2" in capfd.readouterr().out) is known
