@@ -86,12 +86,14 @@ class Breach:
 class PropertyResult:
     """A property and its answer under each chosen profile (canonical names).
 
-    `violations`: what violates it; of many, some.
+    `violations`: what violates it; of many, some. `vacuous`: what it speaks of does not exist, as some implementation
+    reads the keystore (of users' own in Alloy).
     """
 
     prop: Property
     profiles: Mapping[str, ProfileResult]
     violations: tuple[Breach, ...] = ()
+    vacuous: bool = False
 
     @property
     def status(self) -> Status:
@@ -165,12 +167,7 @@ class AssertedResult(UserResult):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlloyResult(UserResult):
-    """One that a user asserts in Alloy, decided by Alloy alone; `location` is that of the command.
-
-    `vacuous`: what it speaks of does not exist, as some implementation reads the keystore.
-    """
-
-    vacuous: bool = False
+    """One that a user asserts in Alloy, decided by Alloy alone; `location` is that of the command."""
 
     @property
     def beside(self) -> str:

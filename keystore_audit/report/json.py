@@ -180,6 +180,7 @@ def _property(result: PropertyResult) -> dict[str, Any]:
         "profiles": {name: _answer(answer) for name, answer in result.profiles.items()},
         **({"forgers": list(forgers)} if forgers is not None else {}),
         **({"also_named": dict(named)} if named is not None else {}),
+        **({"vacuous": True} if result.vacuous else {}),
     }
 
 

@@ -108,6 +108,7 @@ def _run(report: Report, rules: Sequence[_Rule], runs: int) -> str:
             "holdsIf": report.holds_if or None,
             "assumptions": [each.described for each in report.assumptions],
             "stated": list(report.stated),
+            "vacuous": [result.prop.id for result in report.properties if result.vacuous],
             "notChecked": list(report.scope.not_checked),
         },
     }

@@ -15,7 +15,7 @@ from typing import Any, Final
 from keystore_audit.assumptions import CONDITIONS, Assumption
 from keystore_audit.findings import Result
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineStatus
+from keystore_audit.properties.result import EngineStatus, PropertyResult
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import encoded
 from keystore_audit.report.json import anchors
@@ -50,11 +50,13 @@ def _test_result(report: Report) -> dict[str, Any]:
     failed = [rule for rule in every if rule in opened or rule in deciding]
     warned = [rule for rule in every if rule not in failed and rule in failing]
     # What nothing was asked of, for want of a policy or an environment, did not pass.
-    passed = [rule for rule in every if rule not in {*failed, *warned} and rule in passing]
+    # Of properties (KA7) it is told below what each needs.
+    apart = {*failed, *warned}
+    passed = [rule for rule in every if rule in passing and rule not in apart and not rule.startswith("KA7")]
     return {
         "result": _result(report, warned=bool(warned)),
         "configuration": _configuration(report),
-        "passedTests": passed,
+        "passedTests": [*passed, *(_if(result.prop.id, result.needs) for result in _holding(report))],
         "warnedTests": warned,
         "failedTests": failed,
         "keystoreAudit": _details(report),
@@ -92,17 +94,26 @@ def _svr(report: Report) -> dict[str, Any]:
 
 
 def _properties(report: Report) -> Iterable[str]:
-    """What holds under every profile that was asked about, never without its condition."""
+    """The pass and what holds, never without their conditions."""
     yield _attested("pass", (each.assumption for each in report.assumptions if each.needed_by))
-    for result in report.properties:
-        if result.status is Status.HOLDS:
-            yield _attested(result.prop.id, result.needs)
+    for result in _holding(report):
+        yield _attested(result.prop.id, result.needs)
+
+
+def _holding(report: Report) -> Iterable[PropertyResult]:
+    """What holds under every profile that was asked about, of something."""
+    return (each for each in report.properties if each.status is Status.HOLDS and not each.vacuous)
 
 
 def _attested(name: str, needs: Iterable[Assumption]) -> str:
     """The name of what is attested, with what it needs."""
+    return PREFIX + _if(name, needs).upper().replace("-", "_")
+
+
+def _if(name: str, needs: Iterable[Assumption]) -> str:
+    """The name, never without the conditions under which alone it is true."""
     conditions = "-and-".join(sorted(each.value for each in needs if each in CONDITIONS))
-    return PREFIX + (f"{name}-if-{conditions}" if conditions else name).upper().replace("-", "_")
+    return f"{name}-if-{conditions}" if conditions else name
 
 
 def _configuration(report: Report) -> list[dict[str, Any]]:

@@ -232,3 +232,21 @@ def test_a_misspelt_topic_beside_another_of_one_name_is_an_error(
     assert run(GOOD, "--engine", "native", file=file)[0] == 2
     complaint = capsys.readouterr().err
     assert "no permissions document grants anything on the DDS topic 'rt/chater'" in complaint
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_what_holds_of_nothing_is_told_in_every_format_and_never_attested(run: Audit, tmp_path: Path) -> None:
+    """A check that ranges over nothing holds, and says nothing of the keystore."""
+    for among, vacuous in (("Talker", False), ("Talker & opaque", True)):
+        file = tmp_path / f"{vacuous}.als"
+        short = f"check Short {{ all one_enclave: {among} | some one_enclave.(may_write[Realm]) }} for 0"
+        file.write_text(f"module short\nopen keystore_audit\n//@ enclave Talker = /talker\n{short}\n")
+        kinds = {kind: run(GOOD, "-f", kind, file=file)[1] for kind in ("json", "sarif", "text", "markdown", "html")}
+        told = [each for each in json.loads(kinds["json"])["properties"] if each["id"].endswith("-short")]
+        assert [("vacuous" in each, each["status"]) for each in told] == [(vacuous, "holds")]
+        [sarif] = json.loads(kinds["sarif"])["runs"]
+        assert sarif["properties"]["vacuous"] == ([told[0]["id"]] if vacuous else [])
+        assert {"vacuous" in kinds[kind] for kind in ("text", "markdown", "html")} == {vacuous}
+        passed = json.loads(run(GOOD, "-f", "statement", file=file)[1])["predicate"]["passedTests"]
+        assert (told[0]["id"] in passed) is not vacuous

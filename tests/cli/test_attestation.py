@@ -94,6 +94,14 @@ def test_what_nobody_asked_did_not_pass(keystore: Path) -> None:
     assert "KA203" in alone
 
 
+def test_a_property_never_passed_without_its_condition(keystore: Path) -> None:
+    """Neither as a test."""
+    for options, condition in (((), "-and-truthful-announcements"), (("--profile", "spec"), "")):
+        passed = statement(keystore, *options, kind="statement")["predicate"]["passedTests"]
+        assert f"nobody-writes-without-a-grant-if-nothing-else-certified{condition}" in passed
+        assert not [each for each in passed if each.startswith("KA7")]
+
+
 def test_it_says_in_which_time_zone_dates_were_read(keystore: Path) -> None:
     told = {}
     for zone in ((), ("--time-zone", "Pacific/Honolulu")):

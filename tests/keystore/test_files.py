@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore import descent, root
 from keystore_audit.keystore.files import EntryKind, File, Status
+from keystore_audit.keystore.layout import discover
 from keystore_audit.keystore.root import MAX_FILE_BYTES, Root
 from tests.keystore.builder import authority
 
@@ -263,6 +264,7 @@ def test_all_files_together_are_bounded(keystore: Path, monkeypatch: pytest.Monk
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything; the same runs as another user below")
 def test_unreadable_files_and_directories_as_this_user(keystore: Path) -> None:
     _unreadable(keystore)
+    _lost_and_found(keystore)
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user; the same runs as this one above")
@@ -281,6 +283,7 @@ def test_unreadable_files_and_directories_as_another_user() -> None:
                 (path / "public").mkdir(parents=True)
                 (path / "public/ca.cert.pem").write_bytes(b"the certificate")
                 _unreadable(path)
+                _lost_and_found(path)
             code = 0
         finally:
             os._exit(code)
@@ -301,6 +304,19 @@ def _unreadable(path: Path) -> None:
                 assert opened.entries("").directory.status is Status.DIRECTORY
     finally:
         public.chmod(0o700)
+
+
+def _lost_and_found(path: Path) -> None:
+    """What ext4 keeps for itself in the root of a volume is nobody's enclave, and is looked over nowhere else."""
+    (path / "enclaves/talker").mkdir(parents=True)
+    (path / "enclaves/talker/cert.pem").touch()
+    for place, told in (("lost+found", []), ("enclaves/lost+found", ["enclaves/lost+found"])):
+        directory = path / place
+        directory.mkdir(parents=True, mode=0)
+        with Root.open(path) as opened:
+            layout = discover(opened)
+        directory.rmdir()
+        assert [each.path for each in layout.unreadable_directories] == told
 
 
 def test_each_inode_is_read_once(keystore: Path) -> None:
