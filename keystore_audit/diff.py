@@ -8,6 +8,7 @@ from datetime import datetime
 from functools import cached_property
 from zoneinfo import ZoneInfo
 
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.intent.intent import Intent
@@ -54,6 +55,7 @@ def compare_keystores(
     domain: int | None = None,
     labels: Mapping[str, Globs] | None = None,
     intended: Intended | None = None,
+    assumed: frozenset[Assumption] = EVERY,
 ) -> Comparison:
     """What changed from the keystore at `old` to that at `new`, both as of `at` (aware UTC).
 
@@ -63,11 +65,14 @@ def compare_keystores(
     errors.BudgetExceeded where there are too many classes of names.
     """
     keystores = read_keystore(old, declared=declared), read_keystore(new, declared=declared)
-    found = compare(*keystores, profiles, at, zone, domain, labels)
+    found = compare(*keystores, profiles, at, zone, domain, labels, assumed)
     if not intended:
         return found
     kept = with_what_was(*keystores)
-    before, after, still = (_Asked(keystore, intended, profiles, at, zone, domain) for keystore in (*keystores, kept))
+    before, after, still = (
+        _Asked(keystore, intended, profiles, at, AccessViews(system_documents(keystore), at, zone, assumed), domain)
+        for keystore in (*keystores, kept)
+    )
     changes = list(found.changes)
     names = tuple(profile.name for profile in profiles)
     for (enclave, _right), words in _beyond(after.lacking(), before.lacking()):
@@ -126,12 +131,11 @@ class _Asked:
         intended: Intended,
         profiles: Sequence[Profile],
         at: datetime,
-        zone: ZoneInfo | None,
+        accesses: AccessViews,
         domain: int | None,
     ) -> None:
-        self._keystore, self._intended = keystore, intended
+        self._keystore, self._intended, self._accesses = keystore, intended, accesses
         self._profiles, self._at, self._domain = profiles, at, domain
-        self._accesses = AccessViews(system_documents(keystore), at, zone)
 
     def lacking(self) -> dict[_Key, str]:
         """Rights that the policy or a node has need of and the keystore does not give, and claims that are violated."""

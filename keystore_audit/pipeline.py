@@ -94,6 +94,8 @@ def audit(
     if progress:
         progress.stage("working out what the documents mean")
     assumed = EVERY.difference(options.not_assumed)
+    if options.authorities is not None and all(options.authorities.of(role) for role in trust.ROLES):
+        assumed |= {Assumption.AUTHORITIES_AS_FOUND}  # nothing to assume: others are findings
     accesses = AccessViews(system_documents(keystore), options.at, options.time_zone, assumed)
     usabilities = Usabilities(options.domain, accesses)
     meaning = interpret(

@@ -36,6 +36,7 @@ FAIL_ON: Final = ("gained", "any", "none")
 @opt.file("--policy", help="An SROS2 policy: a right that it names is not to be lost, and no other to stay in use.")
 @opt.observation_options
 @opt.interpretation_options
+@opt.no_assume_option
 @opt.roots_option
 @opt.format_option("How the changes are written.", *FORMATS)
 @opt.verbose_option()

@@ -58,11 +58,10 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
 def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Counterexample:
     """Between which places, and what may keep it from them beside rights."""
     moment = 2 * system.now if answer.moment is None else answer.moment
-    then = [enclave.at(moment) for enclave in system.enclaves]
     asked = claims_at(system, moment, Decisions(system))
     ending = some(sorted(system.enclaves[number].label for number in asked.ending(claim)), 1)
     but = ""
-    if any(enclave.refused_writes or enclave.refused_reads for enclave in then):
+    if any(each.refused_writes or each.refused_reads for each in (each.at(moment) for each in system.enclaves)):
         but = ", some of which their own implementations refuse them (`can` says why)"
     if ending:
         but += f": {ending} can start now, and not at every instant until then"

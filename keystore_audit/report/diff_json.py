@@ -10,7 +10,6 @@ from keystore_audit.model.comparison.change import Change, Comparison, Consequen
 from keystore_audit.model.domains import describe
 from keystore_audit.model.names import parse_dds_name, ros_name
 from keystore_audit.report import diff_words as words
-from keystore_audit.report.content import answered_if
 from keystore_audit.report.encoded import array, document, encoded, keys
 from keystore_audit.text import instant
 
@@ -33,7 +32,7 @@ def json(comparison: Comparison, fail_on: FailOn) -> str:
         "complete": not comparison.unknown,
         "failing": len(failing),
         "common_enclaves": comparison.common,
-        "assumptions": [each.described for each in answered_if(comparison.profiles)],
+        "assumptions": [each.described for each in words.conditions(comparison)],
     }
     unknown = [
         {"side": each.side, "enclave": each.enclave, "location": _location(each.location), "reason": each.reason}

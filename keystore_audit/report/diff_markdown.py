@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from keystore_audit.assumptions import holds_if
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
-from keystore_audit.report.content import answered_if
 from keystore_audit.report.markdown import MAX_LENGTH
 from keystore_audit.text import instant
 from keystore_audit.text import markdown as escaped
@@ -17,7 +16,8 @@ def markdown(comparison: Comparison, fail_on: FailOn) -> str:
     """Headings and lists; what does not fit is counted."""
     lines = [f"## keystore-audit diff: {escaped(words.verdict(comparison, fail_on))}", ""]
     lines += [f"{escaped(comparison.old)} → {escaped(comparison.new)} at {instant(comparison.at)}", ""]
-    lines += [f"That there are no other rights {escaped(holds_if(answered_if(comparison.profiles)))}.", ""]
+    if conditions := holds_if(words.conditions(comparison)):
+        lines += [f"That there are no other rights {escaped(conditions)}.", ""]
     used = sum(map(len, lines))
     left_out = 0
     for item in _items(comparison):

@@ -8,7 +8,6 @@ from typing import Final
 from keystore_audit.assumptions import holds_if
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
-from keystore_audit.report.content import answered_if
 from keystore_audit.report.paragraph import unbroken
 from keystore_audit.text import instant, terminal
 
@@ -19,7 +18,8 @@ def text(comparison: Comparison, fail_on: FailOn) -> str:
     """Lines of 80 columns at most, as far as names allow: unknown first, then the changes by layer."""
     lines = [terminal(words.verdict(comparison, fail_on))]
     lines.append(unbroken(f"{comparison.old} → {comparison.new}, at {instant(comparison.at)}", "", "  "))
-    lines.append(unbroken(f"That there are no other rights {holds_if(answered_if(comparison.profiles))}.", "", "  "))
+    if conditions := holds_if(words.conditions(comparison)):
+        lines.append(unbroken(f"That there are no other rights {conditions}.", "", "  "))
     if comparison.unknown:
         lines += ["", "Not compared, since it could not be read:"]
         lines += [unbroken(words.unread(each), "  ? ", "    ") for each in comparison.unknown[:MAX_UNREAD]]

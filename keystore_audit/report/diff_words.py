@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from keystore_audit.assumptions import CONDITIONS, Needed
 from keystore_audit.dataclass import replace
 from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.model.comparison.change import (
@@ -24,6 +25,7 @@ from keystore_audit.model.comparison.change import (
 from keystore_audit.model.comparison.others import SUBJECT
 from keystore_audit.model.domains import Interval, describe
 from keystore_audit.model.names import ros_name
+from keystore_audit.report.content import answered_if
 from keystore_audit.text import counted, some
 
 MAX_ENCLAVES: Final = 3
@@ -240,3 +242,8 @@ def _form(change: Change) -> str:
     above = path.rpartition("/")[0]
     form = re.sub(re.escape(repr(path)[1:-1]) + r"(?!\w)", _PATH, repr(replace(change, old=None, new=None)))
     return form.replace(repr(above)[1:-1] + "/", _ABOVE) if above else form
+
+
+def conditions(comparison: Comparison) -> tuple[Needed, ...]:
+    """What it rests on that there are no other rights than those told."""
+    return answered_if(comparison.profiles, [each for each in CONDITIONS if each in comparison.assumed])

@@ -162,3 +162,9 @@ def test_whom_a_file_that_cannot_be_read_trusts_is_unknown(
         assert audited(keystore_audit, root, "--settings", settings)[0] == 0
         file.with_suffix(".p11").write_bytes(b"pkcs11:object=ca")
     assert audited(keystore_audit, root, "--settings", settings)[0] == 4
+
+
+def test_what_is_declared_is_not_assumed(keystore_audit: Run, settings: Path) -> None:
+    for given, expected in ([], 4), (["--settings", settings], 0):
+        code, _report = audited(keystore_audit, GOOD, "--no-assume", "authorities-as-found", *given)
+        assert code == expected

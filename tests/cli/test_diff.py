@@ -19,7 +19,7 @@ from keystore_audit.diff import compare_keystores
 from keystore_audit.model.comparison.change import FailOn
 from keystore_audit.model.profiles import resolve
 from keystore_audit.report.diff_markdown import MAX_LENGTH, markdown
-from tests.cli.keystores import AT, keystore, rule
+from tests.cli.keystores import AT, answer, keystore, rule
 from tests.hostile.names import MARK, NAMES
 from tests.schemas import schema
 
@@ -275,3 +275,24 @@ def test_an_authority_of_new_enclaves_alone_is_told(vehicles: tuple[Path, Path],
     late.write_bytes(other.read_bytes())
     first = document(diff(old, new, "-f", "json")[1])["changes"][0]
     assert (first["kind"], first["direction"]) == ("authority", "gained")
+
+
+def test_without_an_assumption_nothing_is_told_to_rest_on_it() -> None:
+    old = new = str(SAMPLES / "healthy/turtlesim")
+    code, with_it = answer("diff", old, new, "--at", AT)
+    without, told = answer("diff", old, new, "--at", AT, "--no-assume", "truthful-announcements")
+    assert (code, without) == (0, 0)
+    assert "announce endpoints truthfully" in " ".join(with_it.split())
+    assert "announce endpoints truthfully" not in " ".join(told.split())
+    assert "HOLDS IF" in told
+
+
+@pytest.mark.parametrize("where", ["old", "new"])
+def test_a_file_that_nobody_read_is_unknown_where_it_is_new(where: str, tmp_path: Path) -> None:
+    stores = {side: tmp_path / side for side in ("old", "new")}
+    for store in stores.values():
+        shutil.copytree(SAMPLES / "healthy/turtlesim", store, symlinks=True)
+    with (stores[where] / "maps.bag").open("wb") as bag:
+        bag.truncate(1 << 33)
+    code, told = answer("diff", str(stores["old"]), str(stores["new"]), "--at", AT)
+    assert (code, "maps.bag" in told) == ((0, False) if where == "old" else (4, True))

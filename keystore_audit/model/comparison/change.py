@@ -10,6 +10,7 @@ from datetime import datetime
 from enum import Enum
 from typing import Final
 
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.model.domains import Interval
@@ -207,7 +208,7 @@ class Comparison:
     """What changed from one keystore to the other at `at` (aware UTC), under `profiles`.
 
     `domain`: the one that was looked at; None: all. `common`: enclaves of both. `labels`: where there are some, changes
-    about others do not fail.
+    about others do not fail. `assumed`: what is taken for granted.
     """
 
     old: str
@@ -221,6 +222,7 @@ class Comparison:
     changes: tuple[Change, ...]
     unknown: tuple[Unread, ...]
     labels: tuple[str, ...] = ()
+    assumed: frozenset[Assumption] = EVERY
 
     def failing(self, fail_on: FailOn) -> tuple[Change, ...]:
         """The changes that stop a release."""

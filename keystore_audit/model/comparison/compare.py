@@ -7,6 +7,7 @@ from datetime import datetime
 from typing import Final
 from zoneinfo import ZoneInfo
 
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.comparison.again import signed_again
@@ -36,16 +37,19 @@ def compare(
     zone: ZoneInfo | None = None,
     domain: int | None = None,
     labels: Mapping[str, Globs] | None = None,
+    assumed: frozenset[Assumption] = EVERY,
 ) -> Comparison:
     """What changed from `old` to `new` as `profiles` read them at `at` (aware UTC).
 
     `zone`: where the robots are, None if that is not known. `domain`: the only one that counts; None: all.
-    `labels`: by label, what has it; where there are some, changes about others do not fail.
+    `labels`: by label, what has it; where there are some, changes about others do not fail. `assumed`: what else is
+    taken for granted.
     Raises errors.BudgetExceeded where there are too many classes of names, and errors.UsageError for a label of
     nothing in either keystore.
     """
     labels = labels or {}
-    sides = Sides(old, new, profiles, at, zone, domain, [glob for each in labels.values() for glob in each.topics])
+    topics = [glob for each in labels.values() for glob in each.topics]
+    sides = Sides(old, new, profiles, at, zone, domain, topics, assumed)
     still = Still(sides)
     rights = grant_changes(sides, still)
     dates = validity_changes(sides, rights)
@@ -70,6 +74,7 @@ def compare(
         changes=tuple(changes),
         unknown=sides.unknown,
         labels=tuple(labels),
+        assumed=assumed,
     )
 
 

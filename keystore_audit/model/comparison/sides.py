@@ -7,7 +7,9 @@ from datetime import datetime
 from functools import cached_property
 from zoneinfo import ZoneInfo
 
+from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.dataclass import dataclass
+from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
@@ -96,8 +98,8 @@ class Pair:
 class Sides:
     """The old and the new keystore under `profiles` at `at` (aware UTC); `zone`: where the robots are.
 
-    `domain`: the only one that counts; None: all. `topics`: globs whose names are told apart from others. Raises
-    errors.BudgetExceeded where there are too many classes of names.
+    `domain`: the only one that counts; None: all. `topics`: globs whose names are told apart from others. `assumed`: as
+    of `AccessViews`. Raises errors.BudgetExceeded where there are too many classes of names.
     """
 
     def __init__(
@@ -109,6 +111,7 @@ class Sides:
         zone: ZoneInfo | None,
         domain: int | None,
         topics: Iterable[str] = (),
+        assumed: frozenset[Assumption] = EVERY,
     ) -> None:
         self._kept = with_what_was(old, new)
         self.documents = tuple(
@@ -118,7 +121,7 @@ class Sides:
         self.profiles = profiles
         self.keystores = (old, new)
         documents = (*system_documents(old), *system_documents(new))
-        self.accesses = AccessViews(documents, at, zone)
+        self.accesses = AccessViews(documents, at, zone, assumed)
         read = self.accesses.by_row(profiles, (document.file for document in documents))
         self.channels = document_channels(read, claimed=[region_of((glob,)) for glob in topics], ungoverned=True)
         self.enclaves = (_by_path(old), _by_path(new))
@@ -166,6 +169,10 @@ class Sides:
             for profile in self._kinds.values():
                 for doubt in keystore_doubts(keystore, profile, self.accesses):
                     yield Unread(side=side, enclave=doubt.enclave, location=doubt.location, reason=doubt.reason)
+        old, new = ({(file.place, file.sha256) for file in each.unread_foreign} for each in self.keystores)
+        for place, _digest in sorted(new - old, key=str):
+            reason = "nobody read what is in it, and it was not there before ([files] in the settings accepts it)"
+            yield Unread(side="new", enclave=None, location=Location(path=place), reason=reason)
 
     def _doubted(self) -> Iterator[str]:
         """The paths of enclaves of which something could not be read on one side: all that share a file."""
