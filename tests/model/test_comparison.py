@@ -10,6 +10,7 @@ import pytest
 
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import Direction, FailOn, Layer
+from keystore_audit.model.profiles import ALIASES
 from keystore_audit.report.diff_words import consequence, sentence
 from tests.model.comparing import (
     Store,
@@ -241,7 +242,7 @@ def test_own_endpoints_by_a_right_elsewhere_follow_from_it(tmp_path: Path) -> No
     assert (effect.what, effect.direction, effect.profiles) == (
         "can create a writer of",
         Direction.GAINED,
-        ("fastdds-3.6",),
+        ALIASES["fastdds"],
     )
     assert effect.names is not None
     assert [(name.topic, name.domains) for name in effect.names.shown] == [("rt/more", ((0, 0),))]

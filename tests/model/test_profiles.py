@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timezone
 from pathlib import Path
 
+from keystore_audit import api
 from keystore_audit.model.profiles import ALIASES, DEFAULT, VARIANTS, Evidence
 
 
@@ -26,3 +28,12 @@ def test_every_supported_distribution_is_judged_by_default() -> None:
     }
     assert set(DEFAULT) == {"spec", *shipped}
     assert set(ALIASES["all"]) == set(VARIANTS)
+
+
+def test_a_vendor_is_every_release_that_a_supported_distribution_ships(repository: Path) -> None:
+    """Not the newest alone: the stock keystore passes there, and fails with what Humble, Jazzy and Kilted ship."""
+    assert {*ALIASES["fastdds"], *ALIASES["cyclonedds"], "spec"} == {*DEFAULT}
+    stock = str(repository / "sample_keystores/stock/talker_listener")
+    given = {"engine": "native", "at": datetime(2026, 11, 21, tzinfo=timezone.utc)}
+    exits = {name: api.audit(stock, profiles=[name], **given).exit_code for name in ("cyclonedds", "cyclonedds-11")}
+    assert exits == {"cyclonedds": 1, "cyclonedds-11": 0}

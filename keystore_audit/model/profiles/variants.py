@@ -284,9 +284,17 @@ VARIANTS: dict[str, Profile] = {
 
 _SUPPORTED = ("humble", "jazzy", "kilted", "lyrical")
 
+DEFAULT: tuple[str, ...] = tuple(
+    name for name, profile in VARIANTS.items() if name == "spec" or {*_SUPPORTED} & {*profile.distributions}
+)
+"""`spec` and every variant that a supported distribution ships."""
+
 ALIASES: dict[str, tuple[str, ...]] = {
-    "fastdds": ("fastdds-3.6",),
-    "cyclonedds": ("cyclonedds-11",),
+    # Of a vendor every release that a supported distribution ships: users of one have the older ones, too.
+    **{
+        vendor: tuple(name for name in DEFAULT if name.rpartition("-")[0] == vendor)
+        for vendor in ("fastdds", "cyclonedds")
+    },
     **{
         distribution: tuple(name for name, profile in VARIANTS.items() if distribution in profile.distributions)
         for distribution in (*_SUPPORTED, "rolling")
@@ -303,11 +311,6 @@ MIDDLEWARE: dict[str, str] = {
 
 DISTRIBUTIONS: Final = frozenset({*_SUPPORTED, "rolling"})
 """What ROS_DISTRO may say, where it is known here which variants run."""
-
-DEFAULT: tuple[str, ...] = tuple(
-    name for name, profile in VARIANTS.items() if name == "spec" or {*_SUPPORTED} & {*profile.distributions}
-)
-"""`spec` and every variant that a supported distribution ships."""
 
 
 def resolve(names: Iterable[str]) -> tuple[Profile, ...]:
