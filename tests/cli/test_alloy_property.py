@@ -250,3 +250,19 @@ def test_what_holds_of_nothing_is_told_in_every_format_and_never_attested(run: A
         assert {"vacuous" in kinds[kind] for kind in ("text", "markdown", "html")} == {vacuous}
         passed = json.loads(run(GOOD, "-f", "statement", file=file)[1])["predicate"]["passedTests"]
         assert (told[0]["id"] in passed) is not vacuous
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+@pytest.mark.parametrize(("keystore", "who"), [("healthy", {"alloy", "native"}), ("expiring_grant", {"native"})])
+def test_what_is_kept_over_several_instants_is_said_by_the_native_engine_alone(
+    keystore: str,
+    who: set[str],
+    run: Audit,  # noqa: ARG001 - where samples are
+) -> None:
+    """Alloy decides each instant, and not what somebody keeps from one to the next."""
+    given = ("--settings", "settings/vehicle.toml", "--profile", "cyclonedds-11", "--engine", "both", "-f", "json")
+    _code, told = answer(f"flows/vehicle_{keystore}", *given, "--at", AT)
+    found = {each["id"]: each for each in json.loads(told)["properties"]}["infotainment-never-reaches-motor"]
+    assert found["status"] == "holds"
+    assert [set(each["engines"]) for each in found["profiles"].values()] == [who]
