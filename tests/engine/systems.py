@@ -8,7 +8,7 @@ may be otherwise, to a degree that is drawn too: all-random keystores violate ev
 from __future__ import annotations
 
 import random
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta, timezone
 from itertools import product
@@ -620,7 +620,17 @@ def _named_elsewhere(system: System, seed: int) -> System:
 def _alone(system: System, seed: int) -> tuple[EnclaveAtom, ...]:
     chance = random.Random(f"readers {seed}")
     read = [replace(each, reads_alone=_some(system, chance, 0.2)) for each in system.enclaves]
-    return tuple(replace(each, writes_alone=_some(system, chance, 0.2)) for each in read)
+    both = [replace(each, writes_alone=_some(system, chance, 0.2)) for each in read]
+    return tuple(replace(each, later=tuple(_changing(each, system, seed * 100 + n))) for n, each in enumerate(both))
+
+
+def _changing(enclave: EnclaveAtom, system: System, seed: int) -> Iterator[tuple[int, EnclaveAtom]]:
+    """What its own implementation lets it do from later moments on."""
+    chance = random.Random(f"later {seed}")
+    for moment in range(2 * system.now + 1, 2 * len(system.instants)):
+        if chance.random() < 0.2:
+            made = replace(enclave, reads_alone=_some(system, chance, 0.2))
+            yield moment, replace(made, writes_alone=_some(system, chance, 0.2))
 
 
 def _refused(enclaves: Sequence[EnclaveAtom], system: System, seed: int) -> tuple[EnclaveAtom, ...]:
