@@ -50,6 +50,14 @@ def user_files(paths: Sequence[Path], settings: Settings | None, keystores: Sequ
     return read_user_files(paths, settings.asserted if settings else (), keystores)
 
 
+def declared_files(settings: Settings | None, roots: Sequence[Path]) -> DeclaredFiles:
+    """What settings declare of a keystore's files, with further directories that links may lead into."""
+    from keystore_audit.keystore.foreign import NOTHING_DECLARED  # with what reads keystores: `--help` needs none
+
+    declared = settings.files if settings is not None else NOTHING_DECLARED
+    return replace(declared, roots=tuple(map(str, roots)))
+
+
 class Progress(Protocol):
     """Told how far an audit is."""
 
@@ -105,7 +113,4 @@ class Options:
     @property
     def files(self) -> DeclaredFiles:
         """What is declared of the keystore's files, with further directories."""
-        from keystore_audit.keystore.foreign import NOTHING_DECLARED  # with what reads keystores: `--help` needs none
-
-        declared = self.settings.files if self.settings is not None else NOTHING_DECLARED
-        return replace(declared, roots=tuple(map(str, self.roots)))
+        return declared_files(self.settings, self.roots)

@@ -36,7 +36,9 @@ def command(keystore: str, **given: Any) -> int:
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.access import read_access_table
 
-    table = read_access_table(keystore, **opt.reading(given, keystore), domain=given["domain"])
+    table = read_access_table(
+        keystore, **opt.reading(given, opt.named_settings(given, keystore)), domain=given["domain"]
+    )
     output.write_stdout(_rendered(table, given["form"]))
     return EXIT_INCOMPLETE if table.has_unknown else 0
 

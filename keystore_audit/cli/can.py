@@ -84,7 +84,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
     from keystore_audit.report import answer
 
     questions = _questions(enclave, operation, name, given)
-    reading = opt.reading(given, keystore)
+    reading = opt.reading(given, opt.named_settings(given, keystore))
     access = Access(keystore, questions, **reading)
     governed = access.governed(enclave) if given["domain"] is None else ()
     if governed and given["expect"] == "deny" and not contains(governed, 0):
@@ -145,7 +145,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
     from keystore_audit.access import Access
     from keystore_audit.report import answer
 
-    lines, reading = list(_lines(given["batch"])), opt.reading(given, keystore)
+    lines, reading = list(_lines(given["batch"])), opt.reading(given, opt.named_settings(given, keystore))
     parsed = [_parse(line, given["domain"] or 0, given["partition"]) for line in lines]
     try:
         access = Access(keystore, [each for each in parsed if not isinstance(each, str)], **reading)

@@ -61,13 +61,12 @@ def command(old: str, new: str, **given: Any) -> int:
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.diff import compare_keystores
     from keystore_audit.model.comparison.change import FailOn
-    from keystore_audit.settings.settings import read_settings
 
-    read = read_settings(given["settings"], (old, new)) if given["settings"] is not None else None
+    read = opt.named_settings(given, old, new)
     comparison = compare_keystores(
         old,
         new,
-        **opt.reading(given, old, new),
+        **opt.reading(given, read),
         domain=given["domain"],
         labels=_labels(
             given["labels"],

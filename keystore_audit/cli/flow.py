@@ -85,7 +85,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     answer = find_flow(
         keystore,
         question,
-        **opt.reading(given, keystore),
+        **opt.reading(given, opt.named_settings(given, keystore)),
         engines=Engines(
             choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"]
         ),
@@ -106,7 +106,10 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     from keystore_audit.compromise import find_blast_radius
 
     answer = find_blast_radius(
-        keystore, given["compromised"], **opt.reading(given, keystore), include_ambient=given["include_ambient"]
+        keystore,
+        given["compromised"],
+        **opt.reading(given, opt.named_settings(given, keystore)),
+        include_ambient=given["include_ambient"],
     )
     if given["form"] == "json":
         from keystore_audit.report import compromise_json

@@ -51,7 +51,12 @@ def command(keystore: str, directory: Path, **given: Any) -> int:
     intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"])
     try:
         export_model(
-            keystore, directory, **opt.reading(given, keystore), domain=given["domain"], intents=intents, files=files
+            keystore,
+            directory,
+            **opt.reading(given, opt.named_settings(given, keystore)),
+            domain=given["domain"],
+            intents=intents,
+            files=files,
         )
     except OSError as error:
         raise UsageError(f"Cannot write the model to {directory}: {error.strerror or error}.") from error

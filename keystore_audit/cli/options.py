@@ -15,13 +15,14 @@ from click.core import ParameterSource
 
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.cli.completion import Directory, Word
-from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
-from keystore_audit.options import FIRST_YEAR, LAST_DOMAIN, LAST_YEAR, MAX_SECONDS
+from keystore_audit.options import FIRST_YEAR, LAST_DOMAIN, LAST_YEAR, MAX_SECONDS, declared_files
 from keystore_audit.text import meant
 
 if TYPE_CHECKING:
     from zoneinfo import ZoneInfo
+
+    from keystore_audit.settings.settings import Settings
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -251,19 +252,21 @@ alloy_options: Final = _together(
 """Those that say where the Alloy Analyzer is, and how long it may take."""
 
 
-def reading(given: Mapping[str, Any], *keystores: str) -> dict[str, Any]:
-    """Return what the options mean that decide how keystores are read, as whoever reads them takes it.
-
-    Raises errors.UsageError for settings that are none, or that lie in one of the keystores.
-    """
-    from keystore_audit.keystore.foreign import NOTHING_DECLARED
-    from keystore_audit.model.profiles import resolve
+def named_settings(given: Mapping[str, Any], *keystores: str) -> Settings | None:
+    """Return the settings that `--settings` names; raise UsageError for some that are none or lie in a keystore."""
+    if given["settings"] is None:
+        return None
     from keystore_audit.settings.settings import read_settings
 
-    settings = read_settings(given["settings"], keystores) if given["settings"] is not None else None
-    declared = settings.files if settings is not None else NOTHING_DECLARED
+    return read_settings(given["settings"], keystores)
+
+
+def reading(given: Mapping[str, Any], settings: Settings | None) -> dict[str, Any]:
+    """Return what the options mean that decide how keystores are read, as whoever reads them takes it."""
+    from keystore_audit.model.profiles import resolve
+
     return {
-        "declared": replace(declared, roots=tuple(map(str, given["roots"]))),
+        "declared": declared_files(settings, given["roots"]),
         "profiles": resolve(given["profiles"]),
         "at": given["at"] or now(),
         "zone": given["time_zone"],
