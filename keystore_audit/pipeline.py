@@ -94,7 +94,7 @@ def audit(
     if progress:
         progress.stage("working out what the documents mean")
     assumed = EVERY.difference(options.not_assumed)
-    if options.authorities is not None and all(options.authorities.of(role) for role in trust.ROLES):
+    if options.authorities is not None and options.authorities.complete:
         assumed |= {Assumption.AUTHORITIES_AS_FOUND}  # nothing to assume: others are findings
     accesses = AccessViews(system_documents(keystore), options.at, options.time_zone, assumed)
     usabilities = Usabilities(options.domain, accesses)
@@ -254,8 +254,7 @@ def _report(
     answered = [run for run in context.engines if run.status is EngineStatus.OK]
     anchors = trust.trusted(context.keystore, context.authorities)
     agree = all(result.engines_agree for result in context.results)
-    declared = all(each.declared for each in anchors)
-    assumed = tuple(assumptions(context, options, authorities_declared=declared))
+    assumed = tuple(assumptions(context, options, authorities_declared=context.authorities.complete))
     return Report(
         version=__version__,
         keystore=context.keystore.root,

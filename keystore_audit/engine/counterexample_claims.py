@@ -61,7 +61,7 @@ def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: 
     asked = claims_at(system, moment, Decisions(system))
     ending = some(sorted(system.enclaves[number].label for number in asked.ending(claim)), 1)
     but = ""
-    if any(each.refused_writes or each.refused_reads for each in (each.at(moment) for each in system.enclaves)):
+    if any(each.refused_writes or each.refused_reads for each in system.at(moment).enclaves):
         but = ", some of which their own implementations refuse them (`can` says why)"
     if ending:
         but += f": {ending} can start now, and not at every instant until then"
@@ -243,9 +243,7 @@ def then_at(system: System, answer: Answer) -> tuple[str, System]:
         moment = 2 * (answer.path[0].instant if answer.path else system.now)
     index, after = divmod(moment, 2)
     when = instant(system.instants[index])
-    enclaves = tuple(enclave.at(moment) for enclave in system.enclaves)
-    realms = tuple(realm.at(moment) for realm in system.realms)
-    system = replace(system, enclaves=enclaves, realms=realms)
+    system = system.at(moment)
     if after:
         return f", after {when}", _just_after(system, index)
     return f", from {when} on" if index != system.now else "", replace(system, now=index)

@@ -52,7 +52,7 @@ def way(case: Case, enclave: int, operation: Operation, *, alone: bool) -> Way:
                 who = system.enclaves[number].label
                 why = f"it has the key of {who}" + (f": {other.why}" if other.why else "")
                 return _shown(case, number, replace(other, why=why))
-    return as_anybody(case, operation, enclave) or _shown(case, enclave, by_keys(case, enclave))
+    return as_anybody(case, operation, enclave) or _shown(case, enclave, _announced(case, enclave) or by_keys(case))
 
 
 def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Way | None:
@@ -78,8 +78,8 @@ def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Way | N
 def beyond_grants(case: Case, operation: Operation) -> Way:
     """How the enclave of `case` does what the permissions CA did not grant it: by a flag, a concession, or keys."""
     enclave = case.witness[Role.ENCLAVE]
-    found = _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation) or by_keys(case, enclave)
-    return _shown(case, enclave, found)
+    found = _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation)
+    return _shown(case, enclave, found or _announced(case, enclave) or by_keys(case))
 
 
 def _shown(case: Case, enclave: int, found: Way) -> Way:
@@ -91,12 +91,19 @@ def _shown(case: Case, enclave: int, found: Way) -> Way:
     return replace(found, steps=(*found.steps, step))
 
 
-def by_keys(case: Case, enclave: int) -> Way:
-    """By the keys that an enclave holds as a participant, reader or relay; or by what it says of its endpoints."""
+def _announced(case: Case, enclave: int) -> Way | None:
+    """By what it says of its endpoints, where that is not taken to be true."""
+    if not case.system.announcements_trusted:  # nearly always
+        return None
     view = realm_views(case.system)[case.realm]
-    if view.abilities(enclave).unannounced >> case.witness[Role.CHANNEL] & 1:
-        why = "by announcing its endpoint as free of access control: peers believe it, and no file here changes that"
-        return Way(why=why, steps=case.governance_steps())
+    if not view.abilities(enclave).unannounced >> case.witness[Role.CHANNEL] & 1:
+        return None
+    why = "by announcing its endpoint as free of access control: peers believe it, and no file here changes that"
+    return Way(why=why, steps=case.governance_steps())
+
+
+def by_keys(case: Case) -> Way:
+    """By the keys that an enclave holds as a participant, reader or relay."""
     return Way(why=f"with the keys that it holds, since {case.kinds()}", steps=case.governance_steps())
 
 

@@ -102,7 +102,7 @@ class SystemBuilder:
         self._read = {row: self._read_all(row) for row in accesses.rows(profiles)}
         grants = (g for read in self._read.values() for document in read for g in document.grants or ())
         ends = {c.until for c in claims if c.until is not None and c.until > at} | self._views.list_dates(profiles)
-        # With the dates of what enclaves present, and of nobody's here: theirs may start by them.
+        # Certificates that no chain rests on have dates too by which an enclave starts, or does not.
         presented = every_certificate(keystore.enclaves, (), ())
         self.instants = tuple(sorted({*instants_of((*self._certificates, *presented), grants, at), *ends}))
         if channels is None:

@@ -13,7 +13,7 @@ from datetime import timedelta
 from typing import Final, TypeVar
 
 from keystore_audit.dataclass import replace
-from keystore_audit.model.formal.system import CertificateAtom, EnclaveAtom, GrantAtom, RealmAtom, System
+from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, System
 
 MAX_MOMENTS: Final = 16
 """Moments asked about for one system."""
@@ -21,7 +21,6 @@ MAX_MOMENTS: Final = 16
 _TICK: Final = timedelta(microseconds=1)
 
 Dated = TypeVar("Dated", CertificateAtom, GrantAtom)
-Changing = TypeVar("Changing", EnclaveAtom, RealmAtom)
 
 
 def later(system: System, until: int) -> Iterator[int]:
@@ -42,9 +41,9 @@ def later(system: System, until: int) -> Iterator[int]:
 def at(system: System, moment: int) -> System:
     """Return the same system as it is at `moment`: with an instant of its own if that lies between two."""
     index, between = divmod(moment, 2)
-    realms, enclaves = _then(system.realms, moment), _then(system.enclaves, moment)
+    system = system.at(moment)
     if not between:
-        return replace(system, now=index, realms=realms, enclaves=enclaves)
+        return replace(system, now=index)
 
     def shift(instant: int) -> int:
         return instant + 1 if instant > index else instant
@@ -54,8 +53,6 @@ def at(system: System, moment: int) -> System:
         system,
         instants=(*instants[: index + 1], instants[index] + _TICK, *instants[index + 1 :]),
         now=index + 1,
-        realms=realms,
-        enclaves=enclaves,
         certificates=redated(system.certificates, shift),
         grants=redated(system.grants, shift),
     )
@@ -71,20 +68,16 @@ def every(system: System) -> System:
 
     Who is revoked or refused, and what implementations make, stays as it is at the audit.
     """
-    realms, enclaves = _then(system.realms, 2 * system.now), _then(system.enclaves, 2 * system.now)
+    system = system.at(2 * system.now)
     for index in reversed(range(system.now, len(system.instants))):
         system = replace(at(system, 2 * index + 1), now=system.now)
-    return replace(system, realms=realms, enclaves=enclaves)
-
-
-def _then(atoms: Iterable[Changing], moment: int) -> tuple[Changing, ...]:
-    """Realms or enclaves as they are then, and for good."""
-    return tuple(atom.at(moment) for atom in atoms)
+    return system
 
 
 def _in_force(system: System, moment: int) -> tuple[object, ...]:
     """Grants; by realm, whom it does not take, and why; and what implementations make of enclaves by themselves."""
     grants = enumerate(system.grants)
     found = frozenset(number for number, grant in grants if 2 * grant.not_before <= moment <= 2 * grant.not_after)
-    refused = ((realm.revoked, realm.refuses) for realm in _then(system.realms, moment))
-    return found, *refused, *(enclave.by_itself for enclave in _then(system.enclaves, moment))
+    then = system.at(moment)
+    refused = ((realm.revoked, realm.refuses) for realm in then.realms)
+    return found, *refused, *(enclave.by_itself for enclave in then.enclaves)

@@ -325,6 +325,11 @@ class System:
     meets: tuple[frozenset[int], ...] = ()
     left_out: tuple[LeftOut, ...] = ()
 
+    def at(self, moment: int) -> System:
+        """The same with realms and enclaves as they are then, and for good; what is in force is asked of dates."""
+        realms = tuple(realm.at(moment) for realm in self.realms)
+        return replace(self, realms=realms, enclaves=tuple(enclave.at(moment) for enclave in self.enclaves))
+
     def key_of(self, enclave: int) -> int | None:
         """The key of the enclave's identity, None where it has none that is known. Who has equal keys is one."""
         identity = self.enclaves[enclave].identity

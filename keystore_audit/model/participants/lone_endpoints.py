@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import replace
 from keystore_audit.keystore.governance import GovernanceFile
@@ -44,6 +44,8 @@ class Endpoints(NamedTuple):
 
 NO_ENDPOINTS = Endpoints(frozenset(), frozenset())
 
+WAYS: Final = (Operation.SUBSCRIBE, Operation.PUBLISH)
+"""In the order of `Endpoints`."""
 
 Timeline = tuple[tuple[int, Endpoints], ...]
 """Those from moments on (`permission.Permissions`), ascending; none before the first, which is the audit's."""
@@ -102,6 +104,7 @@ class LocalMoments:
         self._number = {instant: number for number, instant in enumerate(instants)}
         self._at = at
         self._rights: dict[datetime, LocalRights] = {}
+        self._sets: dict[int, frozenset[int]] = {}
 
     def grants(self, enclave: Enclave, access: Access) -> tuple[ReadGrant, ...]:
         """What its own document grants, to whomever."""
@@ -123,6 +126,13 @@ class LocalMoments:
         if at not in self._rights:
             self._rights[at] = LocalRights(self._accesses, self._channels, at)
         return self._rights[at]
+
+    def endpoints(self, reads: int, writes: int) -> Endpoints:
+        """These bit sets as sets; the same object for the same channels, of which there may be 300,000."""
+        for channels in (reads, writes):
+            if channels not in self._sets:
+                self._sets[channels] = frozenset(members(channels))
+        return Endpoints(self._sets[reads], self._sets[writes])
 
 
 class Alone(NamedTuple):
@@ -160,7 +170,6 @@ class LoneEndpoints:
         self._differing: dict[tuple[Access, bool], set[int]] = {}
         self._usabilities = Usabilities(None, accesses)
         self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
-        self._sets: dict[int, frozenset[int]] = {}
 
     def of(self, profile: Profile) -> tuple[Alone, ...]:
         """By enclave, then by holder; empty where none may differ from what peers concede it."""
@@ -183,11 +192,10 @@ class LoneEndpoints:
     def _alone(self, enclave: Enclave, profile: Profile) -> Alone:
         possible, certain = [], []
         for moment, at, local in self._moments.of(enclave, profile):
-            ways = (Operation.SUBSCRIBE, Operation.PUBLISH)
-            allowed = [self._meetings.met(local.allowed(enclave, profile, each)) for each in ways]
-            may, must = self._where_usable(enclave, profile, at, allowed[0] | allowed[1])
-            possible.append((moment, Endpoints(*(self._set(each & may) for each in allowed))))
-            certain.append((moment, Endpoints(*(self._set(each & must) for each in allowed))))
+            reads, writes = (self._meetings.met(local.allowed(enclave, profile, each)) for each in WAYS)
+            may, must = self._where_usable(enclave, profile, at, reads | writes)
+            possible.append((moment, self._moments.endpoints(reads & may, writes & may)))
+            certain.append((moment, self._moments.endpoints(reads & must, writes & must)))
         return Alone(changes(possible), changes(certain))
 
     def _where_usable(self, enclave: Enclave, profile: Profile, at: datetime, asked: int) -> tuple[int, int]:
@@ -200,12 +208,6 @@ class LoneEndpoints:
                 possible |= here if usable is not False else 0
                 certain |= here if usable else 0
         return possible, certain
-
-    def _set(self, channels: int) -> frozenset[int]:
-        """The channels of a bit set; the same object for the same ones, of which there may be 300,000."""
-        if channels not in self._sets:
-            self._sets[channels] = frozenset(members(channels))
-        return self._sets[channels]
 
     def _may_differ(self, governance: GovernanceFile, grants: Iterable[ReadGrant], access: Access) -> bool:
         """Whether the enclave might do what peers would not concede it.
@@ -248,18 +250,10 @@ class LoneRefusals:
         grants = self._moments.grants(enclave, profile.access)
         if not any(self._may_refuse(grant, profile) for grant in grants):  # nearly always
             return ()
-        ways = (Operation.SUBSCRIBE, Operation.PUBLISH)
         return changes(
-            (moment, Endpoints(*(self._conceded_not_allowed(local, enclave, profile, each) for each in ways)))
+            (moment, self._moments.endpoints(*(_conceded_not_allowed(local, enclave, profile, each) for each in WAYS)))
             for moment, _at, local in self._moments.of(enclave, profile)
         )
-
-    @staticmethod
-    def _conceded_not_allowed(
-        local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation
-    ) -> frozenset[int]:
-        refused = local.conceded(enclave, profile, operation) & ~local.allowed(enclave, profile, operation)
-        return frozenset(members(refused))
 
     def _may_refuse(self, grant: ReadGrant, profile: Profile) -> bool:
         """Whether its rules may decide otherwise about the enclave's own endpoints than about those of a peer."""
@@ -270,3 +264,7 @@ class LoneRefusals:
         if not profile.local.binds_domains and len({rule.domains for rule in grant.rules}) > 1:
             return True
         return profile.access.first_rule_decides_topic and self._several  # each asks its own governance
+
+
+def _conceded_not_allowed(local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation) -> int:
+    return local.conceded(enclave, profile, operation) & ~local.allowed(enclave, profile, operation)

@@ -30,6 +30,11 @@ class Authorities:
         """The fingerprints for a role."""
         return self.identity if role is Role.IDENTITY_CA else self.permissions
 
+    @property
+    def complete(self) -> bool:
+        """Whether somebody said of both roles who is trusted."""
+        return all(map(self.of, ROLES))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Anchors:
