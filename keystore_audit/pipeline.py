@@ -52,6 +52,7 @@ from keystore_audit.report.content import (
     Report,
     Scope,
 )
+from keystore_audit.report.excerpts import excerpts
 from keystore_audit.report.not_checked import unread, untested
 from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
@@ -285,6 +286,7 @@ def _report(
         domain=options.domain,
         files=tuple(_files(context)),
         uncovered=context.keystore.uncovered,
+        excerpts=excerpts(context.keystore, judgement.findings),
         roots=context.keystore.declared.roots,
         unread_foreign=tuple(file.place for file in context.keystore.unread_foreign),
         settings=options.settings.file if options.settings else None,
@@ -360,7 +362,7 @@ def _scope(context: Context) -> Scope:
             *meaning.idle,
             *unread(keystore),
             *untested(context.profiles),
-            *NOT_CHECKED,
+            *NOT_CHECKED.values(),
             *_not_compared(context),
         ),
     )

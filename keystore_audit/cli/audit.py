@@ -110,8 +110,8 @@ MAX_JOBS: Final = 1024
     help="Who decides the properties; auto: both, native alone where Alloy cannot be had.",
 )
 @opt.alloy_options
-@click.option("-q", "--quiet", is_flag=True, help="Only the verdict and the findings that decided it (text).")
-@opt.verbose_option("Every rule's outcome too (text); on stderr, how long each stage took.", to_command=True)
+@click.option("-q", "--quiet", is_flag=True, help="Only the verdict and the headings of what decided it (text).")
+@opt.verbose_option("All that is known, not one screen (text); on stderr, how long each stage took.", to_command=True)
 @opt.choice("--color", words=COLORS, default="auto", help="Colour on a terminal.")
 def command(keystores: tuple[str, ...], **given: Any) -> int:
     """Audit each KEYSTORE directory and report what its signed artifacts really allow.

@@ -1,12 +1,14 @@
-"""What is told where: a violated property under its cause, and of enclaves of which the same is to be said, one."""
+"""What is told where: findings that say the same are one cause, and what follows from a cause stands under it."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
+from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import OF_THE_AUDIT, Finding, Severity
+from keystore_audit.grouped import grouped
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import PropertyResult
 
@@ -22,6 +24,30 @@ def within(sentence: str) -> str:
     return sentence[:1].lower() + sentence[1:] if _COMMON_WORD.match(sentence) else sentence
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """What is fixed at once: `finding`, with `others` that say the same of other subjects.
+
+    `follow`: findings that go with it. `stay`: findings that follow from it and from more, which must be fixed too.
+    `severity`: of the worst of all these.
+    """
+
+    finding: Finding
+    others: tuple[Finding, ...]
+    follow: tuple[Finding, ...]
+    stay: tuple[Finding, ...]
+    severity: Severity
+
+    @property
+    def every(self) -> tuple[Finding, ...]:
+        """All findings that are told here."""
+        return (self.finding, *self.others, *self.follow, *self.stay)
+
+    def decides(self, gate: Severity | None) -> bool:
+        """Whether it, or what follows from it, fails the gate or leaves the audit open."""
+        return any(each.fails(gate) or each.undecided for each in self.every)
+
+
 class Consequences:
     """The findings that `explained_by` hangs under others, for every format that people read.
 
@@ -32,26 +58,36 @@ class Consequences:
     def __init__(self, shown: Sequence[Finding], properties: Sequence[PropertyResult]) -> None:
         """Find the place of each finding among those `shown`, which come in the report's order, worst first."""
         self._results = {result.prop.id: result for result in properties}
-        order = {
-            finding.fingerprint: place
-            for place, finding in enumerate(shown)
-            if not finding.suppressed and not finding.explained_by  # two that explain each other would vanish
-        }
+        counting = [finding for finding in shown if finding.suppressed is None]
+        roots = [finding for finding in counting if not finding.explained_by]  # two that explain each other are none
+        first = {each.fingerprint: same[0] for same in grouped(roots, _words).values() for each in same}
+        order = {mark: place for place, mark in enumerate(first)}
         self._under: dict[str, list[Finding]] = {}
-        told: list[Finding] = []
-        for finding in shown:
-            causes = [cause for cause in finding.explained_by if cause in order]
-            if finding.suppressed is None and causes:
+        told = []
+        for finding in counting:
+            causes = [first[cause].fingerprint for cause in finding.explained_by if cause in first]
+            if causes:
                 self._under.setdefault(min(causes, key=order.__getitem__), []).append(finding)
-            elif finding.suppressed is None:
+            else:
                 told.append(finding)
         self.told: Final = tuple(sorted(told, key=self.rank))
         """Those that are told by themselves, worst first, else in the report's order."""
+        alike = grouped(self.told, _words)
+        self.causes: Final = tuple(self._cause(same[0], same[1:]) for same in alike.values())
+        """The same, those that say the same as one, worst first."""
+
+    def _cause(self, finding: Finding, others: Sequence[Finding]) -> Cause:
+        below = [each for same in (finding, *others) for each in self._under.get(same.fingerprint, ())]
+        fixed = {finding.fingerprint, *(each.fingerprint for each in others)}
+        follow = [each for each in below if fixed.issuperset(each.explained_by)]
+        stay = [each for each in below if not fixed.issuperset(each.explained_by)]
+        worst = min((finding, *below), key=lambda each: each.severity.rank).severity
+        return Cause(finding=finding, others=tuple(others), follow=tuple(follow), stay=tuple(stay), severity=worst)
 
     def of(self, finding: Finding) -> tuple[tuple[Finding, str], ...]:
         """The findings that `finding` explains, each with an example in words."""
         below = self._under.get(finding.fingerprint, ())
-        return tuple((consequence, self._example(consequence)) for consequence in below)
+        return tuple((consequence, self.example(consequence)) for consequence in below)
 
     def so(self, finding: Finding) -> tuple[tuple[Severity, str], ...]:
         """The same, each in one sentence behind its severity."""
@@ -59,20 +95,6 @@ class Consequences:
             (each.severity, f"{each.code}: property {each.name} is violated, e.g. {within(example)}")
             for each, example in self.of(finding)
         )
-
-    def alike(self, findings: Iterable[Finding]) -> dict[str, list[Finding]]:
-        """By its fingerprint, each finding that is told, with those that say the same of another enclave."""
-        also: dict[str, list[Finding]] = {}
-        told: dict[_Words, str] = {}
-        for finding in findings:
-            words = finding.code, finding.severity, finding.profiles, _of_any(finding), finding.remedy
-            if finding.enclave and words in told and finding.fingerprint not in self._under:
-                also[told[words]].append(finding)
-            else:
-                also.setdefault(finding.fingerprint, [])
-                if finding.enclave:
-                    told.setdefault(words, finding.fingerprint)
-        return also
 
     def rank(self, finding: Finding) -> tuple[int, bool]:
         """How early `finding` is shown: as the worst that hangs under it, and causes before what they leave open."""
@@ -84,7 +106,7 @@ class Consequences:
         result = self._results.get(finding.name)
         return result is not None and any(each.counterexample is not None for each in result.profiles.values())
 
-    def _example(self, finding: Finding) -> str:
+    def example(self, finding: Finding) -> str:
         """The counterexample under a profile that the finding holds for, else the finding's own words."""
         result = self._results.get(finding.name)
         for name, answer in result.profiles.items() if result else ():
@@ -94,6 +116,8 @@ class Consequences:
         return finding.message
 
 
-def _of_any(finding: Finding) -> tuple[str, ...]:
-    """The message around the enclave's name: a word in its place might be a name, too."""
-    return tuple(finding.message.split(finding.enclave)) if finding.enclave else (finding.message,)
+def _words(finding: Finding) -> _Words:
+    """What is told of it around the name of its subject: a word in the name's place might be a name, too."""
+    about = finding.enclave or next((place.path for place in finding.locations), None)
+    around = tuple(finding.message.split(about)) if about else (finding.message, finding.fingerprint)
+    return finding.code, finding.severity, finding.profiles, around, finding.remedy

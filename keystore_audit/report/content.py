@@ -8,7 +8,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit.assumptions import CONDITIONS, Assumption, Needed, holds_if
-from keystore_audit.dataclass import dataclass, replace
+from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.findings import Finding, Outcomes, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.meaning import Usability
@@ -46,27 +46,27 @@ def answered_if(profiles: Iterable[str], conditions: Iterable[Assumption] = COND
     )
 
 
-NOT_CHECKED: Final = (
-    (
-        "What participants tell whoever listens: their enclave's name in clear, and in the handshake the whole "
-        "permissions document (DDS-Security 1.1, 8.3 and 9.3.2)."
-    ),
-    (
-        "Signed documents that are kept elsewhere than in this directory, or in archives in it, though peers take "
-        "whatever valid document is presented to them."
-    ),
-    (
+NOT_CHECKED: Final = {
+    "mixed DDS fleets": (
         "Robots of several DDS implementations together: each profile is judged as if all ran it, and what one lets "
         "out and another takes in may be more than either alone."
     ),
-    (
+    "file ownership": (
         "Who may write the files and directories but for their modes in this directory (owners, members of groups, "
         "access control lists, folders above): whoever can on a robot puts authorities and documents of his own in "
         "their place."
     ),
-    "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
-)
-"""What this version does not look at."""
+    "what handshakes tell listeners": (
+        "What participants tell whoever listens: their enclave's name in clear, and in the handshake the whole "
+        "permissions document (DDS-Security 1.1, 8.3 and 9.3.2)."
+    ),
+    "documents kept elsewhere": (
+        "Signed documents that are kept elsewhere than in this directory, or in archives in it, though peers take "
+        "whatever valid document is presented to them."
+    ),
+    "flows nobody asked about": "Flows that no settings ask about, and flows by timing, acknowledgements or matching.",
+}
+"""What this version does not look at, each behind a few words for it."""
 
 MAX_RANKED: Final = 100
 """Enclaves up to which every report ranks them; a page for people has more."""
@@ -188,6 +188,8 @@ class Report:
     """Path (relative to the keystore) and SHA-256, in hexadecimal, of every file, by path."""
     uncovered: tuple[str, ...] = ()
     """Files and directories of which no digest holds what is in them: no statement speaks for all of the keystore."""
+    excerpts: Mapping[tuple[str, int], str] = field(default_factory=dict)
+    """Lines of signed documents, by path and number: those that findings of at least medium severity name first."""
     roots: tuple[str, ...] = ()
     """Further directories that links of the keystore might lead into."""
     unread_foreign: tuple[str, ...] = ()

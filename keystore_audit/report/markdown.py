@@ -90,15 +90,12 @@ def _report(report: Report, least: Severity, budget: int) -> str:
     head, rest = [*_head(report)], [*_rest(report, budget // 4)]
     shown = [finding for finding in report.shown(least) if finding.suppressed is None]
     consequences = Consequences(shown, report.properties)
-    also = consequences.alike(consequences.told)
     left = budget - sum(len(line) + 1 for line in (*head, *rest))
     items: list[str] = []
     untold = len(shown)
     remedies = Remedies()
-    for finding in consequences.told:
-        if finding.fingerprint not in also:
-            continue
-        others, so = also[finding.fingerprint], consequences.so(finding)
+    for cause in consequences.causes:
+        finding, others, so = cause.finding, cause.others, consequences.so(cause.finding)
         item = "\n".join(_finding(finding, others, so, remedies))
         left -= len(item) + 1
         if left < 0:

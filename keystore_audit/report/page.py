@@ -34,11 +34,11 @@ class Page:
 
         from rich.console import Console
 
-        self._width = max(width, MIN_WIDTH)
+        self.width = max(width, MIN_WIDTH)
         self._out = StringIO()
         self._console = Console(
             file=self._out,
-            width=self._width,
+            width=self.width,
             height=100,
             force_terminal=color,
             force_jupyter=False,
@@ -63,6 +63,12 @@ class Page:
         """Add a paragraph whose every line starts at column `indent`."""
         self.labelled("", *pieces, indent=indent, column=indent)
 
+    def verbatim(self, line: str) -> None:
+        """Add one line as it is, however long: it is there to be copied."""
+        from rich.text import Text
+
+        self._lines.append(Text(terminal(line), "bold"))
+
     def labelled(self, label: str, *pieces: Piece | str, indent: int, column: int, style: str = "dim") -> None:
         """Add a paragraph at `column` with `label` before its first line, at `indent`.
 
@@ -74,14 +80,14 @@ class Page:
         text = Text()
         for content, own_style in (_piece(piece) for piece in pieces):
             text.append(terminal(content), own_style or None)
-        column = max(indent, min(column, self._width - MIN_TEXT))
+        column = max(indent, min(column, self.width - MIN_TEXT))
         margin = Text(" " * column)
         first = Text(" " * indent).append(terminal(label), style) if label else margin
         if label and first.cell_len >= column:
             self.put((label, style), indent=indent)
             first = margin
         first = first + Text(" " * (column - first.cell_len))
-        room = self._width - column
+        room = self.width - column
         wrapped = [text] if text.cell_len <= room else text.wrap(self._console, room, overflow="fold")
         for number, line in enumerate(wrapped):
             line.rstrip()

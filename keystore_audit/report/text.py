@@ -1,6 +1,6 @@
-"""The report for people: readable at 80 columns, worst first, grouped by enclave.
+"""The report for people: one screen at 80 columns, the verdict first, then causes, worst first over the keystore.
 
-It begins with what the verdict rests on and ends with what was checked, what was not, and the verdict.
+It ends with a line each of what was decided, what that rests on, what was not checked and how long it lasts.
 Nothing is said by colour alone. Every name is escaped in `report.page`.
 """
 
@@ -10,18 +10,27 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from keystore_audit.assumptions import CONDITIONS
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Finding, Outcomes, Result, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import ProfileResult, PropertyResult
+from keystore_audit.properties.result import EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import authorities_text, ranking
-from keystore_audit.report.content import EnclaveEntry, NoReport, Report, Verdict
+from keystore_audit.report.causes_text import (
+    COLUMN,
+    MAX_NAMED,
+    implementations,
+    put_accepted,
+    put_full,
+    put_headings,
+    put_short,
+)
+from keystore_audit.report.consequences import Cause, Consequences
+from keystore_audit.report.content import NOT_CHECKED, EnclaveEntry, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import ENGINE_WORDS, sentence, until, warnings
-from keystore_audit.report.findings_text import put_findings
 from keystore_audit.report.json import TOOL
-from keystore_audit.report.next_step import next_step
 from keystore_audit.report.page import Page
 from keystore_audit.report.paragraph import by_answer, worst_first
 from keystore_audit.report.ros_nodes import nodes_beside
@@ -35,6 +44,12 @@ MAX_PATH: Final = 400
 
 MAX_TITLE: Final = 60
 """Characters of the keystore's path in the title, which is cut in the middle: its ends tell it apart."""
+
+MAX_NOT_CHECKED: Final = 2
+"""Of what was not checked, so much is named; -v has all in full."""
+
+MAX_CODES: Final = 12
+"""Rules named that left something open."""
 
 _STATUS_STYLE: Final = {Status.HOLDS: "green", Status.VIOLATED: "bold red", Status.UNKNOWN: "bold yellow"}
 _VERDICT_STYLE: Final = {
@@ -50,7 +65,7 @@ class View:
     """How to show a report; nothing here changes what it says.
 
     `width` in columns. `min_severity` hides findings below it, and the report says how many. `quiet`: the
-    verdict and what brought it about. `verbose`: the outcome of every rule too.
+    verdict and the causes that brought it about. `verbose`: all that is known.
     """
 
     width: int = 80
@@ -66,25 +81,28 @@ PLAIN: Final = View()
 def render(report: Report, view: View = PLAIN) -> str:
     """Return the report of one keystore as text that ends in a newline."""
     page = Page(width=view.width, color=view.color)
+    every = Consequences(report.findings, report.properties)
+    shown = report.shown(view.min_severity)
+    consequences = every if len(shown) == len(report.findings) else Consequences(shown, report.properties)
+    if not view.quiet:
+        _audited(page, report)
+    _verdict(page, report, every.causes)
     if view.quiet:
-        put_findings(page, report, _decisive(report))
+        if report.holds_if:
+            page.put((report.holds_if, "bold"))
+        put_headings(page, report, every)
+        return page.render()
+    if view.verbose:
+        if report.holds_if:
+            page.put((report.holds_if, "bold"))
+        put_full(page, report, consequences)
+        put_accepted(page, [finding for finding in shown if finding.suppressed is not None])
+        _details(page, report)
     else:
-        _opening(page, report)
-        put_findings(page, report, report.shown(view.min_severity))
-        if not report.findings:
-            page.blank()
-            page.put("No findings.")
-        _enclaves(page, report.enclaves)
-        if beside := nodes_beside(report.findings):
-            page.put(beside, indent=2)
-        _properties(page, report.properties)
-        if view.verbose:
-            authorities_text.put(page, report)
-            ranking.put(page, report.blast_radius or ())
-            _outcomes(page, report.outcomes)
-        _checked(page, report, verbose=view.verbose)
-    page.blank()
-    _verdict(page, report, view)
+        put_short(page, report, consequences)
+        _in_short(page, report)
+    if hidden := len(report.findings) - len(shown):
+        page.put(f"{hidden} below {view.min_severity.value} not shown (--min-severity).")
     return page.render()
 
 
@@ -109,34 +127,110 @@ def render_total(verdicts: Sequence[Verdict], missing: Sequence[NoReport], *, wi
     return page.render()
 
 
-def _opening(page: Page, report: Report) -> None:
-    """What is judged, and everything that the verdict rests on or that weakens it."""
+def _audited(page: Page, report: Report) -> None:
+    """What is judged."""
     page.put(
         (f"{TOOL} {report.version}", "bold"),
-        f": {shorten(report.keystore, MAX_TITLE)} "
-        f"({report.layout} layout, {counted(len(report.enclaves), 'enclave')}), as of {instant(report.at)}",
+        f"  {shorten(report.keystore, MAX_TITLE)}  "
+        f"({report.layout}, {counted(len(report.enclaves), 'enclave')}, {report.at:%Y-%m-%d})",
     )
-    page.blank()
-    for number, assumed in enumerate((*(each.sentence for each in report.assumptions), *report.stated)):
-        page.labelled("" if number else "Assumed", assumed, indent=0, column=9, style="bold")
+
+
+def _verdict(page: Page, report: Report, causes: Sequence[Cause]) -> None:
+    """The verdict and its exit code, the causes by severity, for which implementations, and what weakens it."""
+    counts = Counter(cause.severity for cause in causes)
+    worst = min((cause.severity for cause in causes), key=lambda each: each.rank, default=None)
+    told = [_counted_at(counts[severity], severity, severity is worst) for severity in Severity if counts[severity]]
+    following = sum(len(cause.follow) + len(cause.stay) for cause in causes)
+    more = [f"{following} that follow"] * (following > 0) + [f"{len(report.accepted)} accepted"] * bool(report.accepted)
+    beside = f" ({', '.join(more)})" if more else ""
+    page.put(
+        (report.verdict.value.upper(), _VERDICT_STYLE[report.verdict]),
+        f"  {', '.join(told) or 'No findings'}{beside}; exit code {report.exit_code}",
+    )
+    deciding = [each for cause in causes for each in cause.every if each.fails(report.fail_on) or each.undecided]
+    if report.verdict is not Verdict.PASS and deciding:
+        page.put(f"{_BECAUSE[report.verdict]} {_whose(report, deciding)}", indent=6)
+    if report.verdict is Verdict.INCOMPLETE:
+        undecided = sorted(report.outcomes.some(Result.OPEN))
+        rules = f" (open: {some(undecided, MAX_CODES)})" if undecided else ""
+        page.put(f"Something could not be decided{rules}: this is no pass, whatever the counts say.", indent=6)
     for warning in warnings(report):
         page.labelled("WARNING", warning, indent=0, column=9, style=_WARNING_STYLE)
 
 
-def _open(report: Report) -> set[str]:
-    """The rules that left something open."""
-    return report.outcomes.some(Result.OPEN)
+_BECAUSE: Final = {Verdict.FAIL: "fails on", Verdict.INCOMPLETE: "undecided on"}
 
 
-def _decisive(report: Report) -> tuple[Finding, ...]:
-    """The findings that brought the verdict about: at or above the gate, or leaving a question open."""
-    undecided = _open(report)
-    gate = report.fail_on
-    return tuple(
-        finding
-        for finding in report.findings
-        if (gate is not None and finding.severity.at_least(gate)) or finding.code in undecided
-    )
+def _counted_at(count: int, severity: Severity, worst: bool) -> str:
+    if severity is Severity.INFO:
+        return counted(count, "note")
+    return f"{counted(count, 'cause')} at {severity.value}" if worst else f"{count} {severity.value}"
+
+
+def _whose(report: Report, deciding: Sequence[Finding]) -> str:
+    """The implementations for which these findings decide."""
+    judged = report.judged_profiles
+    concerned = {name for each in deciding for name in each.profiles or judged}
+    names = [name for name in judged if name in concerned]
+    if len(names) == len(judged):
+        return f"all {len(judged)} profiles judged" if judged else "every profile"
+    return f"{implementations(names)} only"
+
+
+def _in_short(page: Page, report: Report) -> None:
+    """A line each of who cannot start, what was decided and accepted, what it rests on, and how long it lasts."""
+    page.blank()
+    for usable, words in (False, "not every DDS participant starts"), (None, "unknown whether DDS participants start"):
+        if paths := [e.path for e in report.enclaves if any(use.usable is usable for use in e.profiles.values())]:
+            _row(page, "Enclaves", f"{some(paths, MAX_NAMED)}: {words} (-v)")
+    if report.accepted:
+        _row(page, "Accepted", f"{counted(len(report.accepted), 'finding')}, not counted (-v)")
+    if report.properties:
+        statuses = Counter(each.status for each in report.properties)
+        unknown = f", {statuses[Status.UNKNOWN]} unknown" if statuses[Status.UNKNOWN] else ""
+        reserved = sum(bool(each.beside) for each in report.properties)
+        beside = f", {reserved} with a reservation (-v)" if reserved else ""
+        answered = [run.name for run in report.engines if run.status is EngineStatus.OK]
+        agree = {True: f"{' and '.join(answered)} agree", None: f"{', '.join(answered) or 'no engine'} alone"}
+        engines = agree.get(report.engines_agree, "the engines disagree")
+        _row(
+            page,
+            "Properties",
+            f"{statuses[Status.HOLDS]} of {len(report.properties)} hold{unknown}{beside} ({engines})",
+        )
+    conditions = [each.condition for each in report.assumptions if each.needed_by and each.assumption in CONDITIONS]
+    others = len(report.assumptions) + len(report.stated) - len(conditions)
+    if conditions or others:
+        _row(page, "Holds if", f"{'; '.join((*conditions, *([f'{others} more'] if others else ())))} (-v)")
+    known = [words for words, said in NOT_CHECKED.items() if said in report.scope.not_checked]
+    more = len(report.scope.not_checked) - len(known[:MAX_NOT_CHECKED])
+    if report.scope.not_checked:
+        _row(page, "Not checked", f"{', '.join((*known[:MAX_NOT_CHECKED], *([f'{more} more'] if more else ())))} (-v)")
+    if report.safe_until is None:
+        _row(page, "Valid", "No date on these files changes this answer.")
+    else:
+        holds = "Valid until" if report.verdict is Verdict.PASS else "Changes at"
+        _row(page, holds, f"{instant(report.safe_until)} (-v)")
+
+
+def _row(page: Page, label: str, said: str) -> None:
+    page.labelled(label, said, indent=0, column=COLUMN, style="bold")
+
+
+def _details(page: Page, report: Report) -> None:
+    """The same in full."""
+    _enclaves(page, report.enclaves)
+    if beside := nodes_beside(report.findings):
+        page.put(beside, indent=2)
+    _properties(page, report.properties)
+    authorities_text.put(page, report)
+    ranking.put(page, report.blast_radius or ())
+    _outcomes(page, report.outcomes)
+    page.blank()
+    for number, assumed in enumerate((*(each.sentence for each in report.assumptions), *report.stated)):
+        _row(page, "" if number else "Assumed", assumed)
+    _checked(page, report)
 
 
 def _enclaves(page: Page, enclaves: Sequence[EnclaveEntry]) -> None:
@@ -157,7 +251,7 @@ def _enclaves(page: Page, enclaves: Sequence[EnclaveEntry]) -> None:
             why = f": {reasons}" if reasons else ""
             page.put(f"{_START_WORDS[usability.usable]} {_under(names, len(same))}{why}.", indent=4)
     if starting:
-        page.put(f"{some(starting, MAX_ENCLAVES)}: can start under all profiles.", indent=2)
+        page.put(f"{some(starting, MAX_ENCLAVES)}: a DDS participant starts under all profiles.", indent=2)
 
 
 def _own_words(entry: EnclaveEntry) -> tuple[tuple[str, Usability], ...]:
@@ -170,7 +264,7 @@ def _own_words(entry: EnclaveEntry) -> tuple[tuple[str, Usability], ...]:
 
 
 _START_WORDS: Final[Mapping[bool | None, str]] = {
-    True: "can start",
+    True: "a DDS participant starts",
     False: "CANNOT START",
     None: "UNKNOWN whether it can start,",
 }
@@ -230,7 +324,7 @@ _RESULT_WORDS: Final = {
 }
 
 
-def _checked(page: Page, report: Report, *, verbose: bool) -> None:
+def _checked(page: Page, report: Report) -> None:
     """What was looked at, by whom, what was not, and when the answer changes by itself."""
     scope = report.scope
     page.blank()
@@ -241,48 +335,20 @@ def _checked(page: Page, report: Report, *, verbose: bool) -> None:
         f"channels, with {scope.rules} rules, under {', '.join(report.judged_profiles) or 'no profile'}"
         f"{f', links into {roots} followed' if report.roots else ''}.",
         indent=0,
-        column=13,
+        column=COLUMN,
         style="bold",
     )
     for run in report.engines:
         version = f" {run.version}" if run.version else ""
         words = f"{run.name}{version} {ENGINE_WORDS[run.status]}"
         reason = f": {run.reason}" if run.reason else ""
-        size = f", asked about {run.atoms[1]} of {run.atoms[0]} atoms" if verbose and run.atoms else ""
-        page.labelled("Engine", sentence(words + size + reason), indent=0, column=13, style="bold")
+        size = f", asked about {run.atoms[1]} of {run.atoms[0]} atoms" if run.atoms else ""
+        _row(page, "Engine", sentence(words + size + reason))
     for number, unchecked in enumerate(scope.not_checked):
-        page.labelled("" if number else "Not checked", unchecked, indent=0, column=13, style="bold")
+        _row(page, "" if number else "Not checked", unchecked)
     if report.safe_until is None:
         dates = "No date on these files changes this answer."
     else:
         holds = "Holds until" if report.verdict is Verdict.PASS else "Changes at"
         dates = f"{holds} {instant(report.safe_until)}: {until(report)}"
-    page.labelled("Dates", dates, indent=0, column=13, style="bold")
-
-
-def _verdict(page: Page, report: Report, view: View) -> None:
-    """The last paragraph: the verdict, its exit code, the counts and what is not shown."""
-    counts = ", ".join(f"{count} {severity.value}" for severity, count in report.summary.items())
-    accepted = len(report.accepted)
-    counts += f"; {accepted} accepted" if accepted else ""
-    least = report.fail_on
-    gate = "never fails on findings" if least is None else f"fails at {least.value} or worse"
-    page.put(
-        (report.verdict.value.upper(), _VERDICT_STYLE[report.verdict]),
-        f"  {shorten(report.keystore, MAX_TITLE)}: {counts}",
-        f"; {gate}; exit code {report.exit_code}",
-    )
-    if report.holds_if:
-        page.put((report.holds_if, "bold"))
-    if report.verdict is Verdict.INCOMPLETE:
-        undecided = sorted(_open(report))
-        rules = f" (open: {', '.join(undecided)})" if undecided else ""
-        page.put(f"Something could not be decided{rules}: this is no pass, whatever the counts say.")
-    if view.quiet and report.weakened:
-        page.put(f"Weakened gate: {'; '.join(report.weakened)}.")
-    hidden = len(report.findings) - len(report.shown(view.min_severity))
-    if hidden and not view.quiet:
-        page.put(f"{hidden} below {view.min_severity.value} not shown (--min-severity).")
-    step = next_step(report)
-    if step and not view.quiet:
-        page.put(step)
+    _row(page, "Dates", dates)

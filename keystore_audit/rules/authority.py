@@ -12,13 +12,13 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.trust.authorities import Anchors, authority_files, trusted
 from keystore_audit.model.trust.verdicts import is_authority
-from keystore_audit.rules.acceptance import PINNED, UNPINNED
+from keystore_audit.rules.acceptance import UNPINNED
 from keystore_audit.rules.certificate import RENEW_AUTHORITY, at, what
 from keystore_audit.rules.commands import MAKE_PERMISSIONS_CA, SIGN_GOVERNANCE, SIGN_PERMISSIONS, UNREVIEWED
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import CertificateUse
-from keystore_audit.rules.wording import implementations, listed, located, paths, places, quoted, sole
+from keystore_audit.rules.wording import listed, located, paths, places, quoted, sole
 
 
 @rule(
@@ -91,8 +91,7 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
         alone = f"Leave in each CA file the authority of its role alone. Where one still has both roles: {_SEPARATE}"
         yield Violation(
             message=f"{quoted(of_both[0].subject)} issues the identities and signs the permissions of "
-            f"{paths(enclaves)}: an enclave can sign itself any right, which {implementations(UNPINNED)} accept; "
-            f"{implementations(PINNED)} refuse.",
+            f"{paths(enclaves)}: where the signer is not pinned, an enclave can sign itself any right.",
             locations=places(located(c) for c in of_both),
             enclave=sole(enclaves),
             severity=Severity.HIGH if context.chose(UNPINNED) else None,

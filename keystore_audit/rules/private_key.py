@@ -53,7 +53,7 @@ def _octal(file: File) -> str:
 
 @rule(
     "KA108",
-    Severity.MEDIUM,
+    Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 (the private key is the identity); CWE-732",
     remedy="Run `chmod 600` on the enclave's key.pem, as the user who runs its nodes; sros2 writes keys with mode "
     "0644.",
@@ -62,7 +62,8 @@ def _octal(file: File) -> str:
 def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterator[Violation]:
     """Other users of the machine may read the private key, and then be the enclave.
 
-    High in a tree that goes on a robot (--deployed). The group that settings name may read it (`key_group`).
+    A note where keystores are made, since version control holds no such modes; high in a tree that goes on a robot
+    (--deployed). The group that settings name may read it (`key_group`).
     Directories above it, owners and access control lists are not looked at.
     """
     if enclave.key is not None and _open_to_others(enclave.key.file, context.keystore.declared.key_group):
@@ -72,7 +73,7 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
             "read it.",
             locations=(Location(path=file.place),),
             enclave=enclave.path,
-            severity=Severity.HIGH if context.deployed else None,
+            severity=None if context.deployed else Severity.INFO,
             key=_octal(file),
             contents=False,
         )
@@ -243,7 +244,7 @@ def _holders(keystore: Keystore) -> dict[str | None, str]:
 def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Other users of the machine may read an authority's private key, and then issue identities or sign rights.
 
-    Medium where keystores are made, high in a tree that goes on a robot (--deployed). A key that has no business where
+    A note where keystores are made, high in a tree that goes on a robot (--deployed). A key that has no business where
     it lies (KA118) is among these: who accepts that it is there has not accepted who may read it. Directories above it,
     owners and access control lists are not looked at.
     """
@@ -253,7 +254,7 @@ def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[
                 message=f"The private key of an authority has mode {_octal(file)} (expected 0600): other users may "
                 "read it.",
                 locations=(Location(path=file.place),),
-                severity=None if context.deployed else Severity.MEDIUM,
+                severity=None if context.deployed else Severity.INFO,
                 key=_octal(file),
                 contents=False,
             )

@@ -55,7 +55,7 @@ def _severity(found: ActionPattern) -> Severity | None:
 
 @rule(
     "KA636",
-    Severity.INFO,
+    Severity.MEDIUM,
     clause="ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made; "
     "ros2/rclcpp, node_type_descriptions.cpp (read)",
     remedy="Include sros2's common/node.xml in the profile, add `<service>~/get_type_description</service>` to a "
@@ -64,9 +64,9 @@ def _severity(found: ActionPattern) -> Severity | None:
 def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events, services.
 
-    Medium without ros_discovery_info, which Foxy and later publish and read in every process: DDS makes a participant,
+    Without ros_discovery_info, which Foxy and later publish and read in every process: DDS makes a participant,
     ROS 2 gives it up, and nothing runs. A governance that leaves the topic open needs no grant for it. The others are
-    advice, where some are there and some are not; a node can be told to do without, and an enclave with none
+    asked for where some are there and some are not; a node can be told to do without, and an enclave with none
     of them is taken to hold such nodes: log, parameter events, the six parameter services, and since Iron the service
     get_type_description, which sros2's own policies leave out, so that no node of Jazzy starts by them unless its
     parameter start_type_description_service is false. The last is asked of nodes whose parameter services are granted
@@ -84,7 +84,6 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
             message=f"{found.enclave} may not {lacks}: {follows}.",
             locations=(found.location,),
             enclave=found.enclave,
-            severity=None if found.starts else Severity.MEDIUM,
             profiles=found.profiles,
             key=lacks,
         )

@@ -339,7 +339,7 @@ def test_safe_until_counts_what_is_asserted(tmp_path: Path) -> None:
         '[[property]]\nname = "never"\nno_flow = { from = "/infotainment", to = "/motor" }\n'
     )
     keystore = str(SAMPLES / "flows/vehicle_expiring_grant")
-    arguments = ("--settings", "s.toml", "--profile", "fastdds", "--time-zone", "UTC", "--engine", "native")
+    arguments = ("--settings", "s.toml", "--profile", "fastdds", "--time-zone", "UTC", "--engine", "native", "-v")
     done = run("audit", keystore, *AT, *arguments, at=tmp_path)
     assert "Changes at 2027-03-01T00:00:01Z: never: violated." in " ".join(done.stdout.split())
 

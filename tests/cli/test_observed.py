@@ -93,5 +93,7 @@ def test_enclaves_that_a_graph_leaves_out_are_said_not_to_be_compared(samples: P
     part = tmp_path / "part.graph.json"
     part.write_text(json.dumps({**whole, "nodes": nodes}))
     for graph, said in ((part, True), (samples / "graphs/turtlesim.graph.json", False)):
-        _code, text = answer("audit", "--engine", "native", "--at", AT, samples / "healthy/turtlesim", "--graph", graph)
+        _code, text = answer(
+            "audit", "--engine", "native", "--at", AT, samples / "healthy/turtlesim", "--graph", graph, "-v"
+        )
         assert ("What /keyboard may do: no node that" in " ".join(text.split())) is said

@@ -47,7 +47,7 @@ def test_a_report_that_does_not_fit_leaves_what_was_there(start: Start, stock: P
     old, new = tmp_path / "old", tmp_path / "new"
     old.write_text(OLD)
     for path in (old, new):
-        done = start(stock, *AT, "-o", f"{kind}={path}", limit=4000)
+        done = start(stock, *AT, "-o", f"{kind}={path}", limit=1000)
         assert done.returncode == 2
         assert done.stderr == f"keystore-audit: Cannot write the {kind} report to {path}: File too large.\n".encode()
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"old": OLD}

@@ -103,7 +103,7 @@ def test_a_policy_that_is_not_there(tmp_path: Path) -> None:
 def test_the_report_says_what_was_not_compared() -> None:
     keystore = SAMPLES / "healthy/turtlesim"
     options = [option for option in AT if option not in ("--format", "json")]
-    without = audit(keystore, *options).stdout
+    without = audit(keystore, *options, "-v").stdout
     assert "generated from (--policy)" in " ".join(without.split())
     compared = audit(keystore, *options, "--policy", POLICIES / "turtlesim.policy.xml").stdout
     assert "generated from" not in " ".join(compared.split())

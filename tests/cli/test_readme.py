@@ -8,6 +8,6 @@ from tools import readme_output
 def test_the_shown_output_is_the_command_s() -> None:
     text = readme_output.README.read_text("utf-8")
     assert [match["command"] for match in readme_output.BLOCK.finditer(text)] == [
-        "--quiet sample_keystores/stock/talker_listener"
+        "sample_keystores/stock/talker_listener"
     ]
     assert readme_output.written() == text, "run tools/readme_output.py"

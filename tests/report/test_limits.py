@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from keystore_audit.findings import Finding, Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.report import junit, markdown, sarif, text
+from keystore_audit.report.causes_text import MAX_ALIKE, MAX_MEDIUM, MAX_MINOR
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.findings_text import MAX_ALIKE, MAX_EXAMPLES, MAX_NAMES
 from keystore_audit.rules import RULES
 from tests.report.sarif_schema import sarif_schema
 
@@ -77,22 +77,19 @@ def test_what_compresses_is_not_cut_before_it_has_to(make_report: MakeReport) ->
     assert "1 more findings are left out" in notes(run)
 
 
-def test_text_shows_the_worst_findings_of_a_code_and_counts_the_others(make_report: MakeReport) -> None:
+def test_text_shows_the_worst_causes_of_a_code_and_counts_the_others(make_report: MakeReport) -> None:
     report = make_report()
     (first, *_rest) = report.findings
     kept = [replace(first, message=f"seen {number}", fingerprint=f"{number}") for number in range(MAX_ALIKE)]
     worse = replace(first, message="the worst", fingerprint="worse", severity=Severity.CRITICAL)
-    every = (*(replace(each, severity=Severity.LOW) for each in kept), worse)
-    shown = text.render(replace(report, findings=every, properties=()))
-    assert "the worst" in shown
-    assert f"seen {MAX_ALIKE - 2}" in shown
-    assert f"seen {MAX_ALIKE - 1}" not in shown
-    assert f"and 1 more of {first.code} (all are in the JSON report)" in shown
+    every = (*(replace(each, severity=Severity.HIGH) for each in kept), worse)
+    for verbose in (False, True):
+        shown = text.render(replace(report, findings=every, properties=()), text.View(verbose=verbose))
+        assert "the worst" in shown
+        assert f"seen {MAX_ALIKE - 2}" in shown
+        assert f"seen {MAX_ALIKE - 1}" not in shown
+        assert f"and 1 more of {first.code} (all are in the JSON report)" in shown
     assert "more of" not in text.render(replace(report, findings=every[1:], properties=()))
-    of_one = tuple(replace(each, enclave="/a") for each in every)
-    alike = tuple(replace(each, enclave="/b", fingerprint=f"b{each.fingerprint}") for each in every)
-    shown = text.render(replace(report, findings=of_one + alike, properties=()))
-    assert f"and 2 more of {first.code} (all are in the JSON report)" in shown
 
 
 def in_enclaves(finding: Finding, count: int, **changes: Any) -> tuple[Finding, ...]:
@@ -103,19 +100,18 @@ def in_enclaves(finding: Finding, count: int, **changes: Any) -> tuple[Finding, 
     )
 
 
-def test_what_does_not_fail_and_stands_in_many_enclaves_is_shown_of_some(make_report: MakeReport) -> None:
+@pytest.mark.parametrize(("verbose", "most"), [(False, MAX_MEDIUM), (True, MAX_MINOR)])
+def test_what_does_not_fail_and_stands_in_many_enclaves_is_shown_of_some(
+    make_report: MakeReport, verbose: bool, most: int
+) -> None:
     report = replace(make_report(), properties=(), fail_on=Severity.HIGH)
     (first, *_rest) = report.findings
-    count = MAX_EXAMPLES + MAX_NAMES + 1
-    every = in_enclaves(first, count, severity=Severity.LOW, suppressed=None, explained_by=())
-    shown = text.render(replace(report, findings=every))
-    assert f"about {MAX_EXAMPLES - 1}" in shown
-    assert f"about {MAX_EXAMPLES}" not in shown
-    last = " ".join(shown.split())
-    assert f"LOW {first.code} {first.name} {MAX_NAMES + 1} more of it, about /e{MAX_EXAMPLES}, " in last
-    assert f"/e{count - 2} and 1 more. " in last
-    few = text.render(replace(report, findings=every[:MAX_EXAMPLES]))
-    assert "more of it" not in few
+    every = in_enclaves(first, most + 2, severity=Severity.MEDIUM, suppressed=None, explained_by=())
+    shown = text.render(replace(report, findings=every), text.View(verbose=verbose))
+    assert f"about {most - 1:02}" in shown
+    assert f"about {most:02}" not in shown
+    assert f"and 2 more of {first.code} (all are in the JSON report)" in shown
+    assert f"{most + 2} causes at medium" in shown
 
 
 @pytest.mark.parametrize(
@@ -124,7 +120,6 @@ def test_what_does_not_fail_and_stands_in_many_enclaves_is_shown_of_some(make_re
         (Severity.LOW, {"severity": Severity.LOW}),
         (None, {"severity": Severity.HIGH}),
         (Severity.HIGH, {"severity": Severity.LOW, "undecided": True}),
-        (Severity.HIGH, {"severity": Severity.LOW, "enclave": None}),
     ],
 )
 def test_what_fails_or_is_open_or_high_is_shown_of_every_enclave(
@@ -132,23 +127,11 @@ def test_what_fails_or_is_open_or_high_is_shown_of_every_enclave(
 ) -> None:
     report = replace(make_report(), properties=(), fail_on=gate)
     (first, *_rest) = report.findings
-    every = in_enclaves(replace(first, suppressed=None, explained_by=()), MAX_EXAMPLES + 2, severity=Severity.LOW)
+    every = in_enclaves(replace(first, suppressed=None, explained_by=()), MAX_MINOR + 2, severity=Severity.LOW)
     every = tuple(replace(finding, **changes) for finding in every)
     shown = text.render(replace(report, findings=every))
     assert all(finding.message in shown for finding in every)
-    assert "more of it" not in shown
-
-
-def test_a_cause_is_shown_with_what_follows_wherever_it_is(make_report: MakeReport) -> None:
-    report = replace(make_report(), properties=(), fail_on=Severity.HIGH)
-    (first, *_rest) = report.findings
-    every = in_enclaves(first, MAX_EXAMPLES + 2, severity=Severity.LOW, suppressed=None, explained_by=())
-    follows = replace(
-        every[0], code="KA799", fingerprint="so", message="so it is", explained_by=(every[-1].fingerprint,)
-    )
-    shown = text.render(replace(report, findings=(*every, follows)))
-    assert every[-1].message in shown
-    assert "so it is" in shown
+    assert "more of" not in shown
 
 
 def test_more_runs_than_a_service_takes_are_said_in_each(make_report: MakeReport) -> None:
@@ -228,7 +211,9 @@ def test_markdown_tells_the_worst_of_many_keystores(make_report: MakeReport) -> 
 @pytest.mark.parametrize("count", [10, 11])
 def test_ten_findings_are_open_and_the_rest_is_folded(count: int, make_report: MakeReport) -> None:
     report = make_report()
-    text = markdown.render([replace(report, findings=report.findings[:1] * count)], Severity.INFO)
+    (first, *_rest) = report.findings
+    several = tuple(replace(first, message=f"{n}.", fingerprint=f"{n}") for n in range(count))
+    text = markdown.render([replace(report, findings=several)], Severity.INFO)
     assert ("More findings" in text) is (count > 10)
     assert text.count("KA302") >= count
 

@@ -13,13 +13,16 @@ from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.report import markdown
 from keystore_audit.report.content import Report
 from keystore_audit.report.remedy import Remedies, exact
-from keystore_audit.report.text import render
+from keystore_audit.report.text import View, render
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.commands import DEEPER, LINK_CA, LINK_GOVERNANCE
 from tests.cli.keystores import answer
 from tools.samples.store import copy_with_modes
 
 MakeReport = Callable[..., Report]
+
+
+VERBOSE = View(verbose=True)
 
 
 def about(code: str, path: str, enclave: str | None) -> Finding:
@@ -189,7 +192,7 @@ def test_markdown_gives_it_once_too(make_report: MakeReport) -> None:
     keys = tuple(about("KA209", f"enclaves{name}/key.pem", name) for name in ("/a", "/b"))
     text = markdown.render([replace(make_report(), findings=keys)], Severity.INFO)
     assert text.count("openssl req") == 1
-    assert "as for KA209 above, for /b" in text.replace("\\", "")
+    assert "*Also:* /b (enclaves/b/key.pem:1)" in text.replace("\\", "")
 
 
 def test_lesser_findings_that_differ_by_the_enclave_alone_are_counted(make_report: MakeReport) -> None:
@@ -199,13 +202,13 @@ def test_lesser_findings_that_differ_by_the_enclave_alone_are_counted(make_repor
         replace(about("KA108", f"enclaves{name}/key.pem", name), severity=Severity.MEDIUM, fingerprint=f"{number:064}")
         for number, name in enumerate(("/a", "/b", "/c"))
     )
-    text = render(replace(report, findings=keys))
+    text = render(replace(report, findings=keys), VERBOSE)
     assert text.count("Something about") == 1
-    assert "also    /b  (enclaves/b/key.pem:1)\n            /c  (enclaves/c/key.pem:1)\n" in text
+    assert "also    /b  (enclaves/b/key.pem:1)\n          /c  (enclaves/c/key.pem:1)\n" in text
     apart = (keys[0], replace(keys[1], message="Something else about /b."), keys[2])
-    assert "    also    /c  (enclaves/c/key.pem:1)\n    clause" in render(replace(report, findings=apart))
+    assert "  also    /c  (enclaves/c/key.pem:1)\n  clause" in render(replace(report, findings=apart), VERBOSE)
     under = (keys[0], replace(keys[1], profiles=("fastdds-2.6",)), keys[2])
-    assert "    also    /c  (enclaves/c/key.pem:1)\n    clause" in render(replace(report, findings=under)), (
+    assert "  also    /c  (enclaves/c/key.pem:1)\n  clause" in render(replace(report, findings=under), VERBOSE), (
         "it holds for others"
     )
 
@@ -222,8 +225,6 @@ def test_every_remedy_can_be_given_after_every_other(enclave: str | None) -> Non
 
 def test_identities_that_outlive_an_authority_by_seconds_are_told_once(repository: Path) -> None:
     """As sros2 makes them, each at another second."""
-    _exit_code, text = answer("audit", repository / "sample_keystores/stock/turtlesim", "--engine", "native")
+    _exit_code, text = answer("audit", repository / "sample_keystores/stock/turtlesim", "--engine", "native", "-v")
     assert text.count("outlives its authority") == 1
-    assert all(
-        f"    {name}  (enclaves{name}/cert.pem:1)\n" in text for name in ("/multiplexer", "/random", "/turtlesim")
-    )
+    assert all(f"  {name}  (enclaves{name}/cert.pem:1)\n" in text for name in ("/multiplexer", "/random", "/turtlesim"))

@@ -307,8 +307,6 @@ def test_one_authority_matters_more_where_the_signer_is_not_pinned(
     found = findings("KA222", judged(one_authority(healthy()), profiles=tuple(VARIANTS[p] for p in profiles)))
     assert [finding.severity for finding in found] == [severity]
     assert set(found[0].profiles) == {"fastdds-2.6.4", "fastdds-2.9", "cyclonedds-0.10"}
-    assert "Cyclone DDS 0.10 (humble, jazzy, kilted)" in found[0].message.partition(" accept;")[0]
-    assert "Fast DDS 3.6" in found[0].message.partition(" accept;")[2]
 
 
 def test_a_second_authority_is_not_asked_for_where_there_is_one() -> None:

@@ -257,7 +257,7 @@ def test_patterns_of_plain_dds_make_no_node(pattern: str, is_ros: bool) -> None:
 
 def test_what_some_of_the_usual_is_there_without() -> None:
     (finding,) = spoken(two(allow(["rt/rosout", "rt/parameter_events"])))
-    assert finding.severity is Severity.INFO
+    assert finding.severity is Severity.MEDIUM
     assert finding.message == (
         "/talker may not subscribe to /parameter_events, answer for the parameters of any node: "
         "nodes fail unless they are told to do without."
@@ -281,7 +281,7 @@ def _node(*services: str) -> Rule:
 def test_nodes_since_iron_describe_their_types() -> None:
     """sros2's policies leave the service out; rclcpp throws where it cannot be made."""
     (finding,) = spoken(two(_node()))
-    assert (finding.code, finding.severity, finding.enclave) == ("KA636", Severity.INFO, "/talker")
+    assert (finding.code, finding.severity, finding.enclave) == ("KA636", Severity.MEDIUM, "/talker")
     assert finding.profiles == (), "no difference of implementations: columns of them stay together"
     assert finding.message.startswith("/arm may not answer get_type_description, which nodes serve since Iron: ")
     assert spoken(two(_node("get_type_description"))) == ()

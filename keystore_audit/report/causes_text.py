@@ -1,0 +1,247 @@
+"""Causes in the report for people, worst first over the whole keystore: in short, or with all that is known of them.
+
+In short, a cause that fails the gate, leaves the audit open or is at least high has all of its message, its places, the
+line of the document and one line to type; a medium one has about four lines, lesser ones share a line.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from typing import Final
+
+from keystore_audit.findings import Finding, Severity
+from keystore_audit.grouped import grouped
+from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.report.consequences import Cause, Consequences, within
+from keystore_audit.report.content import Report
+from keystore_audit.report.json import TOOL
+from keystore_audit.report.page import Page, Piece
+from keystore_audit.report.remedy import Remedies, exact
+from keystore_audit.text import counted, shorten, some, terminal
+
+COLUMN: Final = 13
+"""Where the text of labelled lines begins."""
+
+MAX_PLACES: Final = 6
+"""Places shown of one finding: a defect of 1,000 files is understood from a few; JSON has them all."""
+
+MAX_NAMED: Final = 3
+"""Places and subjects named in a report that is not verbose."""
+
+MAX_ALIKE: Final = 200
+"""Causes of one code that are shown, the worst first: a hostile document has thousands; JSON has them all."""
+
+MAX_MINOR: Final = 20
+MAX_MEDIUM: Final = 3
+"""The same of causes that decide nothing and are below high: in a verbose report, and in a short one."""
+
+MAX_FIX: Final = 140
+"""Characters of what to do in short."""
+
+_ENDS: Final = re.compile(r"(?<=[.;:]) ")
+
+_STYLE: Final = {
+    Severity.CRITICAL: "bold white on red",
+    Severity.HIGH: "bold red",
+    Severity.MEDIUM: "bold yellow",
+    Severity.LOW: "cyan",
+    Severity.INFO: "dim",
+}
+
+
+def put_short(page: Page, report: Report, consequences: Consequences) -> None:
+    """Put the causes on the page as far as one screen has room for them."""
+    told: Counter[str] = Counter()
+    untold: Counter[str] = Counter()
+    lesser = []
+    for cause in consequences.causes:
+        decides = cause.decides(report.fail_on) or cause.severity.at_least(Severity.HIGH)
+        if not decides and not cause.severity.at_least(Severity.MEDIUM):
+            lesser.append(cause)
+        elif told[cause.finding.code] < (MAX_ALIKE if decides else MAX_MEDIUM):
+            told[cause.finding.code] += 1
+            page.blank()
+            _short(page, report, cause, consequences, decides=decides)
+        else:
+            untold[cause.finding.code] += 1
+    _untold(page, untold)
+    _lesser(page, lesser)
+
+
+def put_headings(page: Page, report: Report, consequences: Consequences) -> None:
+    """Put one line for each code that fails the gate or leaves the audit open."""
+    deciding = [cause for cause in consequences.causes if cause.decides(report.fail_on)]
+    for alike in grouped(deciding, lambda cause: (cause.finding.code, cause.severity)).values():
+        finding = alike[0].finding
+        more = f" and {len(alike) - 1} more" if len(alike) > 1 else ""
+        place = finding.locations[0] if finding.locations else ""
+        _heading(page, alike[0], f"  {place}{more}")
+
+
+def put_full(page: Page, report: Report, consequences: Consequences) -> None:
+    """Put all that is known of each cause, and of what somebody accepts."""
+    told: Counter[str] = Counter()
+    untold: Counter[str] = Counter()
+    remedies = Remedies()
+    for cause in consequences.causes:
+        code = cause.finding.code
+        decides = cause.decides(report.fail_on) or cause.severity.at_least(Severity.HIGH)
+        if told[code] < (MAX_ALIKE if decides else MAX_MINOR):
+            told[code] += 1
+            page.blank()
+            _full(page, report, cause, consequences, remedies)
+        else:
+            untold[code] += 1
+    _untold(page, untold)
+
+
+def put_accepted(page: Page, findings: Sequence[Finding]) -> None:
+    """Put what somebody accepts, with who, why and until when."""
+    if not findings:
+        return
+    page.blank()
+    page.put((f"Accepted findings, not counted: {len(findings)}", "bold underline"))
+    for finding in findings:
+        if (accepted := finding.suppressed) is not None:
+            severity = finding.severity
+            page.put((severity.value.upper(), _STYLE[severity]), f"  {finding.code} {finding.name}", indent=2)
+            page.put(finding.message, indent=4)
+            until = f"until {accepted.until} by {accepted.owner} ({accepted.source})"
+            page.labelled("accepted", until, indent=4, column=14)
+            page.labelled("reason", accepted.reason, indent=4, column=14)
+
+
+def _heading(page: Page, cause: Cause, beside: str = "") -> None:
+    severity = cause.severity
+    heading = (f"{severity.value.upper():<9}", _STYLE[severity])
+    page.put(heading, (f"{cause.finding.code} {cause.finding.name}", "bold"), beside)
+
+
+def _short(page: Page, report: Report, cause: Cause, consequences: Consequences, *, decides: bool) -> None:
+    _heading(page, cause)
+    finding = cause.finding
+    _message(page, finding, consequences)
+    places = [str(place) for place in finding.locations]
+    also = [each.enclave or str(each.locations[0]) for each in cause.others]
+    where = some(places, MAX_NAMED if decides else 1)
+    page.labelled("-->", (where, "bold"), f"; also {some(also, MAX_NAMED)}" if also else "", indent=2, column=6)
+    if decides:
+        _excerpt(page, report, finding)
+    _under(page, report, finding)
+    _so(page, cause, consequences)
+    page.put(("fix: ", "dim"), _first_step(exact(finding)), indent=2)
+    if decides:
+        page.verbatim(f"{TOOL} explain {finding.code}")
+
+
+def _first_step(remedy: str) -> str:
+    """The beginning of a remedy that is understood alone; a long command is what `explain` is for."""
+    first = _ENDS.split(remedy, maxsplit=1)[0]
+    if len(first) > MAX_FIX:
+        before = first.partition("`")[0]
+        first = before.rpartition(",")[0] or before
+    return shorten(first, MAX_FIX).rstrip(" .:;,(")
+
+
+def _full(page: Page, report: Report, cause: Cause, consequences: Consequences, remedies: Remedies) -> None:
+    _heading(page, cause)
+    finding = cause.finding
+    _message(page, finding, consequences)
+    for number, place in enumerate(finding.locations[:MAX_PLACES]):
+        note = f"  ({place.message})" if place.message else ""
+        where: tuple[Piece, ...] = ((str(place), "bold"), (note, ""))
+        page.labelled("-->" if number == 0 else "", *where, indent=2, column=10)
+    if len(finding.locations) > MAX_PLACES:
+        more = counted(len(finding.locations) - MAX_PLACES, "more place")
+        page.put(f"and {more} (all are in the JSON report)", indent=10)
+    _excerpt(page, report, finding)
+    _under(page, report, finding)
+    for number, other in enumerate(cause.others[:MAX_PLACES]):
+        at = f"  ({other.locations[0]})" if other.enclave and other.locations else ""
+        about = other.enclave or str(other.locations[0])
+        page.labelled("also" if number == 0 else "", (about, "bold"), at, indent=2, column=10)
+    if len(cause.others) > MAX_PLACES:
+        page.put(f"and {len(cause.others) - MAX_PLACES} more (all are in the JSON report)", indent=10)
+    if not remedies.told(finding):
+        page.labelled("clause", finding.clause, indent=2, column=10)
+    remedy = remedies.give(finding)
+    likewise = f"{'' if remedy.endswith('.') else '.'} Likewise for the others." if cause.others else ""
+    page.labelled("fix", f"{remedy}{likewise}", indent=2, column=10)
+    for each in (*cause.follow, *cause.stay):
+        worth = each.severity.value.upper(), _STYLE[each.severity]
+        stays = " It has other causes too." if each in cause.stay else ""
+        said = f" {each.code}: property {each.name} is violated, e.g. {within(consequences.example(each))}{stays}"
+        page.labelled("so", worth, said, indent=2, column=10)
+
+
+def _message(page: Page, finding: Finding, consequences: Consequences) -> None:
+    """What was found; an example where there may be more of it."""
+    example = consequences.is_example(finding)
+    page.put(f"E.g. {within(finding.message)}" if example else finding.message, indent=2)
+
+
+def _excerpt(page: Page, report: Report, finding: Finding) -> None:
+    """The line that the finding is about, marked as compilers do."""
+    place = next((each for each in finding.locations if each.line is not None), None)
+    if place is None or place.line is None:
+        return
+    line = report.excerpts.get((place.path, place.line))
+    if line is None:
+        return
+    shown = terminal(line)[: page.width - 9]
+    page.put(f"{place.line:>5} | {shown}")
+    page.put(" " * 6 + "| ", ("^" * len(shown), "bold red"))
+
+
+def _under(page: Page, report: Report, finding: Finding) -> None:
+    """The implementations for which it is so, where it is not for all."""
+    judged = report.judged_profiles
+    names = [name for name in judged if name in finding.profiles]
+    if finding.profiles and len(names) < len(judged):
+        told = implementations(names) if names else f"{implementations(finding.profiles)}: not judged here"
+        page.labelled("on", told, indent=2, column=6)
+
+
+def implementations(names: Sequence[str]) -> str:
+    """`Cyclone DDS 0.10 (Humble, Jazzy, Kilted)`: titles, with the distributions of ROS 2 that ship them."""
+    return ", ".join(_implementation(VARIANTS[name]) for name in names if name in VARIANTS)
+
+
+def _implementation(profile: Profile) -> str:
+    shipped = ", ".join(name.capitalize() for name in profile.distributions)
+    return f"{profile.title} ({shipped})" if shipped else profile.title
+
+
+def _so(page: Page, cause: Cause, consequences: Consequences) -> None:
+    """What follows: the codes, and one example of the worst."""
+    if cause.follow:
+        codes = some(dict.fromkeys(each.code for each in cause.follow), MAX_PLACES)
+        number = f"{len(cause.follow)} more follow{'s' if len(cause.follow) == 1 else ''}"
+        example = within(consequences.example(cause.follow[0])).split(": ")[0].rstrip(".")
+        page.labelled("so", f"{example}; {number} from it: {codes}", indent=2, column=6)
+    if cause.stay:
+        codes = some(dict.fromkeys(each.code for each in cause.stay), MAX_PLACES)
+        page.labelled("so", f"{codes} too, which have other causes besides and stay", indent=2, column=6)
+
+
+def _untold(page: Page, untold: Counter[str]) -> None:
+    for code, more in untold.items():
+        page.blank()
+        page.put(f"and {more} more of {code} (all are in the JSON report)")
+
+
+def _lesser(page: Page, causes: Sequence[Cause]) -> None:
+    """One line for each code at low, one for all notes."""
+    if causes:
+        page.blank()
+    low = [cause for cause in causes if cause.severity is Severity.LOW]
+    for code, alike in grouped(low, lambda cause: cause.finding.code).items():
+        places = [str(cause.finding.locations[0]) for cause in alike if cause.finding.locations]
+        many = f" ×{len(alike)}" if len(alike) > 1 else ""
+        where = f"  {places[0]}" if places else ""
+        page.put(("LOW      ", _STYLE[Severity.LOW]), f"{code} {alike[0].finding.name}{many}{where}")
+    notes = dict.fromkeys(cause.finding.code for cause in causes if cause.severity is Severity.INFO)
+    if notes:
+        page.labelled("notes", f"{' '.join(notes)} (-v)", indent=0, column=9)
