@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from keystore_audit.cli import once
+from keystore_audit.cli.rules import line
 
 if TYPE_CHECKING:
     from keystore_audit.properties import Property
     from keystore_audit.rules.registry import Rule
+
+MIN_PART: Final = 3
+"""Characters of a part of a code or name: fewer fit nearly everything."""
 
 
 @click.command("explain", cls=once.Command, short_help="Explain a rule or property.")
@@ -19,7 +23,8 @@ if TYPE_CHECKING:
 def command(word: str) -> int:
     """Explain a rule or property: why it matters, its clause, and what to do.
 
-    CODE-OR-NAME is a rule's code or name; a property's id is the name of its rule.
+    CODE-OR-NAME is a rule's code or name; a property's id is the name of its rule. What a code begins with, or a part
+    of a name (KA2, one-ca), lists the rules that fit.
     """
     from keystore_audit.cli.output import write_stdout
     from keystore_audit.properties import BY_ID
@@ -28,6 +33,10 @@ def command(word: str) -> int:
 
     rules = {key: rule for rule in RULES for key in (rule.code, rule.name)}
     rule = rules.get(word.upper()) or rules.get(word.lower())
+    alike = [each for each in RULES if each.code.startswith(word.upper()) or word.lower() in each.name]
+    if rule is None and alike and len(word) >= MIN_PART:
+        write_stdout("".join(map(line, alike)))
+        return 0
     if rule is None:
         hint = rule_meant(word, list(rules))
         raise click.UsageError(f"{word!r} is no rule and no property.{hint} `keystore-audit rules` lists them.")

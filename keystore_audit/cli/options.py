@@ -96,6 +96,16 @@ def rule_code(value: str) -> str:
     return _read(code, value)
 
 
+def rule_family(value: str) -> str:
+    """Return the code of a family (`KA2`) in capitals."""
+    from keystore_audit.rules import RULES
+
+    families = sorted({rule.family for rule in RULES})
+    if value.upper() not in families:
+        raise click.BadParameter(f"{value!r} is no family. Known: {', '.join(families)}.")
+    return value.upper()
+
+
 def unknown(sentence: str, word: str, known: Sequence[str]) -> str:
     """Return `sentence` continued with the `known` words and the nearest one to `word`."""
     return f"{sentence} {', '.join(known)}.{meant(word, known, ' Did you mean {!r}?')}"
@@ -169,14 +179,27 @@ def verbose_option(text: str = "Say where a fault is.", *, to_command: bool = Fa
     )
 
 
-_profile = click.option(
-    "--profile",
-    "profiles",
-    type=profile_name,
-    metavar="NAME",
-    multiple=True,
-    help="Judge as this implementation or distribution does (repeatable; e.g. humble, fastdds, all).",
-)
+def _kept(context: click.Context, parameter: click.Parameter, words: tuple[str, ...]) -> None:
+    """Keep what `_in_scope` puts together with the profiles."""
+    context.meta[_of(parameter)] = words
+
+
+def _of(parameter: click.Parameter | str) -> str:
+    return f"{__name__}.{parameter if isinstance(parameter, str) else parameter.name}"
+
+
+def _in_scope(context: click.Context, _parameter: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The profiles that --distro, --rmw and --profile choose together."""
+    distros, rmws = (context.meta.get(_of(name), ()) for name in ("distros", "rmws"))
+    if not distros and not rmws:
+        return names
+    from keystore_audit.model.profiles import within
+
+    try:
+        return within(distros, rmws, names)
+    except UsageError as error:
+        raise click.UsageError(error.message, context) from error
+
 
 _at = click.option(
     "--at", type=instant, metavar="ISO-TIME", help="Audit as of this time instead of now; without a zone: UTC."
@@ -219,6 +242,38 @@ _no_assume = click.option(
     metavar="NAME",
     multiple=True,
     help="Decide without this assumption (repeatable; docs/assumptions.md has their names).",
+)
+
+_profile = _together(
+    click.option(
+        "--distro",
+        "distros",
+        metavar="NAME",
+        multiple=True,
+        is_eager=True,
+        expose_value=False,
+        callback=_kept,
+        help="Judge what this distribution of ROS 2 ships (repeatable; humble, jazzy, kilted, lyrical, rolling).",
+    ),
+    click.option(
+        "--rmw",
+        "rmws",
+        metavar="NAME",
+        multiple=True,
+        is_eager=True,
+        expose_value=False,
+        callback=_kept,
+        help="Of that, what this middleware runs on (repeatable; fastdds, cyclonedds, or as RMW_IMPLEMENTATION says).",
+    ),
+    click.option(
+        "--profile",
+        "profiles",
+        type=profile_name,
+        metavar="NAME",
+        multiple=True,
+        callback=_in_scope,
+        help="Judge as this release of an implementation does (repeatable; docs/profiles.md has their names).",
+    ),
 )
 
 reading_options: Final = _together(_profile, _at, _time_zone, _no_assume)

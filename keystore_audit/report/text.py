@@ -15,6 +15,7 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Finding, Outcomes, Result, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.model.meaning import Usability
+from keystore_audit.model.profiles import DEFAULT
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import authorities_text, ranking
@@ -148,6 +149,9 @@ def _verdict(page: Page, report: Report, causes: Sequence[Cause]) -> None:
         (report.verdict.value.upper(), _VERDICT_STYLE[report.verdict]),
         f"  {', '.join(told) or 'No findings'}{beside}; exit code {report.exit_code}",
     )
+    judged = report.judged_profiles
+    if judged and not set(DEFAULT) <= set(judged):
+        page.put(f"scope: {implementations(judged)}", indent=6)
     deciding = [each for cause in causes for each in cause.every if each.fails(report.fail_on) or each.undecided]
     if report.verdict is not Verdict.PASS and deciding:
         page.put(f"{_BECAUSE[report.verdict]} {_whose(report, deciding)}", indent=6)

@@ -100,6 +100,23 @@ def test_explaining_what_is_not_there(word: str, said: str, capsys: pytest.Captu
     assert said in err if said else "Did you mean" not in err
 
 
+def test_a_part_of_a_name_lists_what_fits(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["explain", "one-ca"]) == 0
+    told = capsys.readouterr().out
+    assert "KA222  medium    one-ca-for-both-roles\n" in told
+    assert all("one-ca" in line for line in told.splitlines())
+    assert run(["explain", "ka2"]) == 0
+    of_family = capsys.readouterr().out
+    assert run(["rules", "--family", "ka2"]) == 0
+    assert capsys.readouterr().out == of_family
+    assert {line[:3] for line in of_family.splitlines()} == {"KA2"}
+    assert run(["rules", "--family", "KA2", "--severity", "critical"]) == 0
+    critical = capsys.readouterr().out.splitlines()
+    assert critical == [line for line in of_family.splitlines() if line.split()[1] == "critical"] != []
+    assert run(["rules", "--family", "KA0"]) == 2
+    assert "is no family. Known: KA1, " in capsys.readouterr().err
+
+
 def test_an_option_that_is_like_none_has_no_hint(capsys: pytest.CaptureFixture[str]) -> None:
     """All options begin with hyphens: that is not what makes two alike."""
     assert run(["--nosuch", "x"]) == 2

@@ -13,6 +13,7 @@ from keystore_audit.model.profiles.variants import (
     VARIANTS,
     resolve,
     running,
+    within,
 )
 from keystore_audit.model.validity import DateReading
 
@@ -37,4 +38,5 @@ __all__ = [
     "Trust",
     "resolve",
     "running",
+    "within",
 ]

@@ -5,7 +5,7 @@ The rows are those of the project's tables; docs/profiles.md and docs/security-m
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from keystore_audit.dataclass import replace
@@ -329,6 +329,35 @@ def resolve(names: Iterable[str]) -> tuple[Profile, ...]:
             raise UsageError(f"Unknown profile {name!r}.{meant(name, known)} Known: {', '.join(known)}.")
     chosen = wanted or set(DEFAULT)
     return tuple(profile for name, profile in VARIANTS.items() if name in chosen)
+
+
+def within(distributions: Sequence[str], middleware: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """The variants that one of the `distributions` ships, that one of the `middleware` runs on, and that `names` stand
+    for; what is empty leaves all. `middleware`: vendors, or what RMW_IMPLEMENTATION says.
+
+    Raises UsageError for what is not known or not modelled, and where no variant is all three.
+    """
+    for word in distributions:
+        if word not in DISTRIBUTIONS:
+            known = [*_SUPPORTED, "rolling"]
+            raise UsageError(f"--distro: {word!r} is not one of {', '.join(known)}.{meant(word, known)}")
+    vendors = [MIDDLEWARE.get(word, word) for word in middleware]
+    for word, vendor in zip(middleware, vendors, strict=True):
+        if "zenoh" in word:
+            raise UsageError(f"--rmw {word}: rmw_zenoh is not modelled; no permissions of a keystore bind it.")
+        if vendor not in MIDDLEWARE.values():
+            known = [*dict.fromkeys(MIDDLEWARE.values()), *MIDDLEWARE]
+            raise UsageError(f"--rmw: {word!r} is not one of {', '.join(known)}.{meant(word, known)}")
+    shipped = {name for distribution in distributions for name in ALIASES[distribution]}
+    found = tuple(
+        profile.name
+        for profile in resolve(names)
+        if (not distributions or profile.name in shipped)
+        and (not vendors or profile.name.rpartition("-")[0] in vendors)
+    )
+    if not found:
+        raise UsageError("No known implementation is all that --distro, --rmw and --profile say together.")
+    return found
 
 
 def running(distribution: str, middleware: str) -> tuple[str, ...]:
