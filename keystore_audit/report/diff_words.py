@@ -205,7 +205,7 @@ def unread(each: Unread) -> str:
 
 
 def verdict(comparison: Comparison, fail_on: FailOn) -> str:
-    """The first line."""
+    """The first line: what may be done about it, and which way effective rights and what attackers can do went."""
     if comparison.unknown:
         return f"UNKNOWN: {counted(len(comparison.unknown), 'place')} could not be read"
     failing = len(comparison.failing(fail_on))
@@ -214,8 +214,17 @@ def verdict(comparison: Comparison, fail_on: FailOn) -> str:
         return "NO CHANGE in meaning"
     if fail_on is FailOn.NONE or not failing:
         about = f" (those about {', '.join(comparison.labels)} could)" if comparison.labels else ""
-        return f"PASS: {counted(len(changes), 'change')}, none that fails{about}"
-    return f"FAIL: {failing} of {counted(len(changes), 'change')} {'fails' if failing == 1 else 'fail'}"
+        return f"PASS: {counted(len(changes), 'change')}, none that fails{about}{_way(changes)}"
+    return f"FAIL: {failing} of {counted(len(changes), 'change')} {'fails' if failing == 1 else 'fail'}{_way(changes)}"
+
+
+def _way(changes: Sequence[Change]) -> str:
+    directions = {change.direction for change in changes}
+    grew = not directions.isdisjoint((Direction.GAINED, Direction.MIXED))
+    shrank = not directions.isdisjoint((Direction.LOST, Direction.MIXED))
+    if grew or shrank:
+        return f"; effective rights {'grew and shrank' if grew and shrank else 'grew' if grew else 'shrank'}"
+    return "; effective rights neither grew nor shrank by themselves"
 
 
 def alike(changes: Iterable[Change]) -> list[tuple[Change, tuple[str, ...]]]:

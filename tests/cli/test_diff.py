@@ -85,10 +85,17 @@ def test_usage(capsys: pytest.CaptureFixture[str], wrong: list[str]) -> None:
     assert capsys.readouterr().out == ""
 
 
+def test_the_first_line_says_which_way_rights_went(diff: Diff) -> None:
+    assert diff(WIDER, VEHICLE)[1].splitlines()[0].endswith("; effective rights shrank")
+    stock, healthy = (VEHICLE.parents[1] / kind / "turtlesim" for kind in ("stock", "healthy"))
+    assert diff(stock, healthy)[1].splitlines()[0].endswith("; effective rights grew and shrank")
+    assert diff(VEHICLE, VEHICLE)[1].splitlines()[0] == "NO CHANGE in meaning"
+
+
 def test_text_names_the_cause_with_its_lines_and_what_follows(diff: Diff) -> None:
     code, out = diff(VEHICLE, WIDER)
     assert code == 1
-    assert out.startswith("FAIL: 2 of 2 changes fail\n")
+    assert out.startswith("FAIL: 2 of 2 changes fail; effective rights grew\n")
     told = re.sub(r"\s+", " ", out)
     assert (
         "Grants + /gateway may publish /motor_limit (topic) in domain 0. old enclaves/gateway/permissions.p7s:11 "
