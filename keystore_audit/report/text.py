@@ -185,7 +185,10 @@ def _whose(report: Report, deciding: Sequence[Finding]) -> str:
 def _in_short(page: Page, report: Report) -> None:
     """A line each of who cannot start, what was decided and accepted, what it rests on, and how long it lasts."""
     page.blank()
-    for usable, words in (False, "not every DDS participant starts"), (None, "unknown whether DDS participants start"):
+    for usable, words in (
+        (False, "its DDS participant does not start everywhere"),
+        (None, "unknown whether its DDS participant starts"),
+    ):
         if paths := [e.path for e in report.enclaves if any(use.usable is usable for use in e.profiles.values())]:
             _row(page, "Enclaves", f"{some(paths, MAX_NAMED)}: {words} (-v)")
     if report.accepted:
