@@ -29,6 +29,6 @@ def excerpts(keystore: Keystore, findings: Sequence[Finding]) -> dict[tuple[str,
             continue
         lines = split.get(place.path) or split.setdefault(place.path, file.content.split(b"\n"))
         line = lines[place.line - 1].decode("utf-8", "replace").strip() if place.line <= len(lines) else ""
-        if line.startswith("<"):  # of the XML, and no line of a signature
+        if line.startswith("<") and not line.startswith("<!"):  # of the XML, and of no signature, nor of a DTD
             found[place.path, place.line] = shorten(line, MAX_EXCERPT)
     return found
