@@ -18,6 +18,7 @@ FITTING = {
     "--at": "2026-11-21",
     "--batch": __file__,
     "--executor": "dask://localhost:8786",
+    "--family": "KA2",
     "--from": __file__,
     "--time-zone": "UTC",
     "--until": "2026-12-31",
