@@ -179,24 +179,33 @@ def verbose_option(text: str = "Say where a fault is.", *, to_command: bool = Fa
     )
 
 
-def _kept(context: click.Context, parameter: click.Parameter, words: tuple[str, ...]) -> None:
-    """Keep what `_in_scope` puts together with the profiles."""
-    context.meta[_of(parameter)] = words
+def _scoping(name: str, destination: str, text: str) -> Callable[[F], F]:
+    """An option that chooses profiles together with `--profile`: read before it, and kept for `_in_scope`."""
 
+    def kept(context: click.Context, _parameter: click.Parameter, words: tuple[str, ...]) -> None:
+        context.meta[destination] = words
 
-def _of(parameter: click.Parameter | str) -> str:
-    return f"{__name__}.{parameter if isinstance(parameter, str) else parameter.name}"
+    return click.option(
+        name,
+        destination,
+        metavar="NAME",
+        multiple=True,
+        is_eager=True,
+        expose_value=False,
+        callback=kept,
+        help=text,
+    )
 
 
 def _in_scope(context: click.Context, _parameter: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
     """The profiles that --distro, --rmw and --profile choose together."""
-    distros, rmws = (context.meta.get(_of(name), ()) for name in ("distros", "rmws"))
+    distros, rmws = context.meta.get(_DISTROS, ()), context.meta.get(_RMWS, ())
     if not distros and not rmws:
         return names
-    from keystore_audit.model.profiles import within
+    from keystore_audit.model.profiles import in_scope
 
     try:
-        return within(distros, rmws, names)
+        return in_scope(distros, rmws, names)
     except UsageError as error:
         raise click.UsageError(error.message, context) from error
 
@@ -244,26 +253,19 @@ _no_assume = click.option(
     help="Decide without this assumption (repeatable; docs/assumptions.md has their names).",
 )
 
+_DISTROS: Final = "distros"
+_RMWS: Final = "rmws"
+
 _profile = _together(
-    click.option(
+    _scoping(
         "--distro",
-        "distros",
-        metavar="NAME",
-        multiple=True,
-        is_eager=True,
-        expose_value=False,
-        callback=_kept,
-        help="Judge what this distribution of ROS 2 ships (repeatable; humble, jazzy, kilted, lyrical, rolling).",
+        _DISTROS,
+        "Judge what this distribution of ROS 2 ships (repeatable; humble, jazzy, kilted, lyrical, rolling).",
     ),
-    click.option(
+    _scoping(
         "--rmw",
-        "rmws",
-        metavar="NAME",
-        multiple=True,
-        is_eager=True,
-        expose_value=False,
-        callback=_kept,
-        help="Of that, what this middleware runs on (repeatable; fastdds, cyclonedds, or as RMW_IMPLEMENTATION says).",
+        _RMWS,
+        "Of that, what this middleware runs on (repeatable; fastdds, cyclonedds, or as RMW_IMPLEMENTATION says).",
     ),
     click.option(
         "--profile",

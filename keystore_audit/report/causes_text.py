@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 from keystore_audit.findings import Finding, Severity
@@ -16,13 +16,11 @@ from keystore_audit.grouped import grouped
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.report.consequences import Cause, Consequences, within
 from keystore_audit.report.content import Report
+from keystore_audit.report.excerpts import place_of
 from keystore_audit.report.json import TOOL
 from keystore_audit.report.page import Page, Piece
 from keystore_audit.report.remedy import Remedies, exact
 from keystore_audit.text import counted, shorten, some, terminal
-
-COLUMN: Final = 13
-"""Where the text of labelled lines begins."""
 
 MAX_PLACES: Final = 6
 """Places shown of one finding: a defect of 1,000 files is understood from a few; JSON has them all."""
@@ -36,6 +34,9 @@ MAX_ALIKE: Final = 200
 MAX_MINOR: Final = 20
 MAX_MEDIUM: Final = 3
 """The same of causes that decide nothing and are below high: in a verbose report, and in a short one."""
+
+MAX_ABOUT: Final = 10
+"""Enclaves named of those in which a cause is not shown."""
 
 MAX_FIX: Final = 140
 """Characters of what to do in short."""
@@ -53,21 +54,13 @@ _STYLE: Final = {
 
 def put_short(page: Page, report: Report, consequences: Consequences) -> None:
     """Put the causes on the page as far as one screen has room for them."""
-    told: Counter[str] = Counter()
-    untold: Counter[str] = Counter()
-    lesser = []
-    for cause in consequences.causes:
-        decides = cause.decides(report.fail_on) or cause.severity.at_least(Severity.HIGH)
-        if not decides and not cause.severity.at_least(Severity.MEDIUM):
-            lesser.append(cause)
-        elif told[cause.finding.code] < (MAX_ALIKE if decides else MAX_MEDIUM):
-            told[cause.finding.code] += 1
-            page.blank()
-            _short(page, report, cause, consequences, decides=decides)
-        else:
-            untold[cause.finding.code] += 1
-    _untold(page, untold)
-    _lesser(page, lesser)
+    own = [each for each in consequences.causes if _weighs(report, each) or each.severity.at_least(Severity.MEDIUM)]
+
+    def put(cause: Cause) -> None:
+        _short(page, report, cause, consequences, weighs=_weighs(report, cause))
+
+    _put(page, own, lambda cause: MAX_ALIKE if _weighs(report, cause) else MAX_MEDIUM, put)
+    _lesser(page, [cause for cause in consequences.causes if cause not in own])
 
 
 def put_headings(page: Page, report: Report, consequences: Consequences) -> None:
@@ -81,20 +74,38 @@ def put_headings(page: Page, report: Report, consequences: Consequences) -> None
 
 
 def put_full(page: Page, report: Report, consequences: Consequences) -> None:
-    """Put all that is known of each cause, and of what somebody accepts."""
-    told: Counter[str] = Counter()
-    untold: Counter[str] = Counter()
+    """Put all that is known of each cause; those of one enclave that bring nothing about are counted after some."""
     remedies = Remedies()
-    for cause in consequences.causes:
+
+    def most(cause: Cause) -> int:
+        follows = cause.follow or cause.stay
+        return MAX_ALIKE if _weighs(report, cause) or follows or cause.finding.enclave is None else MAX_MINOR
+
+    _put(page, consequences.causes, most, lambda cause: _full(page, report, cause, consequences, remedies))
+
+
+def _weighs(report: Report, cause: Cause) -> bool:
+    """Whether it has to be read: it decides the verdict, or would decide one by default."""
+    return cause.decides(report.fail_on) or cause.severity.at_least(Severity.HIGH)
+
+
+def _put(page: Page, causes: Sequence[Cause], most: Callable[[Cause], int], put: Callable[[Cause], None]) -> None:
+    """Put the first causes of each code, as many as `most` says, and count the others with their enclaves."""
+    told: Counter[str] = Counter()
+    untold: dict[str, list[Cause]] = {}
+    for cause in causes:
         code = cause.finding.code
-        decides = cause.decides(report.fail_on) or cause.severity.at_least(Severity.HIGH)
-        if told[code] < (MAX_ALIKE if decides else MAX_MINOR):
+        if told[code] < most(cause):
             told[code] += 1
             page.blank()
-            _full(page, report, cause, consequences, remedies)
+            put(cause)
         else:
-            untold[code] += 1
-    _untold(page, untold)
+            untold.setdefault(code, []).append(cause)
+    for code, left in untold.items():
+        enclaves = dict.fromkeys(each.enclave for cause in left for each in (cause.finding, *cause.others))
+        about = f", about {some(filter(None, enclaves), MAX_ABOUT)}" if any(enclaves) else ""
+        page.blank()
+        page.put(f"and {len(left)} more of {code}{about} (all are in the JSON report)")
 
 
 def put_accepted(page: Page, findings: Sequence[Finding]) -> None:
@@ -119,20 +130,20 @@ def _heading(page: Page, cause: Cause, beside: str = "") -> None:
     page.put(heading, (f"{cause.finding.code} {cause.finding.name}", "bold"), beside)
 
 
-def _short(page: Page, report: Report, cause: Cause, consequences: Consequences, *, decides: bool) -> None:
+def _short(page: Page, report: Report, cause: Cause, consequences: Consequences, *, weighs: bool) -> None:
     _heading(page, cause)
     finding = cause.finding
     _message(page, finding, consequences)
     places = [str(place) for place in finding.locations]
     also = [each.enclave or str(each.locations[0]) for each in cause.others]
-    where = some(places, MAX_NAMED if decides else 1)
+    where = some(places, MAX_NAMED if weighs else 1)
     page.labelled("-->", (where, "bold"), f"; also {some(also, MAX_NAMED)}" if also else "", indent=2, column=6)
-    if decides:
+    if weighs:
         _excerpt(page, report, finding)
     _under(page, report, finding)
     _so(page, cause, consequences)
     page.put(("fix: ", "dim"), _first_step(exact(finding)), indent=2)
-    if decides:
+    if weighs:
         page.verbatim(f"{TOOL} explain {finding.code}")
 
 
@@ -169,11 +180,10 @@ def _full(page: Page, report: Report, cause: Cause, consequences: Consequences, 
     remedy = remedies.give(finding)
     likewise = f"{'' if remedy.endswith('.') else '.'} Likewise for the others." if cause.others else ""
     page.labelled("fix", f"{remedy}{likewise}", indent=2, column=10)
-    for each in (*cause.follow, *cause.stay):
-        worth = each.severity.value.upper(), _STYLE[each.severity]
-        stays = " It has other causes too." if each in cause.stay else ""
-        said = f" {each.code}: property {each.name} is violated, e.g. {within(consequences.example(each))}{stays}"
-        page.labelled("so", worth, said, indent=2, column=10)
+    for below, besides in (cause.follow, ""), (cause.stay, " It has other causes too."):
+        for each in below:
+            worth = each.severity.value.upper(), _STYLE[each.severity]
+            page.labelled("so", worth, f" {consequences.sentence(each)}{besides}", indent=2, column=10)
 
 
 def _message(page: Page, finding: Finding, consequences: Consequences) -> None:
@@ -184,14 +194,12 @@ def _message(page: Page, finding: Finding, consequences: Consequences) -> None:
 
 def _excerpt(page: Page, report: Report, finding: Finding) -> None:
     """The line that the finding is about, marked as compilers do."""
-    place = next((each for each in finding.locations if each.line is not None), None)
-    if place is None or place.line is None:
-        return
-    line = report.excerpts.get((place.path, place.line))
-    if line is None:
+    place = place_of(finding)
+    line = report.excerpts.get(place) if place is not None else None
+    if place is None or line is None:
         return
     shown = terminal(line)[: page.width - 9]
-    page.put(f"{place.line:>5} | {shown}")
+    page.put(f"{place[1]:>5} | {shown}")
     page.put(" " * 6 + "| ", ("^" * len(shown), "bold red"))
 
 
@@ -224,12 +232,6 @@ def _so(page: Page, cause: Cause, consequences: Consequences) -> None:
     if cause.stay:
         codes = some(dict.fromkeys(each.code for each in cause.stay), MAX_PLACES)
         page.labelled("so", f"{codes} too, which have other causes besides and stay", indent=2, column=6)
-
-
-def _untold(page: Page, untold: Counter[str]) -> None:
-    for code, more in untold.items():
-        page.blank()
-        page.put(f"and {more} more of {code} (all are in the JSON report)")
 
 
 def _lesser(page: Page, causes: Sequence[Cause]) -> None:

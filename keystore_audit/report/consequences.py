@@ -91,10 +91,12 @@ class Consequences:
 
     def so(self, finding: Finding) -> tuple[tuple[Severity, str], ...]:
         """The same, each in one sentence behind its severity."""
-        return tuple(
-            (each.severity, f"{each.code}: property {each.name} is violated, e.g. {within(example)}")
-            for each, example in self.of(finding)
-        )
+        return tuple((each.severity, self.sentence(each)) for each, _example in self.of(finding))
+
+    def sentence(self, consequence: Finding) -> str:
+        """A finding that follows from another, with an example."""
+        violated = f"{consequence.code}: property {consequence.name} is violated"
+        return f"{violated}, e.g. {within(self.example(consequence))}"
 
     def rank(self, finding: Finding) -> tuple[int, bool]:
         """How early `finding` is shown: as the worst that hangs under it, and causes before what they leave open."""

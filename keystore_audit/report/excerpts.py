@@ -21,14 +21,20 @@ def excerpts(keystore: Keystore, findings: Sequence[Finding]) -> dict[tuple[str,
     split: dict[str, list[bytes]] = {}
     found = {}
     for finding in findings:
-        place = next((each for each in finding.locations if each.line is not None), None)
-        if place is None or place.line is None or not finding.severity.at_least(Severity.MEDIUM):
+        place = place_of(finding)
+        if place is None or not finding.severity.at_least(Severity.MEDIUM):
             continue
-        file = documents.get(place.path)
+        path, number = place
+        file = documents.get(path)
         if file is None or file.content is None or file.holds_private_key:
             continue
-        lines = split.get(place.path) or split.setdefault(place.path, file.content.split(b"\n"))
-        line = lines[place.line - 1].decode("utf-8", "replace").strip() if place.line <= len(lines) else ""
+        lines = split.get(path) or split.setdefault(path, file.content.split(b"\n"))
+        line = lines[number - 1].decode("utf-8", "replace").strip() if number <= len(lines) else ""
         if line.startswith("<") and not line.startswith("<!"):  # of the XML, and of no signature, nor of a DTD
-            found[place.path, place.line] = shorten(line, MAX_EXCERPT)
+            found[place] = shorten(line, MAX_EXCERPT)
     return found
+
+
+def place_of(finding: Finding) -> tuple[str, int] | None:
+    """The path and the number of the line that the finding names first; None where it names none."""
+    return next(((each.path, each.line) for each in finding.locations if each.line is not None), None)

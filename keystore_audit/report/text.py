@@ -20,7 +20,6 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import authorities_text, ranking
 from keystore_audit.report.causes_text import (
-    COLUMN,
     MAX_NAMED,
     implementations,
     put_accepted,
@@ -45,6 +44,9 @@ MAX_PATH: Final = 400
 
 MAX_TITLE: Final = 60
 """Characters of the keystore's path in the title, which is cut in the middle: its ends tell it apart."""
+
+COLUMN: Final = 13
+"""Where the text of labelled lines begins."""
 
 MAX_NOT_CHECKED: Final = 2
 """Of what was not checked, so much is named; -v has all in full."""
@@ -88,14 +90,12 @@ def render(report: Report, view: View = PLAIN) -> str:
     if not view.quiet:
         _audited(page, report)
     _verdict(page, report, every.causes)
+    if report.holds_if and (view.quiet or view.verbose):  # else it has a line below the causes
+        page.put((report.holds_if, "bold"))
     if view.quiet:
-        if report.holds_if:
-            page.put((report.holds_if, "bold"))
         put_headings(page, report, every)
         return page.render()
     if view.verbose:
-        if report.holds_if:
-            page.put((report.holds_if, "bold"))
         put_full(page, report, consequences)
         put_accepted(page, [finding for finding in shown if finding.suppressed is not None])
         _details(page, report)
@@ -143,8 +143,9 @@ def _verdict(page: Page, report: Report, causes: Sequence[Cause]) -> None:
     worst = min((cause.severity for cause in causes), key=lambda each: each.rank, default=None)
     told = [_counted_at(counts[severity], severity, severity is worst) for severity in Severity if counts[severity]]
     following = sum(len(cause.follow) + len(cause.stay) for cause in causes)
-    more = [f"{following} that follow"] * (following > 0) + [f"{len(report.accepted)} accepted"] * bool(report.accepted)
-    beside = f" ({', '.join(more)})" if more else ""
+    besides = ((following, "that follow"), (len(report.accepted), "accepted"))
+    beside = ", ".join(f"{count} {what}" for count, what in besides if count)
+    beside = f" ({beside})" if beside else ""
     page.put(
         (report.verdict.value.upper(), _VERDICT_STYLE[report.verdict]),
         f"  {', '.join(told) or 'No findings'}{beside}; exit code {report.exit_code}",

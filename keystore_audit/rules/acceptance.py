@@ -22,12 +22,8 @@ SPEC: Final = VARIANTS["spec"].trust
 FAST_DDS: Final = tuple(name for name in VARIANTS if name.startswith("fastdds"))
 """The names of the variants of Fast DDS."""
 
-
-PINNED: Final = tuple(profile for profile in VARIANTS.values() if profile.trust.pins_signer)
-"""The variants that take documents from the permissions CA itself alone."""
-
 UNPINNED: Final = tuple(profile for profile in VARIANTS.values() if not profile.trust.pins_signer)
-"""Those that take them from any signer that chains to it."""
+"""The variants that take documents from any signer that chains to the permissions CA, and not from it alone."""
 
 
 def unread_authority(enclave: Enclave) -> bool:

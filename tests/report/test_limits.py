@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from keystore_audit.findings import Finding, Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.report import junit, markdown, sarif, text
-from keystore_audit.report.causes_text import MAX_ALIKE, MAX_MEDIUM, MAX_MINOR
+from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_MEDIUM, MAX_MINOR
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.rules import RULES
 from tests.report.sarif_schema import sarif_schema
@@ -88,8 +88,12 @@ def test_text_shows_the_worst_causes_of_a_code_and_counts_the_others(make_report
         assert "the worst" in shown
         assert f"seen {MAX_ALIKE - 2}" in shown
         assert f"seen {MAX_ALIKE - 1}" not in shown
-        assert f"and 1 more of {first.code} (all are in the JSON report)" in shown
+        assert f"and 1 more of {first.code}, about /talker (all are in the JSON report)" in shown
     assert "more of" not in text.render(replace(report, findings=every[1:], properties=()))
+    of_one = tuple(replace(each, enclave="/a") for each in every)
+    alike = tuple(replace(each, enclave="/b", fingerprint=f"b{each.fingerprint}") for each in every)
+    shown = text.render(replace(report, findings=of_one + alike, properties=()))
+    assert f"and 1 more of {first.code}, about /a, /b (all are in the JSON report)" in shown
 
 
 def in_enclaves(finding: Finding, count: int, **changes: Any) -> tuple[Finding, ...]:
@@ -106,12 +110,17 @@ def test_what_does_not_fail_and_stands_in_many_enclaves_is_shown_of_some(
 ) -> None:
     report = replace(make_report(), properties=(), fail_on=Severity.HIGH)
     (first, *_rest) = report.findings
-    every = in_enclaves(first, most + 2, severity=Severity.MEDIUM, suppressed=None, explained_by=())
+    count = most + MAX_ABOUT + 1
+    every = in_enclaves(first, count, severity=Severity.MEDIUM, suppressed=None, explained_by=())
     shown = text.render(replace(report, findings=every), text.View(verbose=verbose))
     assert f"about {most - 1:02}" in shown
     assert f"about {most:02}" not in shown
-    assert f"and 2 more of {first.code} (all are in the JSON report)" in shown
-    assert f"{most + 2} causes at medium" in shown
+    last = " ".join(shown.split())
+    assert f"and {MAX_ABOUT + 1} more of {first.code}, about /e{most:02}, " in last
+    assert f"/e{count - 2} and 1 more (all are in the JSON report)" in last
+    assert f"{count} causes at medium" in shown
+    few = text.render(replace(report, findings=every[:most]), text.View(verbose=verbose))
+    assert "more of" not in few
 
 
 @pytest.mark.parametrize(
@@ -131,6 +140,28 @@ def test_what_fails_or_is_open_or_high_is_shown_of_every_enclave(
     every = tuple(replace(finding, **changes) for finding in every)
     shown = text.render(replace(report, findings=every))
     assert all(finding.message in shown for finding in every)
+    assert "more of" not in shown
+
+
+def test_a_cause_is_told_in_full_with_what_follows_wherever_it_is(make_report: MakeReport) -> None:
+    report = replace(make_report(), properties=(), fail_on=Severity.HIGH)
+    (first, *_rest) = report.findings
+    every = in_enclaves(first, MAX_MINOR + 2, severity=Severity.LOW, suppressed=None, explained_by=())
+    follows = replace(
+        every[0], code="KA799", fingerprint="so", message="so it is", explained_by=(every[-1].fingerprint,)
+    )
+    shown = text.render(replace(report, findings=(*every, follows)), text.View(verbose=True))
+    assert every[-1].message in shown
+    assert "so it is" in shown
+
+
+def test_what_is_of_the_whole_keystore_is_told_in_full(make_report: MakeReport) -> None:
+    report = replace(make_report(), properties=(), fail_on=Severity.HIGH)
+    (first, *_rest) = report.findings
+    every = in_enclaves(replace(first, suppressed=None, explained_by=()), MAX_MINOR + 2, severity=Severity.LOW)
+    whole = tuple(replace(finding, enclave=None) for finding in every)
+    shown = text.render(replace(report, findings=whole), text.View(verbose=True))
+    assert all(finding.message in shown for finding in whole)
     assert "more of" not in shown
 
 

@@ -18,7 +18,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import markdown
-from keystore_audit.report.causes_text import MAX_ALIKE, MAX_PLACES
+from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_PLACES
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.html import page as html_page
 from keystore_audit.report.text import PLAIN, View, render, render_several
@@ -225,7 +225,8 @@ def test_a_thousand_findings_keep_their_order(make_report: MakeReport) -> None:
     text = full(replace(report, findings=many))
     places = [text.index(f"  Number {n}.\n") for n in range(MAX_ALIKE)]
     assert places == sorted(places)
-    assert f"and {1000 - MAX_ALIKE} more of KA205 (all are in the JSON report)" in text
+    assert f"and {1000 - MAX_ALIKE} more of KA205, about /e{MAX_ALIKE:04}, " in text
+    assert f"and {1000 - MAX_ALIKE - MAX_ABOUT} more (all are in the JSON report)" in flat(text)
 
 
 def test_clause_and_remedy_are_given_in_full_once(make_report: MakeReport) -> None:

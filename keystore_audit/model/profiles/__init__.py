@@ -11,9 +11,9 @@ from keystore_audit.model.profiles.variants import (
     MIDDLEWARE,
     SPEC,
     VARIANTS,
+    in_scope,
     resolve,
     running,
-    within,
 )
 from keystore_audit.model.validity import DateReading
 
@@ -36,7 +36,7 @@ __all__ = [
     "RevocationLists",
     "SubjectComparison",
     "Trust",
+    "in_scope",
     "resolve",
     "running",
-    "within",
 ]

@@ -289,12 +289,14 @@ DEFAULT: tuple[str, ...] = tuple(
 )
 """`spec` and every variant that a supported distribution ships."""
 
+
+def _vendor(name: str) -> str:
+    return name.rpartition("-")[0]
+
+
 ALIASES: dict[str, tuple[str, ...]] = {
     # Of a vendor every release that a supported distribution ships: users of one have the older ones, too.
-    **{
-        vendor: tuple(name for name in DEFAULT if name.rpartition("-")[0] == vendor)
-        for vendor in ("fastdds", "cyclonedds")
-    },
+    **{vendor: tuple(name for name in DEFAULT if _vendor(name) == vendor) for vendor in ("fastdds", "cyclonedds")},
     **{
         distribution: tuple(name for name, profile in VARIANTS.items() if distribution in profile.distributions)
         for distribution in (*_SUPPORTED, "rolling")
@@ -331,29 +333,28 @@ def resolve(names: Iterable[str]) -> tuple[Profile, ...]:
     return tuple(profile for name, profile in VARIANTS.items() if name in chosen)
 
 
-def within(distributions: Sequence[str], middleware: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+def in_scope(distributions: Sequence[str], middleware: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
     """The variants that one of the `distributions` ships, that one of the `middleware` runs on, and that `names` stand
     for; what is empty leaves all. `middleware`: vendors, or what RMW_IMPLEMENTATION says.
 
     Raises UsageError for what is not known or not modelled, and where no variant is all three.
     """
-    for word in distributions:
-        if word not in DISTRIBUTIONS:
-            known = [*_SUPPORTED, "rolling"]
-            raise UsageError(f"--distro: {word!r} is not one of {', '.join(known)}.{meant(word, known)}")
-    vendors = [MIDDLEWARE.get(word, word) for word in middleware]
-    for word, vendor in zip(middleware, vendors, strict=True):
+    for word in middleware:
         if "zenoh" in word:
             raise UsageError(f"--rmw {word}: rmw_zenoh is not modelled; no permissions of a keystore bind it.")
-        if vendor not in MIDDLEWARE.values():
-            known = [*dict.fromkeys(MIDDLEWARE.values()), *MIDDLEWARE]
-            raise UsageError(f"--rmw: {word!r} is not one of {', '.join(known)}.{meant(word, known)}")
+    vendors = [MIDDLEWARE.get(word, word) for word in middleware]
+    for option, words, known in (
+        ("--distro", distributions, (*_SUPPORTED, "rolling")),
+        ("--rmw", middleware, (*dict.fromkeys(MIDDLEWARE.values()), *MIDDLEWARE)),
+    ):
+        for word in words:
+            if word not in known:
+                raise UsageError(f"{option}: {word!r} is not one of {', '.join(known)}.{meant(word, known)}")
     shipped = {name for distribution in distributions for name in ALIASES[distribution]}
     found = tuple(
         profile.name
         for profile in resolve(names)
-        if (not distributions or profile.name in shipped)
-        and (not vendors or profile.name.rpartition("-")[0] in vendors)
+        if (not distributions or profile.name in shipped) and (not vendors or _vendor(profile.name) in vendors)
     )
     if not found:
         raise UsageError("No known implementation is all that --distro, --rmw and --profile say together.")
@@ -369,4 +370,4 @@ def running(distribution: str, middleware: str) -> tuple[str, ...]:
     if distribution in DISTRIBUTIONS:
         shipped = ALIASES[distribution]
     vendor = MIDDLEWARE.get(middleware)
-    return tuple(name for name in shipped if vendor is None or name.rpartition("-")[0] == vendor)
+    return tuple(name for name in shipped if vendor is None or _vendor(name) == vendor)
