@@ -13,6 +13,7 @@ from itertools import chain, repeat, starmap
 from typing import Final, NamedTuple
 
 from keystore_audit.dataclass import dataclass
+from keystore_audit.remedy import Remedy
 
 MAX_PLACES: Final = 50
 """Locations of one finding: enough to mend by hand, and ten thousand wildcards make no report of ten thousand lines."""
@@ -88,14 +89,14 @@ class Finding:
     `locations` has the primary place first. `profiles` are the canonical variants it holds for
     (empty: all). `explained_by` holds fingerprints of the findings that are its cause. `undecided`: something stays
     unknown because of it, so the audit is incomplete. `properties`: of a rule about any property, the ids of those that
-    it is about.
+    it is about. `fix`: what to do, with the files of this keystore.
     """
 
     code: str
     name: str
     severity: Severity
     message: str
-    remedy: str
+    fix: Remedy
     clause: str
     enclave: str | None
     locations: tuple[Location, ...]

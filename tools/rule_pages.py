@@ -76,7 +76,7 @@ def page(rule: Rule[Any], stories: list[Story]) -> str:
         ]
     if why:
         lines += ["## Why, and what it does not see", "", why, ""]
-    lines += ["## Clause", "", rule.clause, "", "## What to do", "", rule.remedy, ""]
+    lines += ["## Clause", "", rule.clause, "", "## What to do", "", rule.remedy.text, ""]
     if rule.family != "KA9":
         lines += ["To accept it until a day: [accepted findings](../settings.md#accepted-findings).", ""]
     if rule.explains:

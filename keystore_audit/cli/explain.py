@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from keystore_audit.cli import once
+from keystore_audit.cli import options as opt
 from keystore_audit.cli.rules import line
 
 if TYPE_CHECKING:
@@ -20,11 +21,23 @@ MIN_PART: Final = 3
 
 @click.command("explain", cls=once.Command, short_help="Explain a rule or property.")
 @click.argument("word", metavar="CODE-OR-NAME")
-def command(word: str) -> int:
+@click.option(
+    "--for",
+    "keystore",
+    type=opt.keystore_path,
+    metavar="KEYSTORE",
+    help="Print a shell script that does what is to do about it in this keystore.",
+)
+@opt.interpretation_options
+@opt.file_options
+@click.option("--deployed", is_flag=True, help="As of the audit.")
+def command(word: str, keystore: str | None, **given: Any) -> int:
     """Explain a rule or property: why it matters, its clause, and what to do.
 
     CODE-OR-NAME is a rule's code or name; a property's id is the name of its rule. What a code begins with, or a part
-    of a name (KA2, one-ca), lists the rules that fit.
+    of a name (KA2, one-ca), lists the rules that fit. With --for KEYSTORE it prints a script instead, to be read and
+    then run where the private keys are; a finding that the keystore does not have is exit code 1. The other options
+    are those of the audit that found it.
     """
     from keystore_audit.cli.output import write_stdout
     from keystore_audit.properties import BY_ID
@@ -40,7 +53,36 @@ def command(word: str) -> int:
     if rule is None:
         hint = rule_meant(word, list(rules))
         raise click.UsageError(f"{word!r} is no rule and no property.{hint} `keystore-audit rules` lists them.")
+    if keystore is not None:
+        return _print_script(rule, keystore, given)
     write_stdout(_explanation(rule, BY_ID.get(rule.name)))
+    return 0
+
+
+def _print_script(rule: Rule[Any], path: str, given: dict[str, Any]) -> int:
+    from keystore_audit.cli.output import say, write_stdout
+    from keystore_audit.keystore.keystore import read_keystore
+    from keystore_audit.options import Options
+    from keystore_audit.pipeline import audit
+    from keystore_audit.report.script import script
+
+    settings = opt.named_settings(given, path)
+    options = Options(
+        at=given["at"] or opt.now(),
+        profiles=given["profiles"],
+        domain=given["domain"],
+        time_zone=given["time_zone"],
+        roots=given["roots"],
+        settings=settings,
+        deployed=given["deployed"],
+        engine="native",
+    )
+    report = audit(path, options)
+    found = [finding for finding in report.findings if finding.code == rule.code]
+    if not found:
+        say(f"{rule.code} {rule.name} is not found in {path}.")
+        return 1
+    write_stdout(script(found, read_keystore(path, declared=options.files)))
     return 0
 
 
@@ -49,7 +91,7 @@ def _explanation(rule: Rule[Any], prop: Property | None) -> str:
     parts += [_paragraph(paragraph) for paragraph in rule.description.split("\n\n")]
     if prop is not None:
         parts.append(f"{_paragraph(f'Property: {prop.statement}')}\n{_paragraph(f'Attacker: {prop.attacker}')}")
-    parts.append(f"{_paragraph(f'Clause: {rule.clause}')}\n{_paragraph(f'Remedy: {rule.remedy}')}")
+    parts.append(f"{_paragraph(f'Clause: {rule.clause}')}\n{_paragraph(f'Remedy: {rule.remedy.text}')}")
     if rule.explains:
         parts.append(_paragraph(f"May be why these are violated: {', '.join(sorted(rule.explains))}"))
     return "\n\n".join(parts) + "\n"

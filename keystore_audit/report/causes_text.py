@@ -6,7 +6,7 @@ line of the document and one line to type; a medium one has about four lines, le
 
 from __future__ import annotations
 
-import re
+import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Final
@@ -14,13 +14,13 @@ from typing import Final
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.remedy import Kind
 from keystore_audit.report.consequences import Cause, Consequences, within
 from keystore_audit.report.content import Report
 from keystore_audit.report.excerpts import place_of
-from keystore_audit.report.json import TOOL
+from keystore_audit.report.json import TOOL, script_command
 from keystore_audit.report.page import Page, Piece
-from keystore_audit.report.remedy import Remedies, exact
-from keystore_audit.text import counted, shorten, some, terminal
+from keystore_audit.text import counted, some, terminal
 
 MAX_PLACES: Final = 6
 """Places shown of one finding: a defect of 1,000 files is understood from a few; JSON has them all."""
@@ -37,11 +37,6 @@ MAX_MEDIUM: Final = 3
 
 MAX_ABOUT: Final = 10
 """Enclaves named of those in which a cause is not shown."""
-
-MAX_FIX: Final = 140
-"""Characters of what to do in short."""
-
-_ENDS: Final = re.compile(r"(?<=[.;:]) ")
 
 _STYLE: Final = {
     Severity.CRITICAL: "bold white on red",
@@ -75,13 +70,12 @@ def put_headings(page: Page, report: Report, consequences: Consequences) -> None
 
 def put_full(page: Page, report: Report, consequences: Consequences) -> None:
     """Put all that is known of each cause; those of one enclave that bring nothing about are counted after some."""
-    remedies = Remedies()
 
     def most(cause: Cause) -> int:
         follows = cause.follow or cause.stay
         return MAX_ALIKE if _weighs(report, cause) or follows or cause.finding.enclave is None else MAX_MINOR
 
-    _put(page, consequences.causes, most, lambda cause: _full(page, report, cause, consequences, remedies))
+    _put(page, consequences.causes, most, lambda cause: _full(page, report, cause, consequences))
 
 
 def _weighs(report: Report, cause: Cause) -> bool:
@@ -142,21 +136,24 @@ def _short(page: Page, report: Report, cause: Cause, consequences: Consequences,
         _excerpt(page, report, finding)
     _under(page, report, finding)
     _so(page, cause, consequences)
-    page.put(("fix: ", "dim"), _first_step(exact(finding)), indent=2)
+    page.put((_fix(finding), "dim"), finding.fix.short, indent=2)
     if weighs:
-        page.verbatim(f"{TOOL} explain {finding.code}")
+        _command(page, report, finding)
 
 
-def _first_step(remedy: str) -> str:
-    """The beginning of a remedy that is understood alone; a long command is what `explain` is for."""
-    first = _ENDS.split(remedy, maxsplit=1)[0]
-    if len(first) > MAX_FIX:
-        before = first.partition("`")[0]
-        first = before.rpartition(",")[0] or before
-    return shorten(first, MAX_FIX).rstrip(" .:;,(")
+def _fix(finding: Finding) -> str:
+    """`fix (decision): `; a mechanical one is called by what does it."""
+    kind = finding.fix.kind
+    return f"fix ({'script' if kind is Kind.MECHANICAL else kind.value}): "
 
 
-def _full(page: Page, report: Report, cause: Cause, consequences: Consequences, remedies: Remedies) -> None:
+def _command(page: Page, report: Report, finding: Finding) -> None:
+    """The line to type: where there is a script the one that prints it, else the one that says more."""
+    words = script_command(finding, report.keystore) if finding.fix.scripted else (TOOL, "explain", finding.code)
+    page.verbatim(shlex.join(words))
+
+
+def _full(page: Page, report: Report, cause: Cause, consequences: Consequences) -> None:
     _heading(page, cause)
     finding = cause.finding
     _message(page, finding, consequences)
@@ -175,11 +172,11 @@ def _full(page: Page, report: Report, cause: Cause, consequences: Consequences, 
         page.labelled("also" if number == 0 else "", (about, "bold"), at, indent=2, column=10)
     if len(cause.others) > MAX_PLACES:
         page.put(f"and {len(cause.others) - MAX_PLACES} more (all are in the JSON report)", indent=10)
-    if not remedies.told(finding):
-        page.labelled("clause", finding.clause, indent=2, column=10)
-    remedy = remedies.give(finding)
-    likewise = f"{'' if remedy.endswith('.') else '.'} Likewise for the others." if cause.others else ""
-    page.labelled("fix", f"{remedy}{likewise}", indent=2, column=10)
+    page.labelled("clause", finding.clause, indent=2, column=10)
+    likewise = " Likewise for the others." if cause.others else ""
+    page.put((_fix(finding), "dim"), f"{finding.fix.text}{likewise}", indent=2)
+    if finding.fix.scripted:
+        _command(page, report, finding)
     for below, besides in (cause.follow, ""), (cause.stay, " It has other causes too."):
         for each in below:
             worth = each.severity.value.upper(), _STYLE[each.severity]

@@ -15,7 +15,7 @@ from keystore_audit.properties.result import PropertyResult
 _COMMON_WORD: Final = re.compile("[A-Z][a-z]* (?!DDS)")
 """What a sentence begins with, unless it is a name such as Fast DDS or CN=/talker."""
 
-_Words = tuple[str, Severity, tuple[str, ...], tuple[str, ...], str]
+_Words = tuple[str, Severity, tuple[str, ...], tuple[str, ...], tuple[str, ...]]
 """What is told of a finding but its places: of private keys of one mode and copies of one document the same."""
 
 
@@ -122,4 +122,5 @@ def _words(finding: Finding) -> _Words:
     """What is told of it around the name of its subject: a word in the name's place might be a name, too."""
     about = finding.enclave or next((place.path for place in finding.locations), None)
     around = tuple(finding.message.split(about)) if about else (finding.message, finding.fingerprint)
-    return finding.code, finding.severity, finding.profiles, around, finding.remedy
+    said = tuple(step.text for step in finding.fix.steps if not step.paths)
+    return finding.code, finding.severity, finding.profiles, around, (finding.fix.kind.value, *said)

@@ -82,7 +82,7 @@ def _report(report: Report) -> dict[str, Any]:
         "engines_agree": report.engines_agree,
         "enclaves": [_enclave(entry) for entry in report.enclaves],
         "properties": [_property(result) for result in report.properties],
-        "findings": [_finding(finding) for finding in report.findings],
+        "findings": [_finding(finding, report.keystore) for finding in report.findings],
         "blast_radius": _rankings(report),
         "summary": counts(report.summary),
     }
@@ -193,13 +193,13 @@ def _answer(answer: ProfileResult) -> dict[str, Any]:
     }
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def _finding(finding: Finding, keystore: str) -> dict[str, Any]:
     return {
         "code": finding.code,
         "name": finding.name,
         "severity": finding.severity.value,
         "message": finding.message,
-        "remedy": finding.remedy,
+        "fix": fix(finding, keystore),
         "clause": finding.clause,
         "enclave": finding.enclave,
         "locations": [_location(location) for location in finding.locations],
@@ -208,6 +208,21 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "fingerprint": finding.fingerprint,
         "suppressed": None if finding.suppressed is None else _suppression(finding.suppressed),
     }
+
+
+def fix(finding: Finding, keystore: str) -> dict[str, Any]:
+    """What to do about it. `command` prints the script, where there is one."""
+    steps = [
+        {"text": step.text, **({"act": step.act.value, "paths": list(step.paths)} if step.act and step.paths else {})}
+        for step in finding.fix.steps
+    ]
+    command = {"command": [*script_command(finding, keystore)]} if finding.fix.scripted else {}
+    return {"kind": finding.fix.kind.value, "steps": steps, **command}
+
+
+def script_command(finding: Finding, keystore: str) -> tuple[str, ...]:
+    """The command that prints the script about a finding; its keystore as the user gave it."""
+    return TOOL, "explain", finding.code, "--for", keystore
 
 
 def _location(location: Location) -> dict[str, Any]:

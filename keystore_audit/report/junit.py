@@ -14,7 +14,6 @@ from lxml import etree
 
 from keystore_audit.findings import WHOLE, Finding, Outcome, Result
 from keystore_audit.report.content import NoReport, Report, Verdict
-from keystore_audit.report.remedy import exact
 from keystore_audit.text import instant, terminal
 
 FAMILIES: Final[Mapping[str, str]] = {
@@ -141,7 +140,7 @@ def _said(finding: Finding) -> str:
     lines = [
         f"{finding.severity.value} {finding.code} {finding.name}: {finding.message}",
         *places,
-        f"  what to do: {exact(finding)}",
+        f"  what to do: {finding.fix.text}",
         f"  clause: {finding.clause}",
     ]
     return "\n".join(map(terminal, lines))

@@ -11,7 +11,6 @@ from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import until
-from keystore_audit.report.remedy import Remedies
 from keystore_audit.text import instant, markdown, shorten, some
 
 MAX_LENGTH: Final = 60_000
@@ -93,10 +92,9 @@ def _report(report: Report, least: Severity, budget: int) -> str:
     left = budget - sum(len(line) + 1 for line in (*head, *rest))
     items: list[str] = []
     untold = len(shown)
-    remedies = Remedies()
     for cause in consequences.causes:
         finding, others, so = cause.finding, cause.others, consequences.so(cause.finding)
-        item = "\n".join(_finding(finding, others, so, remedies))
+        item = "\n".join(_finding(finding, others, so))
         left -= len(item) + 1
         if left < 0:
             break
@@ -149,16 +147,14 @@ def _counts(report: Report) -> str:
     return ", ".join([*(counts or ["no findings"]), *([f"{accepted} accepted"] if accepted else [])])
 
 
-def _finding(
-    finding: Finding, others: Sequence[Finding], so: Iterable[tuple[Severity, str]], remedies: Remedies
-) -> Iterator[str]:
+def _finding(finding: Finding, others: Sequence[Finding], so: Iterable[tuple[Severity, str]]) -> Iterator[str]:
     """`others`: those that say the same of other enclaves; `so`: what follows from it."""
     yield f"- **{finding.severity.value} {finding.code} {markdown(finding.name)}** {markdown(finding.message)}  "
     if finding.locations:
         yield f"  {_places(finding.locations)}  "
     if others:
         yield f"  *Also:* {some([_of_other(other) for other in others], 3)}  "
-    yield f"  *What to do:* {markdown(remedies.give(finding))} ({markdown(finding.clause)})"
+    yield f"  *What to do:* {markdown(finding.fix.text)} ({markdown(finding.clause)})"
     for severity, sentence in so:
         yield f"  - so {severity.value} {markdown(sentence)}"
     yield ""

@@ -16,9 +16,10 @@ from keystore_audit import __version__
 from keystore_audit.findings import Finding, Location, Severity, fingerprint
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineStatus, PropertyResult
+from keystore_audit.remedy import Remedy
 from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.encoded import encoded
-from keystore_audit.report.remedy import exact
+from keystore_audit.report.json import fix
 from keystore_audit.text import markdown, percent_path, shorten
 
 SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
@@ -69,7 +70,7 @@ class _Rule(Hashable, Protocol):
     @property
     def clause(self) -> str: ...
     @property
-    def remedy(self) -> str: ...
+    def remedy(self) -> Remedy: ...
     @property
     def description(self) -> str: ...
 
@@ -91,7 +92,7 @@ def _run(report: Report, rules: Sequence[_Rule], runs: int) -> str:
     paths = {result.prop.id: _violated(result) for result in report.properties}
     base = _Base(report.keystore)
     results = [
-        encoded(_result(finding, index[finding.code], base, paths.get(finding.name, ())))
+        encoded(_result(finding, index[finding.code], report.keystore, base, paths.get(finding.name, ())))
         for finding in report.findings[:MAX_RESULTS]
     ]
     if runs <= MAX_RUNS:  # of more, services take nothing
@@ -258,7 +259,7 @@ def _described(rule: _Rule, worst: Severity) -> str:
     description = rule.description
     first, _, _ = description.partition("\n\n")
     described = "\n".join(map(markdown, description.split("\n")))
-    help_text = f"{description}\n\nWhat to do: {rule.remedy}\n\nClause: {rule.clause}"
+    help_text = f"{description}\n\nWhat to do: {rule.remedy.text}\n\nClause: {rule.clause}"
     entry = {
         "id": rule.code,
         "name": "".join(word.capitalize() for word in rule.name.split("-")),
@@ -266,7 +267,7 @@ def _described(rule: _Rule, worst: Severity) -> str:
         "fullDescription": {"text": shorten(" ".join(first.split()), MAX_MESSAGE)},
         "help": {
             "text": help_text,
-            "markdown": f"{described}\n\n**What to do:** {markdown(rule.remedy)}\n\n"
+            "markdown": f"{described}\n\n**What to do:** {markdown(rule.remedy.text)}\n\n"
             f"**Clause:** {markdown(rule.clause)}",
         },
         "defaultConfiguration": {"level": _LEVELS[rule.severity]},
@@ -280,14 +281,14 @@ def _described(rule: _Rule, worst: Severity) -> str:
     return encoded(entry)
 
 
-def _result(finding: Finding, rule: int, base: _Base, paths: Sequence[Counterexample]) -> dict[str, Any]:
+def _result(finding: Finding, rule: int, keystore: str, base: _Base, paths: Sequence[Counterexample]) -> dict[str, Any]:
     """One finding. Services need a place and a line: a finding without any is at the keystore, at line 1."""
     places = finding.locations[:MAX_LOCATIONS] or (Location(path=""),)
     result: dict[str, Any] = {
         "ruleId": finding.code,
         "ruleIndex": rule,
         "level": _LEVELS[_worst(finding)[1]],
-        "message": {"text": shorten(_said(finding), MAX_MESSAGE)},
+        "message": {"text": _said(finding)},
         "locations": [_location(places[0], base)],
         "partialFingerprints": {"keystoreAudit/v1": finding.fingerprint},
         "properties": {
@@ -296,7 +297,7 @@ def _result(finding: Finding, rule: int, base: _Base, paths: Sequence[Counterexa
             "enclave": finding.enclave,
             "profiles": list(finding.profiles),
             "clause": finding.clause,
-            "remedy": finding.remedy,
+            "fix": fix(finding, keystore),
             "explainedBy": list(finding.explained_by),
         },
     }
@@ -318,7 +319,7 @@ def _result(finding: Finding, rule: int, base: _Base, paths: Sequence[Counterexa
 
 def _said(finding: Finding) -> str:
     about = f"{finding.enclave}: " if finding.enclave is not None and finding.enclave not in finding.message else ""
-    return f"{about}{finding.message} What to do: {exact(finding)}"
+    return f"{about}{finding.message} What to do: {finding.fix.text}"
 
 
 def _location(location: Location, base: _Base) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Finding, Outcomes, Result, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.profiles import DEFAULT
+from keystore_audit.model.profiles import DEFAULT, VARIANTS
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import authorities_text, ranking
@@ -173,13 +173,20 @@ def _counted_at(count: int, severity: Severity, worst: bool) -> str:
     return f"{counted(count, 'cause')} at {severity.value}" if worst else f"{count} {severity.value}"
 
 
+def _shipped(names: Sequence[str]) -> str:
+    """` (Humble, Jazzy)`: the distributions of ROS 2 that ship these."""
+    found = {name for each in names if each in VARIANTS for name in VARIANTS[each].distributions}
+    listed = ", ".join(name.capitalize() for name in sorted(found))
+    return f" ({listed})" if listed else ""
+
+
 def _whose(report: Report, deciding: Sequence[Finding]) -> str:
     """The implementations for which these findings decide."""
     judged = report.judged_profiles
     concerned = {name for each in deciding for name in each.profiles or judged}
     names = [name for name in judged if name in concerned]
     if len(names) == len(judged):
-        return f"all {len(judged)} profiles judged" if judged else "every profile"
+        return f"every implementation judged{_shipped(judged)}"
     return f"{implementations(names)} only"
 
 

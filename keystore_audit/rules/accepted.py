@@ -7,6 +7,7 @@ from typing import Final
 
 from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Severity
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import MAX_QUOTED, places
@@ -20,8 +21,10 @@ _CLAUSE: Final = "keystore-audit, docs/settings.md: what is accepted has a reaso
     "KA909",
     Severity.MEDIUM,
     clause=_CLAUSE,
-    remedy="Mend what was accepted, or accept it again with a reason that still holds and a new date; "
-    "`keystore-audit baseline prune` takes what has ended out of a baseline.",
+    remedy=decision(
+        "Fix what was accepted, or accept it again with a reason that still holds and a new date; "
+        "`keystore-audit baseline prune` takes what has ended out of a baseline."
+    ),
 )
 def suppression_expired(file: FileOfUses, _context: Context) -> Iterator[Violation]:
     """Somebody accepted a finding until a day that is over, so that it counts again.
@@ -42,7 +45,9 @@ def suppression_expired(file: FileOfUses, _context: Context) -> Iterator[Violati
     "KA910",
     Severity.LOW,
     clause=_CLAUSE,
-    remedy="Take it out, so that it hides nothing later; `keystore-audit baseline prune` does so for a baseline.",
+    remedy=decision(
+        "Take it out, so that it hides nothing later; `keystore-audit baseline prune` does so for a baseline."
+    ),
 )
 def suppression_unused(file: FileOfUses, _context: Context) -> Iterator[Violation]:
     """Somebody accepted a finding that this audit does not make, or that has become another or a worse one.

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.rules.certificate import ISSUE_AGAIN, at, remedy, what
+from keystore_audit.remedy import Remedy
+from keystore_audit.rules.certificate import at, remedy, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.identity import is_identity
-from keystore_audit.rules.private_key import ANEW
+from keystore_audit.rules.private_key import authority_anew
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import ISSUE_AGAIN, issue_again
 from keystore_audit.rules.subjects import CertificateUse
 
 
@@ -19,7 +21,7 @@ from keystore_audit.rules.subjects import CertificateUse
     "KA216",
     Severity.HIGH,
     clause="NIST SP 800-57 Part 1, 5.6; DDS-Security 1.1, 9.3.1",
-    remedy="Use keys on prime256v1, as sros2 does. " + ISSUE_AGAIN,
+    remedy=issue_again("Use keys on prime256v1, as sros2 does."),
     stops=True,
 )
 def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
@@ -35,17 +37,16 @@ def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
             yield at(use, certificate, message, remedy=_anew(use))
 
 
-def _anew(use: CertificateUse) -> str | None:
+def _anew(use: CertificateUse) -> Remedy | None:
     """How to replace an authority: it takes another key."""
-    made = [commands for role, commands in ANEW.items() if role in use.roles]
-    return f"The authority needs another key, in the keystore's root: {' '.join(made)}" if made else None
+    return authority_anew(use.roles, "The authority needs another key.")
 
 
 @rule(
     "KA217",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.3.1 (RSA with 2,048 bits or EC on prime256v1); measured",
-    remedy="Use keys on prime256v1, as sros2 does. " + ISSUE_AGAIN,
+    remedy=issue_again("Use keys on prime256v1, as sros2 does."),
     applies=is_identity,
     stops=True,
 )

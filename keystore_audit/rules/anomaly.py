@@ -15,9 +15,10 @@ from keystore_audit.grouped import grouped
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sole
 
@@ -98,7 +99,7 @@ def _decided(anomaly: Anomaly, *, allowed: bool) -> str:
     "KA617",
     Severity.MEDIUM,
     clause=_IN_ORDER,
-    remedy=f"Put the rule before the one that decides in its place, or take it out: {WRITE_AGAIN}",
+    remedy=in_permissions("Put the rule before the one that decides in its place, or take it out"),
     applies=speaks,
 )
 def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -122,7 +123,7 @@ def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violatio
     "KA618",
     Severity.MEDIUM,
     clause=_IN_ORDER,
-    remedy=f"Put the rule before the one that decides in its place, or take the expression out: {WRITE_AGAIN}",
+    remedy=in_permissions("Put the rule before the one that decides in its place, or take the expression out"),
     applies=speaks,
 )
 def expression_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -150,7 +151,7 @@ def _a_rule(anomaly: Anomaly) -> str:
     "KA619",
     Severity.LOW,
     clause=_IN_ORDER,
-    remedy=f"Take the rule out, so that whoever changes the other one knows what it does: {WRITE_AGAIN}",
+    remedy=in_permissions("Take the rule out, so that whoever changes the other one knows what it does"),
     applies=speaks,
 )
 def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -175,7 +176,7 @@ def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]
     "KA620",
     Severity.MEDIUM,
     clause=_IN_ORDER,
-    remedy=f"Name in each rule what the other one does not, so that their order does not matter: {WRITE_AGAIN}",
+    remedy=in_permissions("Name in each rule what the other one does not, so that their order does not matter"),
     applies=speaks,
 )
 def rules_correlated(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -204,7 +205,7 @@ def _opposed(anomaly: Anomaly) -> str:
     "KA621",
     Severity.INFO,
     clause=_IN_ORDER,
-    remedy="Nothing is wrong where the exception is meant; keep the order of the rules.",
+    remedy=decision("Nothing is wrong where the exception is meant; keep the order of the rules."),
     applies=speaks,
 )
 def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -227,7 +228,7 @@ def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violatio
     "KA622",
     Severity.LOW,
     clause="DDS-Security 1.1, 9.4.1.3 (default: what no rule matches)",
-    remedy=f"Take the rule out: what no rule allows is denied. {WRITE_AGAIN[0].upper()}{WRITE_AGAIN[1:]}",
+    remedy=in_permissions("Take the rule out: what no rule allows is denied"),
     applies=speaks,
 )
 def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Violation]:

@@ -10,13 +10,13 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.names import ros_name
+from keystore_audit.remedy import outside
 from keystore_audit.rules.anomaly import folded, named, odd
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import spoken_of
-from keystore_audit.rules.governance import CORRECT
 from keystore_audit.rules.partition import of_no_node
-from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
 from keystore_audit.rules.wording import MAX_LISTED, listed, more_like, quoted, sole
 
@@ -27,7 +27,7 @@ _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions 
     "KA623",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
-    remedy=f"Let the rule name the domains of the governance, or take it out: {WRITE_AGAIN}",
+    remedy=in_permissions("Let the rule name the domains of the governance, or take it out"),
     applies=speaks,
 )
 def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -51,7 +51,7 @@ def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterato
     "KA624",
     Severity.MEDIUM,
     clause=f"{_EXPRESSIONS}; POSIX 1003.1, 2.13.1 (bracket expressions)",
-    remedy=f"Write the expression as it was meant, or name each topic: {WRITE_AGAIN}",
+    remedy=in_permissions("Write the expression as it was meant, or name each topic"),
     applies=speaks,
 )
 def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -74,7 +74,7 @@ def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterato
     "KA625",
     Severity.MEDIUM,
     clause="ROS 2 design, topic and service names to DDS (rt/, rq/…Request, rr/…Reply)",
-    remedy=f"Write the name as DDS has it, rt/chatter for /chatter: {WRITE_AGAIN}",
+    remedy=in_permissions("Write the name as DDS has it, rt/chatter for /chatter"),
     applies=speaks,
 )
 def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -106,7 +106,7 @@ def _not_ros(found: Sequence[Anomaly]) -> str:
     "KA626",
     Severity.LOW,
     clause="DDS-Security 1.1, 9.4.1.3 (least privilege: a right that nothing can use)",
-    remedy=f"Take the right out, or give the enclave at the other end its own: {WRITE_AGAIN}",
+    remedy=in_permissions("Take the right out, or give the enclave at the other end its own"),
     applies=speaks,
 )
 def grant_without_counterpart(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -142,7 +142,9 @@ def _topics(names: Sequence[str]) -> str:
     "KA627",
     Severity.INFO,
     clause="docs/model.md, anomalies of rules",
-    remedy="Write fewer expressions with several wildcards and fewer rules; look at each of the rules until then.",
+    remedy=outside(
+        "Write fewer expressions with several wildcards and fewer rules; look at each of the rules until then."
+    ),
     applies=taken,
 )
 def rules_not_compared(use: DocumentUse, context: Context) -> Iterator[Violation]:
@@ -174,7 +176,7 @@ def _denies(use: DocumentUse) -> bool:
     "KA422",
     Severity.LOW,
     clause="DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches)",
-    remedy="Put the rule before the one that applies in its place, or take it out " + CORRECT,
+    remedy=in_governance("Put the rule before the one that applies in its place, or take it out"),
     applies=speaks,
 )
 def topic_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violation]:
@@ -205,7 +207,7 @@ def _topics_shadowed(found: Sequence[Anomaly]) -> str:
     "KA423",
     Severity.LOW,
     clause="DDS-Security 1.1, 9.4.1.2.4 (the first domain_rule that covers the domain)",
-    remedy="Let each domain be covered by one rule " + CORRECT,
+    remedy=in_governance("Let each domain be covered by one rule"),
     applies=speaks,
 )
 def domain_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violation]:

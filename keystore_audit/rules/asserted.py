@@ -9,6 +9,7 @@ from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.result import AlloyResult, AssertedResult, LabelResult, UserResult
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.formal import steps, violated
 from keystore_audit.rules.registry import Violation, rule
@@ -19,8 +20,9 @@ from keystore_audit.rules.wording import quoted
     "KA740",
     Severity.HIGH,
     clause="keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
-    remedy="Change what lets it through at one of the lines named (or give what `able` lacks), or change what is "
-    "asserted.",
+    remedy=decision(
+        "Change what lets it through at one of the lines named (or give what `able` lacks), or change what is asserted."
+    ),
 )
 def asserted_property_violated(result: AssertedResult, context: Context) -> Iterator[Violation]:
     """A property that the settings assert is violated, with the shortest way found.
@@ -35,8 +37,10 @@ def asserted_property_violated(result: AssertedResult, context: Context) -> Iter
     "KA741",
     Severity.HIGH,
     clause="keystore-audit, docs/alloy-properties.md: what is asserted with --alloy-property",
-    remedy="Look at the places named; `keystore-audit model KEYSTORE -o DIR --alloy-property FILE` writes all of it "
-    "for the Analyzer's window.",
+    remedy=decision(
+        "Look at the places named; `keystore-audit model KEYSTORE -o DIR --alloy-property FILE` writes all "
+        "of it for the Analyzer's window."
+    ),
 )
 def asserted_alloy_property_violated(result: AlloyResult, context: Context) -> Iterator[Violation]:
     """A property that a user asserts in Alloy is violated: a check has a counterexample, or a run no instance.
@@ -56,7 +60,7 @@ def _told(result: UserResult, example: str) -> str:
     "KA742",
     Severity.HIGH,
     clause="keystore-audit, docs/settings.md: the lattice and the labels in keystore-audit.toml",
-    remedy="Change what lets it through at one of the lines named, or declare who is trusted to pass it on.",
+    remedy=decision("Change what lets it through at one of the lines named, or declare who is trusted to pass it on."),
 )
 def label_flow_violated(result: LabelResult, context: Context) -> Iterator[Violation]:
     """What has one label can reach what has another, though the lattice of the settings lets nothing through there.

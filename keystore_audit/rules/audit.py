@@ -20,7 +20,7 @@ from keystore_audit.properties.result import (
     PropertyResult,
     UserResult,
 )
-from keystore_audit.rules.commands import SIGN_PERMISSIONS
+from keystore_audit.remedy import Act, Remedy, decision, outside
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import Crash
@@ -29,9 +29,10 @@ from keystore_audit.rules.wording import MAX_LISTED, listed, places, sentence
 _CLAUSE: Final = "keystore-audit, docs/reference.md: an audit that could not decide everything never passes"
 
 
-_SAY_THE_ZONE: Final = (
+_SAY_THE_ZONE: Final = decision(
     "Say in which zone the robots are, `--time-zone Europe/Berlin`. Or move <not_before> a day back (<not_after> a day "
-    f"on) in permissions.xml and sign it with the permissions CA, in the keystore's root: {SIGN_PERMISSIONS}."
+    "on) in permissions.xml.",
+    Act.SIGN_PERMISSIONS,
 )
 
 
@@ -39,7 +40,7 @@ _SAY_THE_ZONE: Final = (
     "KA901",
     Severity.HIGH,
     clause=_CLAUSE,
-    remedy="Put the file into the form that the message asks for, and run the audit again.",
+    remedy=outside("Put the file into the form that the message asks for, and run the audit again."),
 )
 def undecided(doubt: Doubt, _context: Context) -> Iterator[Violation]:
     """Something could not be read that a robot might act on, and no other rule says so at that place.
@@ -62,7 +63,7 @@ def undecided(doubt: Doubt, _context: Context) -> Iterator[Violation]:
     "KA902",
     Severity.INFO,
     clause=_CLAUSE,
-    remedy="Install keystore-audit with its extra [alloy] and run `keystore-audit engine install`.",
+    remedy=outside("Install keystore-audit with its extra [alloy] and run `keystore-audit engine install`."),
 )
 def engine_missing(run: EngineRun, _context: Context) -> Iterator[Violation]:
     """An engine could not be had, and nobody asked for it by name: the other decided alone, and nothing checked it."""
@@ -87,7 +88,9 @@ _NO_ANSWER: Final = {
     "KA903",
     Severity.HIGH,
     clause=_CLAUSE,
-    remedy="Look at it with `keystore-audit engine`, give it more time with --timeout, or decide with --engine native.",
+    remedy=outside(
+        "Look at it with `keystore-audit engine`, give it more time with --timeout, or decide with --engine native."
+    ),
 )
 def engine_failed(run: EngineRun, context: Context) -> Iterator[Violation]:
     """An engine that was asked for by name, or that was started, gave no answer. No answer never reads as "holds".
@@ -114,7 +117,9 @@ def _disagree(answer: ProfileResult) -> bool:
     "KA904",
     Severity.CRITICAL,
     clause=_CLAUSE,
-    remedy="Report this as a fault of keystore-audit, with what `keystore-audit model KEYSTORE -o DIR` writes.",
+    remedy=outside(
+        "Report this as a fault of keystore-audit, with what `keystore-audit model KEYSTORE -o DIR` writes."
+    ),
     applies=lambda result, _context: any(len(answer.engines) > 1 for answer in result.profiles.values()),
 )
 def engines_disagree(result: PropertyResult, _context: Context) -> Iterator[Violation]:
@@ -140,7 +145,9 @@ def engines_disagree(result: PropertyResult, _context: Context) -> Iterator[Viol
     "KA905",
     Severity.HIGH,
     clause=_CLAUSE,
-    remedy="Report this as a fault of keystore-audit, with the command and, where it may be shared, the keystore.",
+    remedy=outside(
+        "Report this as a fault of keystore-audit, with the command and, where it may be shared, the keystore."
+    ),
 )
 def rule_crashed(crash: Crash, _context: Context) -> Iterator[Violation]:
     """A rule ended in an error, so that what it asks is undecided.
@@ -160,7 +167,7 @@ def rule_crashed(crash: Crash, _context: Context) -> Iterator[Violation]:
     "KA906",
     Severity.HIGH,
     clause=_CLAUSE,
-    remedy="Mend what the other findings call unread or unknown, and run the audit again.",
+    remedy=outside("Fix what the other findings call unread or unknown, and run the audit again."),
 )
 def property_undecided(result: PropertyResult, context: Context) -> Iterator[Violation]:
     """Whether a property holds depends on what could not be read, or no engine gave an answer.
@@ -191,7 +198,7 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
     )
 
 
-def _undecided_remedy(result: PropertyResult, context: Context) -> str | None:
+def _undecided_remedy(result: PropertyResult, context: Context) -> Remedy | None:
     if _without_alloy(result, context):
         return _WITH_ALLOY
     if isinstance(result, AssertedResult) and result.reason:  # of determinism
@@ -221,11 +228,11 @@ def _why(result: PropertyResult, context: Context) -> str:
     return "no engine gave an answer"
 
 
-_WITH_ALLOY: Final = (
+_WITH_ALLOY: Final = outside(
     "Run the audit with the Alloy Analyzer, `--engine both`; `keystore-audit engine` says whether it is there."
 )
 
-_WITH_FORWARDS: Final = (
+_WITH_FORWARDS: Final = decision(
     "Declare with [[forward]] what nodes make of what they read, or ask about fewer topics (docs/settings.md, What "
     "nodes forward), and run the audit again."
 )
@@ -249,7 +256,7 @@ def _asserted(result: PropertyResult) -> tuple[Location, ...]:
     "KA907",
     Severity.INFO,
     clause=_CLAUSE,
-    remedy="Nothing is wrong with the keystore; run with --engine native, or audit parts of it.",
+    remedy=outside("Nothing is wrong with the keystore; run with --engine native, or audit parts of it."),
 )
 def engine_out_of_scale(run: EngineRun, _context: Context) -> Iterator[Violation]:
     """The model is larger than an engine is known to decide, so that it was not started: the other decided alone.
@@ -269,7 +276,7 @@ def engine_out_of_scale(run: EngineRun, _context: Context) -> Iterator[Violation
     "KA908",
     Severity.HIGH,
     clause=_CLAUSE,
-    remedy="Use fewer expressions with text between two *: each can double the number of classes of names.",
+    remedy=decision("Use fewer expressions with text between two *: each can double the number of classes of names."),
 )
 def topic_classes_over_budget(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The expressions tell apart more classes of names than can be worked out, so that no right was decided at all."""

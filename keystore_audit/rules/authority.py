@@ -12,11 +12,12 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.trust.authorities import Anchors, authority_files, trusted
 from keystore_audit.model.trust.verdicts import is_authority
+from keystore_audit.remedy import decision
 from keystore_audit.rules.acceptance import UNPINNED
-from keystore_audit.rules.certificate import RENEW_AUTHORITY, at, what
-from keystore_audit.rules.commands import MAKE_PERMISSIONS_CA, SIGN_GOVERNANCE, SIGN_PERMISSIONS, UNREVIEWED
+from keystore_audit.rules.certificate import at, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import RENEW_AUTHORITY, SEPARATE
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.wording import listed, located, paths, places, quoted, sole
 
@@ -51,18 +52,11 @@ def _trusting(groups: Iterable[tuple[str, Iterable[str], Iterable[Enclave]]]) ->
     return "\0".join(sorted("\n".join(part) for part in parts))
 
 
-_SEPARATE: Final = (
-    "Make a second authority beside sros2's links and move it over them, in the keystore's root: "
-    f"{MAKE_PERMISSIONS_CA} (written through the links, it would overwrite the one CA there is). Sign everything with "
-    f"it: {SIGN_GOVERNANCE}, and for every enclave {SIGN_PERMISSIONS}. {UNREVIEWED}."
-)
-
-
 @rule(
     "KA222",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012; ros2/sros2#282",
-    remedy=_SEPARATE,
+    remedy=SEPARATE,
     explains=(
         "one-ca-for-one-role",
         "no-enclave-grants-itself-rights",
@@ -88,7 +82,7 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
     for keys, (identity, permissions, enclaves) in shared.items():
         every = [c for file in (identity, permissions) for c in file.certificates]
         of_both = [c for c in every if c.key in keys]
-        alone = f"Leave in each CA file the authority of its role alone. Where one still has both roles: {_SEPARATE}"
+        alone = decision("Leave in each CA file the authority of its role alone.")
         yield Violation(
             message=f"{quoted(of_both[0].subject)} issues the identities and signs the permissions of "
             f"{paths(enclaves)}: where the signer is not pinned, an enclave can sign itself any right.",
@@ -108,9 +102,11 @@ _NAMES: Final = {Role.IDENTITY_CA: "identity CA", Role.PERMISSIONS_CA: "permissi
     "KA223",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1.1 (participants of a domain share their authorities); measured",
-    remedy="If nobody meant to trust it, take it out: give every enclave the same CA files, links to public/ as sros2 "
-    "makes them, and issue and sign again what others issued and signed. If it is meant, declare it in the settings: "
-    "[authorities], with the fingerprints that -v prints.",
+    remedy=decision(
+        "If nobody meant to trust it, take it out: give every enclave the same CA files, links to public/ as "
+        "sros2 makes them, and issue and sign again what others issued and signed. If it is meant, declare "
+        "it in the settings: [authorities], with the fingerprints that -v prints."
+    ),
 )
 def unexpected_authority(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A CA file holds an authority that is not the expected one, or lacks that one.

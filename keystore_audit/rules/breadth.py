@@ -10,8 +10,9 @@ from keystore_audit.model.matching.coverage import TOPICS, allows_everything, co
 from keystore_audit.model.matching.expression import WILDCARDS, Matcher, has_wildcard, parse
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import SIGN_AGAIN, WRITE_AGAIN, about
+from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import either, listed, places, quoted, sole
 
@@ -20,7 +21,7 @@ from keystore_audit.rules.wording import either, listed, places, quoted, sole
     "KA509",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 (default); measured",
-    remedy=f"Write <default>DENY</default> and allow what is needed: {WRITE_AGAIN}",
+    remedy=in_permissions("Write <default>DENY</default> and allow what is needed"),
     applies=speaks,
 )
 def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
@@ -44,7 +45,7 @@ def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]
     "KA510",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.3 (topic expressions); ROS 2 design, SROS2 access control policies (wildcards)",
-    remedy=f"Name each topic: {WRITE_AGAIN}",
+    remedy=in_permissions("Name each topic"),
     applies=speaks,
 )
 def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
@@ -91,8 +92,9 @@ def _is_pattern(text: str) -> bool:
     "KA511",
     Severity.HIGH,
     clause="ROS 2 design, SROS2 access control policies; ros2/sros2, policy/defaults (what create_enclave writes)",
-    remedy="Write a policy for the enclave, `ros2 security generate_policy policy.xml` from a running system. "
-    f"{SIGN_AGAIN}",
+    remedy=in_permissions(
+        "Say what the enclave needs: `ros2 security generate_policy policy.xml` writes a policy from a running system"
+    ),
     applies=speaks,
 )
 def allow_everything_permissions(use: PermissionsUse, _context: Context) -> Iterator[Violation]:

@@ -14,25 +14,16 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.trust.authorities import trusted
-from keystore_audit.rules.commands import CREATE_ENCLAVE, ISSUE_IDENTITY, RENEW_CA
+from keystore_audit.remedy import Remedy, decision, outside
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import ISSUE_AGAIN, RENEW_AUTHORITY
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.wording import defective, either, listed, located, of_kinds, paths, quoted, sole
 from keystore_audit.text import instant
 
-ISSUE_AGAIN: Final = (
-    f"Move the enclave's cert.pem and key.pem away and run {CREATE_ENCLAVE}. Without ros2, in the keystore's root: "
-    f"{ISSUE_IDENTITY}; permissions stay as they are where the subject stays."
-)
-RENEW_AUTHORITY: Final = (
-    f"Renew an authority with its own key and name, in the keystore's root: {RENEW_CA}. If it is the permissions CA, "
-    "also where one authority has both roles, sign governance and permissions again: signatures name the old "
-    "certificate."
-)
-
-_WRITE_PEM: Final = (
-    "Write it in PEM, in the keystore's root: `openssl x509 -inform DER -in FILE -out new.pem && mv new.pem FILE`."
+_WRITE_PEM: Final = decision(
+    "Write it in PEM: `openssl x509 -inform DER -in FILE -out new.pem`, and move that over it."
 )
 
 _ROLES: Final = {
@@ -70,7 +61,7 @@ def at(use: CertificateUse, certificate: Certificate, message: str, **more: Any)
     )
 
 
-def remedy(use: CertificateUse) -> str:
+def remedy(use: CertificateUse) -> Remedy:
     """How to get another certificate of this role."""
     return RENEW_AUTHORITY if use.authority else ISSUE_AGAIN
 
@@ -114,8 +105,10 @@ def certificate_unreadable(use: CertificateUse, _context: Context) -> Iterator[V
     "KA202",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.3.1; measured: of cert.pem every implementation reads the first certificate alone",
-    remedy="Leave one certificate in the file, in that of an authority the one that issues or signs, and nothing else: "
-    "`openssl x509 -in FILE -out new.pem`, in the keystore's root, writes the first.",
+    remedy=decision(
+        "Leave one certificate in the file, in that of an authority the one that issues or signs, and nothing else: "
+        "`openssl x509 -in FILE -out new.pem` writes the first."
+    ),
 )
 def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The file holds more than one certificate.
@@ -189,7 +182,7 @@ def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Viola
     "KA204",
     Severity.HIGH,
     clause="RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
-    remedy="Wait until then, or issue the certificate again on a machine whose clock is right.",
+    remedy=outside("Wait until then, or issue the certificate again on a machine whose clock is right."),
     explains=("identities-chain-to-the-identity-ca", "documents-signed-by-the-permissions-ca"),
     stops=True,
 )

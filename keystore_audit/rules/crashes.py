@@ -8,11 +8,11 @@ from typing import Final
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.model.claims.ability import sent
-from keystore_audit.rules.commands import SIGN_DOCUMENT
+from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import in_document
-from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse
 
 _CRASHES: Final = "whoever reads it, the enclave or a peer, crashes, and one signed file stops a robot."
@@ -24,7 +24,7 @@ _MEASURED: Final = "fastdds-2.9"
     "KA517",
     Severity.CRITICAL,
     clause="Measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1; the XSD of DDS-Security 1.1 lets it pass",
-    remedy=f"Find out who signed it, take the empty element out and sign the document again: {SIGN_DOCUMENT}.",
+    remedy=decision("Find out who signed it, and take the empty element out of the .xml.", Act.SIGN),
     stops=True,
 )
 def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Violation]:
@@ -40,7 +40,7 @@ def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Viol
     "KA518",
     Severity.CRITICAL,
     clause="Measured on Cyclone DDS 0.10.2, read in 11.0.1 (access_control_parser.c); schema-invalid",
-    remedy=f"Find out who signed it, and give the rule its <domains>: {WRITE_AGAIN}",
+    remedy=in_permissions("Find out who signed it, and give the rule its <domains>"),
     stops=True,
 )
 def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
@@ -55,7 +55,7 @@ def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Vio
     "KA521",
     Severity.CRITICAL,
     clause="Measured: Fast DDS 2.9.1 and 2.14.6 crash; schema-invalid",
-    remedy=f"Find out who signed it, and write the document anew: {WRITE_AGAIN}",
+    remedy=in_permissions("Find out who signed it, and write the document anew"),
     stops=True,
 )
 def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
@@ -71,8 +71,10 @@ def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]
     "KA522",
     Severity.MEDIUM,
     clause="Measured on Fast DDS 2.9.1; ros2/sros2#228",
-    remedy="Say several names by one expression, take out rules that the nodes do not use, or give the nodes several "
-    "enclaves. Then sign the documents again with the permissions CA.",
+    remedy=decision(
+        "Say several names by one expression, take out rules that the nodes do not use, or give the nodes "
+        "several enclaves. Then sign the documents again with the permissions CA."
+    ),
 )
 def permissions_too_large(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """Certificate and permissions do not fit in a message of the handshake: on Fast DDS the enclave talks to nobody.

@@ -8,8 +8,9 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Criterion, Grant
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN, about
+from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import listed, quoted
 
@@ -18,7 +19,7 @@ from keystore_audit.rules.wording import listed, quoted
     "KA638",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3.2.3 (data_tags); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",
-    remedy=f"ROS 2 has no data tags: take <data_tags> out, and allow or deny what remains: {WRITE_AGAIN}",
+    remedy=in_permissions("ROS 2 has no data tags: take <data_tags> out, and allow or deny what remains"),
     applies=speaks,
 )
 def data_tags_ignored(use: PermissionsUse, _context: Context) -> Iterator[Violation]:

@@ -19,11 +19,13 @@ from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.domain import meet
-from keystore_audit.rules.governance import CORRECT, COVER_DOMAIN
-from keystore_audit.rules.permissions import ALLOW_DOMAINS, WRITE_AGAIN
+from keystore_audit.rules.governance import COVER_DOMAIN
+from keystore_audit.rules.permissions import ALLOW_DOMAINS
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse
 from keystore_audit.rules.wording import VERBS, either, listed, located, places, quoted
 
@@ -171,8 +173,9 @@ def _without_a_domain(context: Context) -> Iterator[str]:
     "KA601",
     Severity.MEDIUM,
     clause=f"DDS-Security 1.1, 9.4.1.3 (domains of a rule); {MEASURED}",
-    remedy="Let every rule name all domains that the governance covers, or the governance only those of the rules: "
-    f"{WRITE_AGAIN}",
+    remedy=in_permissions(
+        "Let every rule name all domains that the governance covers, or the governance only those of the rules"
+    ),
 )
 def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A rule is for some of the governed domains, and Fast DDS applies it in all of them to its own endpoints.
@@ -216,8 +219,10 @@ def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
     return replace(
         said,
         locations=places((*(Location(path=file.signed.file.place) for file in files), *said.locations)),
-        remedy="Use another implementation: what OpenDDS asks for, join access control off or a topic without access "
-        "control, weakens all of them.",
+        remedy=decision(
+            "Use another implementation: what OpenDDS asks for, join access control off or a topic without "
+            "access control, weakens all of them."
+        ),
     )
 
 
@@ -241,8 +246,10 @@ def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterat
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime in UTC); measured on Fast DDS 2.9.1 and Cyclone DDS "
     "0.10.2 with their clocks set",
-    remedy="Write dates as 2026-01-31T00:00:00, without zone, fraction and 24:00, until 2262, and a day before and "
-    f"after what is needed: {WRITE_AGAIN}",
+    remedy=in_permissions(
+        "Write dates as 2026-01-31T00:00:00, without zone, fraction and 24:00, until 2262, and a day before "
+        "and after what is needed"
+    ),
     stops=True,
 )
 def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -260,7 +267,7 @@ def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vio
     "KA614",
     Severity.HIGH,
     clause=f"DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (id_range); {MEASURED}",
-    remedy=f"Write both <min> and <max>: {WRITE_AGAIN}",
+    remedy=in_permissions("Write both <min> and <max>"),
 )
 def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A range of domains with one bound holds less under an implementation, and somebody may do more by it.
@@ -278,8 +285,9 @@ def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches); read in the source of OpenDDS "
     "(AccessControlBuiltInImpl.cpp)",
-    remedy="Let no two rules of the governance match one topic, or give both the same access control: correct them "
-    + CORRECT,
+    remedy=in_governance(
+        "Let no two rules of the governance match one topic, or give both the same access control: correct them"
+    ),
 )
 def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Several rules of the governance match a topic, and on OpenDDS one of them without access control is enough.
@@ -298,8 +306,7 @@ def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterato
     "KA616",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1 (access control); docs/profiles.md",
-    remedy="Let each topic be decided by one rule, without partitions, ranges and brackets: see the lines, and "
-    f"{WRITE_AGAIN}",
+    remedy=in_permissions("Let each topic be decided by one rule, without partitions, ranges and brackets"),
 )
 def decided_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Implementations decide differently, for a reason that no other rule names.

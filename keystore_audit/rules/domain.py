@@ -10,11 +10,11 @@ from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.rules.commands import SIGN_DOCUMENT
+from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.governance import CORRECT
-from keystore_audit.rules.permissions import WRITE_AGAIN, about
+from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
 from keystore_audit.rules.wording import sole
 
@@ -40,7 +40,7 @@ def _open_range(domains: DomainRange) -> str | None:
     "KA419",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.2.4 and its governance XSD (id_range); measured",
-    remedy="Write both <min> and <max> " + CORRECT,
+    remedy=in_governance("Write both <min> and <max>"),
     applies=speaks,
 )
 def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
@@ -65,7 +65,7 @@ _HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in
     "KA420",
     Severity.MEDIUM,
     clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
-    remedy=f"Use domain ids up to 230 and sign the document again: {SIGN_DOCUMENT}.",
+    remedy=decision("Use domain ids up to 230.", Act.SIGN),
     applies=taken,
     stops=True,
 )
@@ -103,8 +103,11 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
     "KA508",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
-    remedy="Let both name one domain, that of ROS_DOMAIN_ID on the robots. If enclaves carry different governances "
-    f"(KA416), begin there. If the grant is wrong, {WRITE_AGAIN} If the governance is, set its <domains> {CORRECT}",
+    remedy=decision(
+        "Let both name one domain, that of ROS_DOMAIN_ID on the robots, in the .xml. If enclaves carry "
+        "different governances (KA416), begin there.",
+        Act.SIGN,
+    ),
     applies=speaks,
     stops=True,
 )
@@ -139,7 +142,7 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
     "KA515",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD (id_range); measured",
-    remedy=f"Write both <min> and <max>: {WRITE_AGAIN}",
+    remedy=in_permissions("Write both <min> and <max>"),
     applies=speaks,
 )
 def rule_domain_range_open(use: PermissionsUse, _context: Context) -> Iterator[Violation]:

@@ -15,9 +15,10 @@ from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.names import ros_name
-from keystore_audit.rules.commands import CREATE_ENCLAVE, CREATE_PERMISSION
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context, given
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import CREATE_ENCLAVE, CREATE_PERMISSION
 from keystore_audit.rules.wording import MAX_QUOTED, VERBS, listed, places, quoted
 from keystore_audit.text import shorten
 
@@ -50,7 +51,7 @@ def _more(count: int) -> str:
     "KA640",
     Severity.HIGH,
     clause=DESIGN,
-    remedy=f"Sign what the policy says, {CREATE_PERMISSION}, or take the right out of the policy.",
+    remedy=decision(f"Sign what the policy says, {CREATE_PERMISSION}, or take the right out of the policy."),
     applies=_is_given,
 )
 def policy_right_not_granted(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -101,8 +102,10 @@ def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]
     "KA641",
     Severity.HIGH,
     clause=DESIGN,
-    remedy=f"Sign what the policy says, {CREATE_PERMISSION}, or write the right into the policy. What was signed "
-    "before stays valid until its end: peers take whatever document is presented to them.",
+    remedy=decision(
+        f"Sign what the policy says, {CREATE_PERMISSION}, or write the right into the policy. What "
+        "was signed before stays valid until its end: peers take whatever document is presented to them."
+    ),
     applies=_is_given,
 )
 def right_beyond_policy(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -139,8 +142,10 @@ def _exceeding(rights: Iterable[DriftedRight]) -> Iterator[str]:
     "KA642",
     Severity.HIGH,
     clause=f"{DESIGN}; DDS-Security 1.1, 9.4.1.3 (grants)",
-    remedy="Put every <profile> of an enclave into one <profiles>, and sign what the policy says then: "
-    f"{CREATE_PERMISSION}.",
+    remedy=decision(
+        "Put every <profile> of an enclave into one <profiles>, and sign what the policy says "
+        f"then: {CREATE_PERMISSION}."
+    ),
     applies=_is_given,
 )
 def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -163,7 +168,7 @@ def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Viol
     "KA643",
     Severity.HIGH,
     clause=DESIGN,
-    remedy=f"Take the enclave out of the policy, or create it: {CREATE_ENCLAVE}.",
+    remedy=decision(f"Take the enclave out of the policy, or create it: {CREATE_ENCLAVE}."),
     applies=_is_given,
 )
 def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -186,7 +191,7 @@ def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Vi
     "KA644",
     Severity.HIGH,
     clause=DESIGN,
-    remedy="Describe the enclave in the policy, or remove it, and revoke its identity.",
+    remedy=decision("Describe the enclave in the policy, or remove it, and revoke its identity."),
     applies=_is_given,
 )
 def enclave_not_in_policy(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -208,7 +213,7 @@ def enclave_not_in_policy(_keystore: Keystore, context: Context) -> Iterator[Vio
     "KA645",
     Severity.MEDIUM,
     clause=DESIGN,
-    remedy="Sign permissions that every implementation reads alike; what to change is at the place.",
+    remedy=decision("Sign permissions that every implementation reads alike; what to change is at the place."),
     applies=_is_given,
 )
 def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -227,8 +232,10 @@ def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation
     "KA646",
     Severity.INFO,
     clause="ROS 2 design, SROS2 access control policies; rmw_zenoh reads its access control from its own configuration",
-    remedy=f"With a DDS implementation, create permissions, {CREATE_PERMISSION}. "
-    "With rmw_zenoh, audit the configuration of its routers and sessions.",
+    remedy=decision(
+        f"With a DDS implementation, create permissions, {CREATE_PERMISSION}. With rmw_zenoh, audit "
+        "the configuration of its routers and sessions."
+    ),
     applies=_is_given,
 )
 def policy_not_enforced_by_permissions(_keystore: Keystore, context: Context) -> Iterator[Violation]:

@@ -14,7 +14,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.model.trust.verdicts import Acceptance
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
-from keystore_audit.rules.signature import SIGN_AGAIN
+from keystore_audit.rules.remedies import SIGN_AGAIN, sign_again
 from keystore_audit.rules.subjects import SignedUse
 from keystore_audit.rules.wording import defective, of_kinds
 
@@ -77,7 +77,7 @@ def cms_not_strict(use: SignedUse, _context: Context) -> Iterator[Violation]:
     "KA307",
     Severity.HIGH,
     clause="OpenSSL, SMIME_text (run times pass PKCS7_TEXT); measured",
-    remedy="Sign with -text. " + SIGN_AGAIN,
+    remedy=sign_again("Sign with -text."),
     explains=("documents-signed-by-the-permissions-ca",),
     stops=True,
 )
@@ -93,7 +93,7 @@ def no_text_plain_header(use: SignedUse, _context: Context) -> Iterator[Violatio
     "KA308",
     Severity.MEDIUM,
     clause="RFC 2046, 5.1.1 (preamble and epilogue are ignored)",
-    remedy="Take the text out of the file, or sign again. " + SIGN_AGAIN,
+    remedy=sign_again("Take the text out of the file, or sign again."),
 )
 def unsigned_text(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """Text stands outside the signature, beyond the line that every S/MIME writer puts there.
@@ -107,7 +107,7 @@ def unsigned_text(use: SignedUse, _context: Context) -> Iterator[Violation]:
     "KA309",
     Severity.HIGH,
     clause="NIST SP 800-131A; DDS-Security 1.1, 9.4.1.1",
-    remedy="Sign over SHA-256 (-md sha256). " + SIGN_AGAIN,
+    remedy=sign_again("Sign over SHA-256 (-md sha256)."),
     stops=True,
 )
 def weak_digest(use: SignedUse, _context: Context) -> Iterator[Violation]:
@@ -125,7 +125,7 @@ def weak_digest(use: SignedUse, _context: Context) -> Iterator[Violation]:
     "KA310",
     Severity.MEDIUM,
     clause="RFC 5652, 5.1; measured: every SignerInfo has to verify",
-    remedy="Sign with one authority. " + SIGN_AGAIN,
+    remedy=sign_again("Sign with one authority."),
     explains=("documents-signed-by-the-permissions-ca",),
 )
 def several_signers(use: SignedUse, _context: Context) -> Iterator[Violation]:
@@ -141,7 +141,7 @@ def several_signers(use: SignedUse, _context: Context) -> Iterator[Violation]:
     "KA311",
     Severity.MEDIUM,
     clause="RFC 8551, 3.5.2 (application/pkcs7-mime); measured",
-    remedy="Sign without -nodetach. " + SIGN_AGAIN,
+    remedy=sign_again("Sign without -nodetach."),
     stops=True,
 )
 def opaque_message(use: SignedUse, _context: Context) -> Iterator[Violation]:
@@ -171,7 +171,7 @@ def two_contents(use: SignedUse, _context: Context) -> Iterator[Violation]:
     "KA313",
     Severity.LOW,
     clause="RFC 5652, 5.3 and 11.3; RFC 8551, 2.5",
-    remedy="Sign without -noattr. " + SIGN_AGAIN,
+    remedy=sign_again("Sign without -noattr."),
 )
 def no_signed_attributes(use: SignedUse, _context: Context) -> Iterator[Violation]:
     """The signature covers the content alone: nothing says when it was made, or for what kind of content.
@@ -185,7 +185,7 @@ def no_signed_attributes(use: SignedUse, _context: Context) -> Iterator[Violatio
     "KA314",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.1; keystore-audit, docs/model.md (what is not read counts as able to do anything)",
-    remedy="Sign with ECDSA or RSA over SHA-256. " + SIGN_AGAIN,
+    remedy=sign_again("Sign with ECDSA or RSA over SHA-256."),
     stops=True,
 )
 def unsupported_signature_algorithm(use: SignedUse, _context: Context) -> Iterator[Violation]:

@@ -19,6 +19,7 @@ from keystore_audit.intent.environment import (
 )
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.profiles import DISTRIBUTIONS, MIDDLEWARE, running
+from keystore_audit.remedy import outside
 from keystore_audit.rules.context import Context, given
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import quoted
@@ -41,7 +42,7 @@ def _found(environment: Environment, variable: str, message: str, **more: Any) -
     "KA670",
     Severity.CRITICAL,
     clause=RCL,
-    remedy="Set ROS_SECURITY_ENABLE=true for every process.",
+    remedy=outside("Set ROS_SECURITY_ENABLE=true for every process."),
     applies=_given,
 )
 def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -57,7 +58,7 @@ def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Viol
     "KA671",
     Severity.HIGH,
     clause=RCL,
-    remedy="Set ROS_SECURITY_STRATEGY=Enforce for every process.",
+    remedy=outside("Set ROS_SECURITY_STRATEGY=Enforce for every process."),
     applies=_given,
 )
 def security_not_enforced(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -77,7 +78,7 @@ def security_not_enforced(_keystore: Keystore, context: Context) -> Iterator[Vio
     "KA672",
     Severity.HIGH,
     clause=RCL,
-    remedy="Let ROS_SECURITY_ENCLAVE_OVERRIDE name an enclave of the keystore, or leave it out.",
+    remedy=outside("Let ROS_SECURITY_ENCLAVE_OVERRIDE name an enclave of the keystore, or leave it out."),
     applies=_given,
 )
 def override_names_no_enclave(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -102,7 +103,9 @@ def override_names_no_enclave(keystore: Keystore, context: Context) -> Iterator[
     "KA673",
     Severity.MEDIUM,
     clause=RCL,
-    remedy="Give each process its own enclave with --ros-args --enclave, and leave ROS_SECURITY_ENCLAVE_OVERRIDE out.",
+    remedy=outside(
+        "Give each process its own enclave with --ros-args --enclave, and leave ROS_SECURITY_ENCLAVE_OVERRIDE out."
+    ),
     applies=_given,
 )
 def override_for_every_process(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -125,7 +128,7 @@ def override_for_every_process(keystore: Keystore, context: Context) -> Iterator
     "KA674",
     Severity.HIGH,
     clause=RCL,
-    remedy="Set ROS_SECURITY_KEYSTORE to where the keystore is on the robot.",
+    remedy=outside("Set ROS_SECURITY_KEYSTORE to where the keystore is on the robot."),
     applies=_given,
 )
 def no_keystore_named(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -142,7 +145,7 @@ def no_keystore_named(_keystore: Keystore, context: Context) -> Iterator[Violati
     "KA675",
     Severity.HIGH,
     clause="rcl, domain_id.c (read); DDSI-RTPS 2.3, 9.6.1.1 (ports of a domain)",
-    remedy="Set ROS_DOMAIN_ID to one of 0 to 232 that the governance covers.",
+    remedy=outside("Set ROS_DOMAIN_ID to one of 0 to 232 that the governance covers."),
     applies=_given,
 )
 def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -161,7 +164,9 @@ def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violati
     Severity.HIGH,
     clause="keystore-audit, README.md (what it does not do); rmw_zenoh reads its access control from its own "
     "configuration",
-    remedy="Use rmw_fastrtps_cpp or rmw_cyclonedds_cpp, or look by other means at what the middleware enforces.",
+    remedy=outside(
+        "Use rmw_fastrtps_cpp or rmw_cyclonedds_cpp, or look by other means at what the middleware enforces."
+    ),
     applies=_given,
 )
 def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -185,7 +190,9 @@ def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[V
     "KA677",
     Severity.HIGH,
     clause="keystore-audit, docs/profiles.md",
-    remedy="Name the releases that the robot runs with --profile, or use a distribution that is still maintained.",
+    remedy=outside(
+        "Name the releases that the robot runs with --profile, or use a distribution that is still maintained."
+    ),
     applies=_given,
 )
 def distribution_not_modelled(_keystore: Keystore, context: Context) -> Iterator[Violation]:

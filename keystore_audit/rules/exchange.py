@@ -9,21 +9,21 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.trust.verdicts import vouches
+from keystore_audit.remedy import Remedy, decision
 
 EXCHANGED: Final = "The files of the two authorities hold each other's certificate."
 
-_IN_PUBLIC: Final = (
-    "Exchange the certificates, in the keystore's root: `mv public/identity_ca.cert.pem public/new.cert.pem`, "
-    "`mv public/permissions_ca.cert.pem public/identity_ca.cert.pem`, `mv public/new.cert.pem "
-    "public/permissions_ca.cert.pem`; likewise the keys in private/ if they are exchanged too, and copies in enclaves."
+_IN_PUBLIC: Final = decision(
+    "Exchange public/identity_ca.cert.pem and public/permissions_ca.cert.pem; likewise the keys in private/ "
+    "if they are exchanged too, and copies in enclaves."
 )
-_COPIES: Final = (
+_COPIES: Final = decision(
     "Exchange identity_ca.cert.pem and permissions_ca.cert.pem in the folders of the enclaves, which have copies of "
     "them; and in public/, and their keys in private/, only where these are exchanged too."
 )
 
 
-def exchange(enclaves: Collection[Enclave], signer: Certificate) -> str | None:
+def exchange(enclaves: Collection[Enclave], signer: Certificate) -> Remedy | None:
     """What to do where that is so, as far as these enclaves and the signer of a document of theirs tell."""
     exchanged = all(
         any(signer.sha256 == authority.sha256 for authority in enclave.trusts(Role.IDENTITY_CA))
@@ -37,7 +37,7 @@ def exchange(enclaves: Collection[Enclave], signer: Certificate) -> str | None:
     return _IN_PUBLIC if any(authority.path.startswith("public/") for authority in authorities) else _COPIES
 
 
-def exchange_for(enclave: Enclave) -> str | None:
+def exchange_for(enclave: Enclave) -> Remedy | None:
     """The same of one enclave, by whoever signed its documents."""
     documents = (each for each in (enclave.permissions, enclave.governance) if each is not None)
     signers = (c for each in documents for made in each.signed.signatures for c in made.verified_by)

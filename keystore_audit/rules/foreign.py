@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import listed, places
@@ -16,8 +17,10 @@ from keystore_audit.text import counted
     "KA121",
     Severity.LOW,
     clause="ros2/sros2, keystore layouts; ros2/rmw_dds_common, security.cpp (the files that a run time reads); CWE-538",
-    remedy="Take out of the tree what no run time reads. Where it has to be there, name it in the settings: its path "
-    '(`[files] foreign = ["maps/**"]`), or its hash where it is not read (`accepted = ["sha256:..."]`).',
+    remedy=decision(
+        "Take out of the tree what no run time reads. Where it has to be there, name it in the settings: its path "
+        '(`[files] foreign = ["maps/**"]`), or its hash where it is not read (`accepted = ["sha256:..."]`).'
+    ),
 )
 def foreign_file(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Files or directories lie in the keystore that neither sros2 nor the DDS-Security plugins know by place and name.

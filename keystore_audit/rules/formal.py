@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties import stated
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Property, Status
 from keystore_audit.properties.result import PropertyResult
-from keystore_audit.rules.certificate import ISSUE_AGAIN
-from keystore_audit.rules.commands import SIGN_DOCUMENT, SIGN_GOVERNANCE
+from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, register
+from keystore_audit.rules.remedies import SEPARATE, in_governance, issue_again, sign_again
 from keystore_audit.rules.wording import MAX_QUOTED, places
 from keystore_audit.text import shorten
-
-_SIGN_AGAIN: Final = (
-    f"Then sign the governance again with the permissions CA, in the keystore's root: {SIGN_GOVERNANCE}."
-)
 
 
 def violated(result: PropertyResult) -> tuple[tuple[str, ...], Counterexample | None] | None:
@@ -63,7 +58,7 @@ def _words(step: Step) -> str:
     return ": ".join(word for word in told if word is not None)
 
 
-def _decided(code: str, prop: Property, severity: Severity, docstring: str, *, remedy: str) -> None:
+def _decided(code: str, prop: Property, severity: Severity, docstring: str, *, remedy: Remedy) -> None:
     """Registers the rule of a property: it has the property's id and clause."""
     register(
         Rule(
@@ -88,7 +83,7 @@ _decided(
     Violated where the governance lets participants in that have no certificate at all: authentication is then a matter
     of good will. That the implementation demands the handshake of the others is taken for granted.
     """,
-    remedy=f"Set <allow_unauthenticated_participants> to false. {_SIGN_AGAIN}",
+    remedy=in_governance("Set <allow_unauthenticated_participants> to false"),
 )
 _decided(
     "KA702",
@@ -99,7 +94,7 @@ _decided(
     An enclave without such an identity never takes part, since its peers refuse the handshake; or it is there to see
     who does not. One step from a certificate of the CA file is enough, as each of them is a trust anchor.
     """,
-    remedy=f"Issue the identity again under the identity CA that the enclaves carry. {ISSUE_AGAIN}",
+    remedy=issue_again("Issue the identity again under the identity CA that the enclaves carry."),
 )
 _decided(
     "KA703",
@@ -110,7 +105,7 @@ _decided(
     What somebody else signed says what that somebody wants, wherever it is taken. Who had the authority's key in hand
     when it signed cannot be known.
     """,
-    remedy=f"Sign the document again with the permissions CA's own key: {SIGN_DOCUMENT}.",
+    remedy=sign_again("Find out who signed it."),
 )
 _decided(
     "KA704",
@@ -121,7 +116,7 @@ _decided(
     Enclaves with one key have one set of rights, and revoking one revokes both. Copies of a key outside this keystore
     are not seen.
     """,
-    remedy=f"Give each enclave a key and certificate of its own. {ISSUE_AGAIN}",
+    remedy=issue_again("Give each enclave a key and certificate of its own."),
 )
 _decided(
     "KA705",
@@ -132,7 +127,9 @@ _decided(
     Such an enclave can do anything. Whether an implementation pins the signer was measured with documents signed by a
     leaf; the profiles say for which it was only read.
     """,
-    remedy="Use separate authorities for identities and permissions, and implementations that pin the signer.",
+    remedy=decision(
+        "Use separate authorities for identities and permissions, and implementations that pin the signer."
+    ),
 )
 _decided(
     "KA706",
@@ -144,7 +141,7 @@ _decided(
     signer. sros2 makes keystores so, which is why this is medium; where it is more, no-enclave-grants-itself-rights
     says so.
     """,
-    remedy="Make a second authority for permissions and sign governance and permissions again with it.",
+    remedy=SEPARATE,
 )
 _decided(
     "KA707",
@@ -155,7 +152,7 @@ _decided(
     Peers take whatever validly signed document an enclave presents, so that each has the rights of both, whatever its
     own document says. Subjects are compared as each implementation does.
     """,
-    remedy="Give each enclave a subject of its own, and each grant a subject_name that names one enclave.",
+    remedy=decision("Give each enclave a subject of its own, and each grant a subject_name that names one enclave."),
 )
 _decided(
     "KA711",
@@ -165,7 +162,7 @@ _decided(
 
     Topics that nobody may publish are not counted. Lengths, times and addresses stay readable whatever is encrypted.
     """,
-    remedy=f"Set data_protection_kind or metadata_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
+    remedy=in_governance("Set data_protection_kind or metadata_protection_kind to ENCRYPT for the topic"),
 )
 _decided(
     "KA712",
@@ -176,7 +173,7 @@ _decided(
     Names tell an attacker what to aim at. The handshake shows every permissions document in clear in any case, so that
     this slows a patient listener only.
     """,
-    remedy=f"Set enable_discovery_protection to true and discovery_protection_kind to ENCRYPT. {_SIGN_AGAIN}",
+    remedy=in_governance("Set enable_discovery_protection to true and discovery_protection_kind to ENCRYPT"),
 )
 _decided(
     "KA713",
@@ -187,7 +184,7 @@ _decided(
     Else whoever reaches the network commands the robot. Replay of recorded messages and loss of messages are not among
     what is decided.
     """,
-    remedy=f"Set metadata_protection_kind or data_protection_kind to SIGN or ENCRYPT for the topic. {_SIGN_AGAIN}",
+    remedy=in_governance("Set metadata_protection_kind or data_protection_kind to SIGN or ENCRYPT for the topic"),
 )
 _decided(
     "KA714",
@@ -199,7 +196,7 @@ _decided(
     submessage nor message is authenticated: an old command is taken again. The same lets an outsider forge HEARTBEAT,
     GAP and ACKNACK, which stops readers. Derived from what each kind covers; not attacked on the wire here.
     """,
-    remedy=f"Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT. {_SIGN_AGAIN}",
+    remedy=in_governance("Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT"),
 )
 _decided(
     "KA715",
@@ -209,7 +206,7 @@ _decided(
 
     Whoever relies on liveliness to stop a robot then never learns that a controller has died.
     """,
-    remedy=f"Set rtps_protection_kind to SIGN, or protect liveliness. {_SIGN_AGAIN}",
+    remedy=in_governance("Set rtps_protection_kind to SIGN, or protect liveliness"),
 )
 _decided(
     "KA721",
@@ -219,8 +216,9 @@ _decided(
 
     A grant that nobody asks for protects nothing, though it reads as if it did.
     """,
-    remedy="Set enable_join_, enable_read_ and enable_write_access_control to true wherever grants name topics. "
-    f"{_SIGN_AGAIN}",
+    remedy=in_governance(
+        "Set enable_join_, enable_read_ and enable_write_access_control to true wherever grants name topics"
+    ),
 )
 _decided(
     "KA722",
@@ -232,7 +230,7 @@ _decided(
     enclave's hands; a granted reader's forging is readers-cannot-forge. What nodes would do is not asked: every enclave
     may be in an attacker's hands.
     """,
-    remedy=f"Set enable_write_ and enable_read_access_control to true and protect the topic's metadata. {_SIGN_AGAIN}",
+    remedy=in_governance("Set enable_write_ and enable_read_access_control to true and protect the topic's metadata"),
 )
 _decided(
     "KA723",
@@ -243,7 +241,7 @@ _decided(
     The keys of whole messages are in every participant's hands, so that rtps protection alone hides nothing from those
     inside.
     """,
-    remedy=f"Set enable_read_access_control to true and metadata_ or data_protection_kind to ENCRYPT. {_SIGN_AGAIN}",
+    remedy=in_governance("Set enable_read_access_control to true and metadata_ or data_protection_kind to ENCRYPT"),
 )
 _decided(
     "KA724",
@@ -257,8 +255,10 @@ _decided(
     OpenDDS authenticates no origin (read in its guide): there the kinds below help nothing, and the enclave that forges
     must not read the topic.
     """,
-    remedy="Where a reader must not pass for the writer, use SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION as "
-    f"metadata_protection_kind of the topic. {_SIGN_AGAIN}",
+    remedy=in_governance(
+        "Where a reader must not pass for the writer, use SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION as "
+        "metadata_protection_kind of the topic"
+    ),
 )
 _decided(
     "KA725",
@@ -269,7 +269,7 @@ _decided(
     A relay gets the keys of submessages, to pass them on, and no key of payloads: what is not encrypted for itself is
     in clear to it. Fast DDS takes a relay grant for a right to read, and that is told by nobody-reads-without-a-grant.
     """,
-    remedy=f"Set data_protection_kind to ENCRYPT for the topic. {_SIGN_AGAIN}",
+    remedy=in_governance("Set data_protection_kind to ENCRYPT for the topic"),
 )
 _decided(
     "KA731",
@@ -280,5 +280,7 @@ _decided(
     Domains keep apart only what nobody carries over. Enclaves with one key are one: each acts as the others. Domains
     that no document tells apart count as one here: a rule for all of them is rule-domain-range-open.
     """,
-    remedy="Let each enclave's rules cover one domain, and make an enclave of its own for a bridge that is meant.",
+    remedy=decision(
+        "Let each enclave's rules cover one domain, and make an enclave of its own for a bridge that is meant."
+    ),
 )

@@ -18,20 +18,17 @@ from keystore_audit.keystore.governance import DomainRule, GovernanceFile, Topic
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.names import DISCOVERY_TOPIC
-from keystore_audit.rules.commands import DEEPER, LINK_GOVERNANCE, SIGN_GOVERNANCE, SIGN_PERMISSIONS
+from keystore_audit.remedy import Act, Remedy, decision
 from keystore_audit.rules.contents import signed_bytes, told
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, speaks
 from keystore_audit.rules.wording import defective, of_kinds, paths, places, quoted, sole
 
-CORRECT: Final = (
-    f"in governance.xml and sign it again with the permissions CA, in the keystore's root: {SIGN_GOVERNANCE}."
-)
-
-COVER_DOMAIN: Final = (
+COVER_DOMAIN: Final = in_governance(
     "Set ROS_DOMAIN_ID to a domain that the governance covers, or let it cover this one (and <domains> in "
-    f"permissions.xml too): correct it {CORRECT}"
+    "permissions.xml too)"
 )
 
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
@@ -39,7 +36,7 @@ DIFFER: Final = "implementations differ in what they make of it."
 UNREAD: Final = "what a robot makes of the document is unknown."
 
 
-def in_document(use: DocumentUse, says: str, *kinds: Kind, remedy: str | None = None) -> Iterator[Violation]:
+def in_document(use: DocumentUse, says: str, *kinds: Kind, remedy: Remedy | None = None) -> Iterator[Violation]:
     """A violation for the defects of each of these kinds in the XML; undecided as long as somebody may take it."""
     for kind in kinds if use.document.defects else ():
         found = of_kinds(use.document.defects, kind)
@@ -115,7 +112,7 @@ def violates(
     "KA401",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2 and its governance XSD",
-    remedy="Correct what the schema forbids " + CORRECT,
+    remedy=in_governance("Correct what the schema forbids"),
     stops=True,
 )
 def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
@@ -131,7 +128,7 @@ def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator
     "KA402",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
-    remedy="Write plain XML, without comments, CDATA, entities and blanks in values, " + CORRECT,
+    remedy=in_governance("Write plain XML, without comments, CDATA, entities and blanks in values"),
     stops=True,
 )
 def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
@@ -142,7 +139,7 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
     a document that is too large to be read here: docs/security-model.md has the limits.
     """
     yield from in_document(use, DIFFER, *AMBIGUOUS)
-    remedy = f"Write fewer rules, and fewer expressions with wildcards, {CORRECT}"
+    remedy = in_governance("Write fewer rules, and fewer expressions with wildcards")
     yield from in_document(use, UNREAD, Kind.BEYOND_LIMIT, remedy=remedy)
 
 
@@ -150,7 +147,7 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
     "KA403",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants)",
-    remedy="Set <allow_unauthenticated_participants> to false " + CORRECT,
+    remedy=in_governance("Set <allow_unauthenticated_participants> to false"),
     explains=(
         "only-authenticated-participants-join",
         "outsiders-cannot-replay",
@@ -177,7 +174,7 @@ def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) 
     "KA404",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control)",
-    remedy="Set <enable_join_access_control> to true " + CORRECT,
+    remedy=in_governance("Set <enable_join_access_control> to true"),
     explains=("grants-are-enforced",),
     applies=speaks,
 )
@@ -196,7 +193,7 @@ def join_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
     "KA405",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2.6 (enable_read_access_control)",
-    remedy="Set <enable_read_access_control> to true " + CORRECT,
+    remedy=in_governance("Set <enable_read_access_control> to true"),
     explains=("grants-are-enforced", "nobody-reads-without-a-grant", "nobody-writes-without-a-grant"),
     applies=speaks,
 )
@@ -219,7 +216,7 @@ def read_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
     "KA406",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2.6 (enable_write_access_control)",
-    remedy="Set <enable_write_access_control> to true " + CORRECT,
+    remedy=in_governance("Set <enable_write_access_control> to true"),
     explains=("grants-are-enforced", "nobody-writes-without-a-grant"),
     applies=speaks,
 )
@@ -235,8 +232,10 @@ def write_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[
     "KA416",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2 (participants of a domain share its governance); measured",
-    remedy="Give every enclave the same governance.p7s, a link to enclaves/governance.p7s as sros2 makes it, in the "
-    f"keystore's root: {LINK_GOVERNANCE}, {DEEPER}.",
+    remedy=decision(
+        "Decide which governance is right, and give every enclave that one: sros2 makes a link to "
+        "enclaves/governance.p7s."
+    ),
 )
 def governances_differ(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Enclaves carry governance documents that say different things.
@@ -273,7 +272,7 @@ def _meaning(file: GovernanceFile) -> object:
     "KA418",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.2.5 (topic_access_rules)",
-    remedy="Add a last <topic_rule> with <topic_expression>*</topic_expression> " + CORRECT,
+    remedy=in_governance("Add a last <topic_rule> with <topic_expression>*</topic_expression>"),
     applies=speaks,
 )
 def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violation]:
@@ -297,20 +296,17 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
             )
 
 
-_ADD_LIVELINESS: Final = (
-    f"Write <enable_liveliness_protection> behind <enable_discovery_protection> in every topic rule {CORRECT}"
+_ADD_LIVELINESS: Final = in_governance(
+    "Write <enable_liveliness_protection> behind <enable_discovery_protection> in every topic rule"
 )
-_IN_ORDER: Final = (
-    "Write publish first, then subscribe, then relay in every rule of permissions.xml, and sign it with the "
-    f"permissions CA, in the keystore's root: {SIGN_PERMISSIONS}."
-)
+_IN_ORDER: Final = in_permissions("Write publish first, then subscribe, then relay in every rule")
 
 
 @rule(
     "KA421",
     Severity.HIGH,
     clause="DDS-Security 1.0 (20160303) against 1.1 (20170901)",
-    remedy=f"{_ADD_LIVELINESS} {_IN_ORDER}",
+    remedy=decision("Write it in the form of DDS-Security 1.1, as the finding says.", Act.SIGN),
     stops=True,
 )
 def dds_security_1_0_document(use: DocumentUse, _context: Context) -> Iterator[Violation]:

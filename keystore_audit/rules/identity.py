@@ -18,12 +18,13 @@ from keystore_audit.model.participants.stray_identity import admitted
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.verdicts import is_authority, issue, may_have_issued, vouches
+from keystore_audit.remedy import Act, decision, mechanical
 from keystore_audit.rules.acceptance import FAST_DDS
-from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY, has_usual_subject, usual_subject, what
-from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_PERMISSIONS
+from keystore_audit.rules.certificate import has_usual_subject, usual_subject, what
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.exchange import EXCHANGED, exchange_for
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import ISSUE_AGAIN, issue_again
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.who_takes import Taken
 from keystore_audit.rules.wording import implementations, located, paths, places, quoted, sole
@@ -51,7 +52,7 @@ def _carriers(use: CertificateUse) -> Iterator[tuple[Enclave, Certificate]]:
     "KA206",
     Severity.LOW,
     clause="RFC 5280, 6.1.3 (a)(2) (every certificate of a path has to be in force)",
-    remedy="Plan with the date of the authority, or renew it before it ends. " + RENEW_AUTHORITY,
+    remedy=mechanical("Plan with the date of the authority, or renew it before it ends.", Act.RENEW),
     applies=is_identity,
 )
 def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Iterator[Violation]:
@@ -120,8 +121,9 @@ def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterato
     "KA226",
     Severity.HIGH,
     clause="RFC 5280, 6.1; measured on Fast DDS, Cyclone DDS and libcrypto (X509_verify_cert)",
-    remedy="Let identity_ca.cert.pem hold one self-signed certificate, that of the authority which issues the "
-    "identities. " + ISSUE_AGAIN,
+    remedy=decision(
+        "Let identity_ca.cert.pem hold one self-signed certificate, that of the authority which issues the identities."
+    ),
     applies=is_identity,
     stops=True,
 )
@@ -203,7 +205,7 @@ def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tup
     "KA231",
     Severity.MEDIUM,
     clause="RFC 5280, 4.2.1.9 (basicConstraints)",
-    remedy="Issue the identity again with CA:FALSE. " + ISSUE_AGAIN,
+    remedy=issue_again("Issue the identity again with CA:FALSE."),
     applies=is_identity,
 )
 def identity_is_authority(use: CertificateUse, _context: Context) -> Iterator[Violation]:
@@ -228,9 +230,10 @@ def identity_is_authority(use: CertificateUse, _context: Context) -> Iterator[Vi
     "KA220",
     Severity.LOW,
     clause="ros2/sros2, create_enclave (the enclave's path is the common name)",
-    remedy="If the enclave's folder was renamed, give it its old name again. Else issue another identity, and let its "
-    "permissions name it, or no grant does and the enclave does not start (KA503): correct the policy and run "
-    f"{CREATE_PERMISSION}, or correct <subject_name> in permissions.xml and run {SIGN_PERMISSIONS}. {ISSUE_AGAIN}",
+    remedy=decision(
+        "If the enclave's folder was renamed, give it its old name again. Else issue another identity and "
+        "let its permissions name it, or no grant does and the enclave does not start (KA503)."
+    ),
     applies=is_identity,
 )
 def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Iterator[Violation]:
@@ -268,7 +271,7 @@ def _shared_key(key: str, sharing: Sequence[Enclave]) -> str:
     "KA219",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 (a participant's identity is its key)",
-    remedy="Give each enclave a key and certificate of its own. " + ISSUE_AGAIN,
+    remedy=issue_again("Give each enclave a key and certificate of its own."),
     explains=_SHARED,
 )
 def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterator[Violation]:
@@ -299,7 +302,7 @@ def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterat
     "KA225",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 (a grant is bound to a subject_name, not to a key)",
-    remedy="Give each identity a subject of its own. " + ISSUE_AGAIN,
+    remedy=decision("Give each identity a subject of its own.", Act.ISSUE),
     explains=("no-subject-serves-two-enclaves",),
 )
 def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Iterator[Violation]:
@@ -328,7 +331,7 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
     "KA228",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 (who has the key of a certificate is its subject); measured",
-    remedy="Give each certificate a key of its own. " + ISSUE_AGAIN,
+    remedy=issue_again("Give each certificate a key of its own."),
     explains=_SHARED,
 )
 def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterator[Violation]:

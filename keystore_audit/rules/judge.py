@@ -6,8 +6,8 @@ Messages hold untrusted text as it is, bounded but not escaped: whoever renders 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from functools import cache, partial
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from functools import cache
 from itertools import chain
 from typing import Any, Final
 
@@ -27,10 +27,10 @@ from keystore_audit.findings import (
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.properties.result import Place, PropertyResult
-from keystore_audit.rules.commands import are_copied, for_layout
 from keystore_audit.rules.contents import Contents
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation
+from keystore_audit.rules.remedies import Filling
 from keystore_audit.rules.subjects import (
     Crash,
     Refusal,
@@ -102,10 +102,6 @@ def _subjects(context: Context) -> Iterator[tuple[str, object]]:
         yield result.prop.id, result
     for run in context.engines:
         yield run.name, run
-
-
-_Remedy = Callable[..., str]
-"""`for_layout`, of this keystore."""
 
 
 class _Run:
@@ -193,9 +189,8 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     marks = _Marks(Contents(context.keystore, context.at), frozenset(profiles), context.results)
     marked = marks.of(run.found)
     keystore = context.keystore
-    there = (file.resolved for enclave in keystore.enclaves for file in enclave.files.every if file.resolved)
-    told = partial(for_layout, kind=keystore.layout.kind, copies=are_copied(there))
-    found = _made(marked, told)
+    filling = Filling(keystore)
+    found = _made(marked, filling)
     if not context.acceptances:
         return found
     codes = {rule.code for rule in chosen}
@@ -203,7 +198,7 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     before = len(run.found)
     run.over(chosen, [(file.path, file) for file in files])
     run.over(chosen, run.crashes())
-    return accepted(_made([*marked, *marks.of(run.found[before:])], told), files)
+    return accepted(_made([*marked, *marks.of(run.found[before:])], filling), files)
 
 
 def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str]]:
@@ -285,11 +280,11 @@ class _Marks:
         return "\0\0".join(sorted(told))
 
 
-def _made(marked: Iterable[_Marked], told: _Remedy) -> tuple[Finding, ...]:
+def _made(marked: Iterable[_Marked], filling: Filling) -> tuple[Finding, ...]:
     """The findings, the causes of violated properties named, worst first."""
     ordered = sorted(marked, key=lambda item: _order(item[0], item[1]))
     return tuple(
-        _finding(rule, violation, mark, _causes(rule, violation, ordered), told) for rule, violation, mark in ordered
+        _finding(rule, violation, mark, _causes(rule, violation, ordered), filling) for rule, violation, mark in ordered
     )
 
 
@@ -338,15 +333,13 @@ def _is_cause(other: Rule[Any], cause: Violation, rule: Rule[Any], violation: Vi
     )
 
 
-def _finding(
-    rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str, ...], told: Callable[..., str]
-) -> Finding:
+def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str, ...], filling: Filling) -> Finding:
     return Finding(
         code=rule.code,
         name=rule.name,
         severity=violation.severity or rule.severity,
         message=shorten(violation.message, MAX_MESSAGE),
-        remedy=told(violation.remedy or rule.remedy, places=(place.path for place in violation.locations)),
+        fix=filling(violation.remedy or rule.remedy, violation.enclave, violation.locations),
         clause=rule.clause,
         enclave=violation.enclave,
         locations=violation.locations[:MAX_PLACES],

@@ -14,17 +14,16 @@ from keystore_audit.keystore.key_quality import (
     weaknesses,
 )
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.rules.certificate import ISSUE_AGAIN
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.private_key import ANEW
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import places
 from keystore_audit.text import counted
 
-_ANEW: Final = (
-    "Make every such key anew with a random generator that you trust, as `openssl ecparam -name prime256v1 -genkey` "
-    f"does, and let nothing accept the old one any more. Of an identity: {ISSUE_AGAIN} Of an authority, in the "
-    f"keystore's root: {' '.join(ANEW.values())}"
+_ANEW: Final = decision(
+    "Make every such key anew with a random generator that you trust, and let nothing accept the old one any more: an "
+    "enclave's by `explain KA209 --for KEYSTORE` (its old cert.pem and key.pem taken away), an authority's with all "
+    "that it issued and signed."
 )
 
 

@@ -13,19 +13,20 @@ from keystore_audit.intent.ros_names import is_path
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.remedy import Act, decision, outside
 from keystore_audit.rules.acceptance import FAST_DDS
-from keystore_audit.rules.commands import CREATE_ENCLAVE, DEEPER, MAKE_LAYOUT, SHOW_DOCUMENT, SIGN_DOCUMENT
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.missing_files import RUN_TIME_FILES, about, file_name, in_state, link_of
+from keystore_audit.rules.missing_files import LINK_AGAIN, RUN_TIME_FILES, about, file_name, in_state, is_linked
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import CREATE_ENCLAVE
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
 from keystore_audit.rules.wording import MAX_QUOTED, listed, paths, quoted, sole
 from keystore_audit.text import shorten
 
-READ_ALL: Final = "Run the audit as a user who may read the whole keystore."
+READ_ALL: Final = outside("Run the audit as a user who may read the whole keystore.")
 _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do anything"
 
-_BRING_IN: Final = (
+_BRING_IN: Final = decision(
     "Audit the whole keystore, if this is one enclave of it; else copy the file into the keystore, or let the link end "
     "within it."
 )
@@ -37,26 +38,24 @@ _BRING_IN: Final = (
     clause=_UNREAD,
     remedy=_BRING_IN,
 )
-def link_leaves_keystore(enclave: Enclave, context: Context) -> Iterator[Violation]:
+def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A run-time file is a link out of the keystore.
 
     What it leads to is no part of what is audited and was not read; a robot reads it, so that the enclave may be able
     to do anything.
     """
     for file in in_state(enclave.files.for_run_time, Status.OUTSIDE):
-        link = link_of(enclave, file) if context.keystore.layout.kind is LayoutKind.SROS2 else None
-        remedy = f"{_BRING_IN} sros2 has a link there, in the keystore's root: {link}, {DEEPER}." if link else None
+        remedy = LINK_AGAIN if is_linked(enclave, file) else None
         yield replace(about(enclave, file, f"{file_name(file)} {file.detail}.", undecided=True), remedy=remedy)
-
-
-_AS_SROS2_LINKS: Final = "Let the link lead there from where it stands, without a path of this machine"
 
 
 @rule(
     "KA120",
     Severity.MEDIUM,
     clause=RUN_TIME_FILES,
-    remedy=f"{_AS_SROS2_LINKS}, as sros2's links do.",
+    remedy=decision(
+        "Let the link lead there from where it stands, without a path of this machine, as sros2's links do."
+    ),
 )
 def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A link to a file of the keystore goes by where the keystore lies: by an absolute path, or out of it and back.
@@ -75,7 +74,6 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
         place, target = file.leaves
         told.add(place)
         of = enclave if place == path else None  # else a link that several may go over
-        relative = link_of(of, file) if of and keystore.layout.kind is LayoutKind.SROS2 else None
         yield Violation(
             message=f"{place} links to {shorten(target, MAX_QUOTED)}: that is {file.place} as long as the keystore "
             "lies here, and another file or none where it is copied.",
@@ -83,7 +81,7 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
             enclave=of.path if of else None,
             severity=Severity.HIGH if context.deployed else None,
             key=target,
-            remedy=f"{_AS_SROS2_LINKS}, in the keystore's root: {relative}, {DEEPER}." if relative else None,
+            remedy=LINK_AGAIN if of is not None and is_linked(of, file) else None,
         )
 
 
@@ -91,7 +89,9 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
     "KA104",
     Severity.HIGH,
     clause=_UNREAD,
-    remedy="Name the directory that it leads into with `--root DIR`, or put its content in the place of the link.",
+    remedy=decision(
+        "Name the directory that it leads into with `--root DIR`, or put its content in the place of the link."
+    ),
 )
 def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """A link leads out of the keystore, from where enclaves may be.
@@ -112,7 +112,7 @@ def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterat
     "KA105",
     Severity.HIGH,
     clause=_UNREAD,
-    remedy="Put a regular file in its place.",
+    remedy=decision("Put a regular file in its place."),
     stops=True,
 )
 def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violation]:
@@ -128,7 +128,7 @@ def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violatio
     "KA106",
     Severity.HIGH,
     clause=_UNREAD,
-    remedy="Find out what the file is: those of a keystore have some kilobytes.",
+    remedy=decision("Find out what the file is: those of a keystore have some kilobytes."),
 )
 def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A run-time file is over 4 MB, or all files together over their limit. A robot may read it all the same."""
@@ -162,8 +162,11 @@ def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     "KA110",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (the signed document counts); measured: the .xml is never read",
-    remedy=f"If the .xml says what is meant, sign it again: {SIGN_DOCUMENT}. Else replace it by what {SHOW_DOCUMENT} "
-    "prints.",
+    remedy=decision(
+        "If the .xml says what is meant, sign it. Else put the signed text in its place: `openssl smime "
+        "-verify -noverify -text -in FILE.p7s` prints it.",
+        Act.SIGN,
+    ),
     applies=lambda use, _context: use.signed.content is not None and use.genuine,
 )
 def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Violation]:
@@ -209,7 +212,7 @@ def _first_difference(unsigned: bytes | None, signed: bytes | None) -> int | Non
     "KA111",
     Severity.MEDIUM,
     clause=f"{RUN_TIME_FILES}; DDS-Security 1.1, 9.3.1 (pkcs11 URIs)",
-    remedy="Compare the token's content on the robot with what the keystore should hold, or use .pem files.",
+    remedy=outside("Compare the token's content on the robot with what the keystore should hold, or use .pem files."),
 )
 def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """A .p11 file refers to a token.
@@ -231,8 +234,10 @@ def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]
     "KA112",
     Severity.MEDIUM,
     clause="ros2/sros2, keystore layout (public/, private/, enclaves/)",
-    remedy="Restore what is missing from the keystore that this one was copied from; `ros2 security create_keystore` "
-    "would make new authorities.",
+    remedy=outside(
+        "Restore what is missing from the keystore that this one was copied from; `ros2 security "
+        "create_keystore` would make new authorities."
+    ),
 )
 def incomplete_keystore(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Parts of the keystore are missing though it has enclaves: a creation that died half-way, or half a copy.
@@ -255,7 +260,9 @@ _MAX_NAME: Final = 255
     "KA113",
     Severity.MEDIUM,
     clause="rcl, rcl_validate_enclave_name; ROS 2 design, topic and service names",
-    remedy="Make the enclave again under a name of letters, digits and underscores that begins with no digit.",
+    remedy=decision(
+        "Make the enclave again under a name of letters, digits and underscores that begins with no digit."
+    ),
 )
 def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     """The directory's name is no ROS 2 name, so that no node can ask for this enclave by it.
@@ -276,7 +283,7 @@ def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violat
     "KA114",
     Severity.LOW,
     clause="ros2/sros2, keystore layout (an enclave is a directory)",
-    remedy="Give one of the enclaves another name.",
+    remedy=decision("Give one of the enclaves another name."),
 )
 def enclave_names_differ_by_case(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Enclaves differ in nothing but case: on a file system that ignores case they are one directory."""
@@ -292,8 +299,11 @@ def enclave_names_differ_by_case(keystore: Keystore, _context: Context) -> Itera
     "KA115",
     Severity.LOW,
     clause="REP 2000 (Ardent to Eloquent are past their end of life)",
-    remedy="Make the keystore again with a supported distribution: `ros2 security create_keystore KEYSTORE`, and for "
-    f"every enclave {CREATE_ENCLAVE}. Or give it the layout, in a copy of it and in its root: {MAKE_LAYOUT}.",
+    remedy=decision(
+        "Make the keystore again with a supported distribution: `ros2 security create_keystore KEYSTORE`, "
+        f"and for every enclave {CREATE_ENCLAVE}. Or give a copy of it the layout since Foxy: public/, "
+        "private/, enclaves/, and links in every enclave."
+    ),
 )
 def deprecated_layout(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """The layout is that of a distribution which nobody supports: no run time since Foxy finds enclaves in it."""

@@ -11,40 +11,27 @@ from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.participants.sight import REQUIRED
-from keystore_audit.rules.certificate import ISSUE_AGAIN
-from keystore_audit.rules.commands import (
-    CREATE_ENCLAVE,
-    CREATE_PERMISSION,
-    DEEPER,
-    LINK_CA,
-    LINK_GOVERNANCE,
-    SIGN_GOVERNANCE,
-    SIGN_PERMISSIONS,
-)
+from keystore_audit.remedy import Act, Remedy, decision, mechanical
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import CREATE_ENCLAVE, CREATE_PERMISSION, ISSUE_AGAIN
 from keystore_audit.text import PLAIN_PATH
 
 RUN_TIME_FILES: Final = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
 
-_MAKE_AGAIN: Final = f"Make what is missing: {CREATE_ENCLAVE}."
+_MAKE_AGAIN: Final = decision(f"Make what is missing: {CREATE_ENCLAVE}.")
 
 
-def _link_again(link: str) -> str:
-    return f"Restore the file, or make the link that sros2 has there, in the keystore's root: {link}, {DEEPER}."
-
-
-_LINKS: Final = {
-    Role.GOVERNANCE: LINK_GOVERNANCE,
-    Role.IDENTITY_CA: LINK_CA.replace("ROLE", "identity"),
-    Role.PERMISSIONS_CA: LINK_CA.replace("ROLE", "permissions"),
-}
+_LINKS: Final = (Role.GOVERNANCE, Role.IDENTITY_CA, Role.PERMISSIONS_CA)
 """What sros2 makes instead of these files."""
 
+LINK_AGAIN: Final = mechanical("", Act.LINK)
 _FOR_WANT_OF: Final = {  # create_enclave would make it, and put permissions that allow everything over those there are
-    **{role: _link_again(link) for role, link in _LINKS.items()},
-    Role.PERMISSIONS: f"Where permissions.xml is there, read it and sign it, in the keystore's root: "
-    f"{SIGN_PERMISSIONS}. Else write a policy: {CREATE_PERMISSION}.",
+    **dict.fromkeys(_LINKS, LINK_AGAIN),
+    Role.PERMISSIONS: mechanical(
+        f"Where permissions.xml is there, read it and sign it. Else write a policy: {CREATE_PERMISSION}.",
+        Act.SIGN,
+    ),
     Role.CERTIFICATE: ISSUE_AGAIN,
     Role.KEY: ISSUE_AGAIN,
 }
@@ -66,20 +53,20 @@ def _absent(enclave: Enclave, file: File, message: str) -> Violation:
     return replace(about(enclave, file, message), explains=explains)
 
 
-def _how_to_make(enclave: Enclave, missing: File) -> str:
+def _how_to_make(enclave: Enclave, missing: File) -> Remedy:
     """What makes the one file that is missing, or the enclave where nothing of it is there but a key."""
     files = enclave.files.files
     role = next(role for role in REQUIRED if files[role].path == missing.path)
     there = any(files[each].status is Status.PRESENT for each in REQUIRED if each is not Role.KEY)
     if role is Role.GOVERNANCE and enclave.path == "/":  # what the others link to
-        return f"Restore it, or sign governance.xml, in the keystore's root: {SIGN_GOVERNANCE}."
+        return decision("Restore it, or sign governance.xml.", Act.SIGN_GOVERNANCE)
     return _FOR_WANT_OF[role] if there else _MAKE_AGAIN
 
 
-def link_of(enclave: Enclave, file: File) -> str | None:
-    """The command that makes the link which sros2 has in the file's place, where it has one."""
+def is_linked(enclave: Enclave, file: File) -> bool:
+    """Whether sros2 has a link in the file's place."""
     files = enclave.files.files
-    return next((link for role, link in _LINKS.items() if files[role].path == file.path and enclave.path != "/"), None)
+    return enclave.path != "/" and any(files[role].path == file.path for role in _LINKS)
 
 
 def renaming(keystore: Keystore) -> Callable[[str, Role], str]:
@@ -94,10 +81,7 @@ def renaming(keystore: Keystore) -> Callable[[str, Role], str]:
         if enclave is None or enclave.files.files[role].status is not Status.MISSING or not PLAIN_PATH.fullmatch(path):
             return ""
         wanted = enclave.files.files[role].path
-        return (
-            f"If it is the {wanted.rpartition('/')[2]} that {enclave.path} lacks (KA101), give it that name, in the "
-            f"keystore's root: `mv {path} {wanted}`. Else: "
-        )
+        return f"If it is the {wanted.rpartition('/')[2]} that {enclave.path} lacks (KA101), give it that name."
 
     return remedy
 
@@ -121,8 +105,11 @@ def file_name(file: File) -> str:
     "KA101",
     Severity.HIGH,
     clause=RUN_TIME_FILES,
-    remedy="Make the one file that is missing, as its finding says: `ros2 security create_enclave` would write "
-    f"permissions that allow everything over those there are. Where there is nothing but a key: {CREATE_ENCLAVE}.",
+    remedy=decision(
+        "Make the one file that is missing, as its finding says: `ros2 security create_enclave` would write "
+        "permissions that allow everything over those there are. Where there is nothing but a key: "
+        f"{CREATE_ENCLAVE}."
+    ),
     explains=tuple(_RESTS_ON.values()),
     stops=True,
 )
@@ -142,9 +129,9 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
     "KA102",
     Severity.HIGH,
     clause=RUN_TIME_FILES,
-    remedy="Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy), or make the "
-    f"link again, in the keystore's root: {LINK_GOVERNANCE} or {LINK_CA}, {DEEPER}. `ros2 security "
-    "create_enclave` replaces no link.",
+    remedy=decision(
+        "Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy).", Act.LINK
+    ),
     explains=tuple(_RESTS_ON.values()),
     stops=True,
 )

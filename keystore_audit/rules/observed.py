@@ -17,10 +17,10 @@ from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.profiles import MIDDLEWARE
-from keystore_audit.rules.commands import CREATE_ENCLAVE
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context, given
-from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import CREATE_ENCLAVE, in_permissions
 from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sentence
 from keystore_audit.text import counted, meant
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
     from keystore_audit.model.intended.observed import ExcessGrant, GrantedName, MissingGrant, Observation
     from keystore_audit.model.intended.observed_needs import Need
 
-SUGGEST: Final = "`keystore-audit suggest` prints the least policy for what was seen."
+SUGGEST: Final = "`keystore-audit suggest` prints the least policy for what was seen"
 LAUNCHED: Final = " A launch file names only what it remaps: look whether a node uses them by their own names."
 
 _DOES: Final = {
@@ -54,7 +54,7 @@ def _beside(location: Location, message: str = "") -> Location:
     "KA650",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, SROS2 access control policies",
-    remedy=f"Add it to the policy, unless the node ought not to do it: {WRITE_AGAIN} {SUGGEST}",
+    remedy=in_permissions(f"Allow it, unless the node ought not to do it ({SUGGEST})"),
     applies=_observes,
 )
 def missing_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -109,7 +109,7 @@ def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> V
     "KA651",
     Severity.LOW,
     clause="ROS 2 design, SROS2 access control policies; least privilege (Saltzer and Schroeder 1975)",
-    remedy=f"Take out of the policy what no node needs: {WRITE_AGAIN} {SUGGEST}",
+    remedy=in_permissions(f"Take out what no node needs ({SUGGEST})"),
     applies=_observes,
 )
 def excess_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -155,7 +155,9 @@ def _granted(name: GrantedName) -> str:
     "KA652",
     Severity.HIGH,
     clause="ROS 2 design, ROS 2 security enclaves; ros2/rcl, security.c (the keystore is searched for the exact path)",
-    remedy=f"Start the node in an enclave that there is, `--ros-args --enclave`, or make this one: {CREATE_ENCLAVE}.",
+    remedy=decision(
+        f"Start the node in an enclave that there is, `--ros-args --enclave`, or make this one: {CREATE_ENCLAVE}."
+    ),
     applies=_observes,
 )
 def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -180,7 +182,7 @@ def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Vi
     "KA653",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, Topic and Service name mapping to DDS",
-    remedy=f"Add what the node does with the name to the policy, or take the remapping out: {WRITE_AGAIN}",
+    remedy=in_permissions("Add what the node does with the name to the policy, or take the remapping out"),
     applies=_observes,
 )
 def used_name_without_right(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -206,7 +208,7 @@ def used_name_without_right(_keystore: Keystore, context: Context) -> Iterator[V
     "KA654",
     Severity.INFO,
     clause="ROS 2 design, ROS 2 launch (what only running tells)",
-    remedy="Give arguments with `--launch-argument`, or a graph of the running system with `--graph`.",
+    remedy=decision("Give arguments with `--launch-argument`, or a graph of the running system with `--graph`."),
     applies=_observes,
 )
 def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -239,8 +241,10 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
     "KA655",
     Severity.CRITICAL,
     clause="rcl, security.c and domain_id.c (read)",
-    remedy="Take the variable out of the launch file, and let the robot's environment say it for every process; or "
-    "record the running system, and give that with `--graph`.",
+    remedy=decision(
+        "Take the variable out of the launch file, and let the robot's environment say it for every process; "
+        "or record the running system, and give that with `--graph`."
+    ),
     applies=_observes,
 )
 def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Violation]:

@@ -17,15 +17,16 @@ from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.profiles.access import PartitionReading
 from keystore_audit.model.semantics import DEFAULT_PARTITION
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN, about
+from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import VERBS, more_like, quoted
 
 _ROS: Final = re.compile(f"{DISCOVERY_TOPIC}$|r[tqr]/")
 _ONE_CHARACTER: Final = re.compile(r"\?|\[[^\]]*\]")
 
-NO_PARTITIONS: Final = f"ROS 2 uses no partitions: take them out of the rules, and name the topics alone: {WRITE_AGAIN}"
+NO_PARTITIONS: Final = in_permissions("ROS 2 uses no partitions: take them out of the rules, and name the topics alone")
 
 
 @rule(

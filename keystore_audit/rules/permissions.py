@@ -20,26 +20,22 @@ from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
 from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.model.trust.verdicts import Acceptance
+from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.acceptance import ROWS, verdict
-from keystore_audit.rules.certificate import ISSUE_AGAIN, has_usual_subject, usual_subject
-from keystore_audit.rules.commands import CREATE_PERMISSION, SHOW_SUBJECT, SIGN_PERMISSIONS
+from keystore_audit.rules.certificate import has_usual_subject, usual_subject
 from keystore_audit.rules.contents import dated
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import defective, listed, located, places, quoted, sole
 
-WRITE_AGAIN: Final = (
-    f"correct the policy and run {CREATE_PERMISSION}, or correct permissions.xml and sign it with the permissions CA, "
-    f"in the keystore's root: {SIGN_PERMISSIONS}."
-)
-ALLOW_DOMAINS: Final = (
+ALLOW_DOMAINS: Final = in_permissions(
     "Give the grant an allow rule for every domain that the governance covers (sros2 writes that of ROS_DOMAIN_ID, set "
-    f"as on the robots): {WRITE_AGAIN}"
+    "as on the robots)"
 )
-SIGN_AGAIN: Final = f"To mend it, {WRITE_AGAIN}"
 
 
 def subjects(use: PermissionsUse) -> frozenset[str]:
@@ -68,7 +64,7 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
     "KA501",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD",
-    remedy=SIGN_AGAIN,
+    remedy=in_permissions("Correct what the schema forbids"),
     stops=True,
 )
 def permissions_schema_invalid(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
@@ -84,7 +80,7 @@ def permissions_schema_invalid(use: PermissionsUse, _context: Context) -> Iterat
     "KA502",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
-    remedy=f"Write plain XML, without comments, CDATA, entities and blanks in values: {WRITE_AGAIN}",
+    remedy=in_permissions("Write plain XML, without comments, CDATA, entities and blanks in values"),
     stops=True,
 )
 def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
@@ -95,9 +91,8 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     is too large to be read here is unknown, too: docs/security-model.md has the limits.
     """
     yield from in_document(use, DIFFER, *AMBIGUOUS)
-    remedy = (
-        "Split a document for several enclaves into one for each, or write fewer rules, and fewer names with "
-        f"wildcards: {WRITE_AGAIN}"
+    remedy = in_permissions(
+        "Split a document for several enclaves into one for each, or write fewer rules, and fewer names with wildcards"
     )
     yield from in_document(use, UNREAD, Kind.BEYOND_LIMIT, remedy=remedy)
     dates = (date for grant in use.document.grants for date in (grant.not_before, grant.not_after))
@@ -114,11 +109,15 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
     yield from defective(odd, use.enclaves, DIFFER, undecided=use.may_be_taken)
 
 
+def _name_it(subject: str) -> Remedy:
+    return in_permissions(f"Let <subject_name> say {quoted(subject)}")
+
+
 @rule(
     "KA503",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 4514",
-    remedy=f"Let <subject_name> say what {SHOW_SUBJECT} prints: {WRITE_AGAIN}",
+    remedy=in_permissions("Let <subject_name> say the subject of cert.pem, as RFC 4514 writes it"),
     applies=speaks,
     stops=True,
 )
@@ -134,11 +133,11 @@ def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[
     line = next((grant.subject_name.line for grant in grants), None)
     got = f"got {listed(f'{quoted(name)}' for name in named)}" if named else "there is no grant at all"
     for enclave, first, naming in _unnamed(use, named):
-        wanted, remedy = f"{got}, expected {quoted(first.subject)}", None
+        wanted, remedy = f"{got}, expected {quoted(first.subject)}", _name_it(first.subject)
         if not has_usual_subject(first, enclave, context.keystore):  # to grant it rights moves the fault: see KA220
             usual = usual_subject(enclave, context.keystore)
             wanted = f"{got}, and the identity is {quoted(first.subject)}; expected {quoted(usual)} in both"
-            remedy = f"Let certificate and <subject_name> both say {usual}. {ISSUE_AGAIN}"
+            remedy = decision(f"Let certificate and <subject_name> both say {quoted(usual)}, and issue and sign again.")
         missing = [profile for profile in VARIANTS.values() if profile not in naming]
         yield Violation(
             message=f"No grant names the identity of {enclave.path}: {wanted}.",
@@ -178,7 +177,7 @@ def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
     "KA504",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 (grant); measured: the first one decides",
-    remedy=f"Merge the grants into one, as one <profile> for each node below one <profiles>: {WRITE_AGAIN}",
+    remedy=in_permissions("Merge the grants into one, as one <profile> for each node below one <profiles>"),
     applies=speaks,
 )
 def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
@@ -207,7 +206,7 @@ def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator
     "KA512",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.3; measured on Cyclone DDS 0.10.2 and 11.0.1 and on Fast DDS 2.9.1",
-    remedy=f"Give each enclave a document with its own grant alone: {WRITE_AGAIN}",
+    remedy=in_permissions("Give each enclave a document with its own grant alone"),
     applies=speaks,
 )
 def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -305,7 +304,7 @@ def _gains(permissions: Permissions, given: Iterable[int], had: Collection[int])
     "KA514",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.3 (allow_rule); measured",
-    remedy=f"Allow what the enclave needs, ros_discovery_info among it: {WRITE_AGAIN}",
+    remedy=in_permissions("Allow what the enclave needs, ros_discovery_info among it"),
     applies=speaks,
     stops=True,
 )

@@ -15,8 +15,8 @@ from keystore_audit.model.validity import read_date
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import spoken_of
 from keystore_audit.rules.effect import instant_of
-from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
 from keystore_audit.rules.wording import implementations, more_like, places, quoted, sole
 
@@ -57,7 +57,7 @@ def _faults(text: str, profiles: tuple[Profile, ...]) -> str:
     "KA611",
     Severity.LOW,
     clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3; POSIX 1003.1, 2.13.1 (bracket expressions)",
-    remedy=f"Close each [, or name each topic: {WRITE_AGAIN}",
+    remedy=in_permissions("Close each [, or name each topic"),
     applies=taken,
 )
 def expression_malformed(use: DocumentUse, context: Context) -> Iterator[Violation]:
@@ -92,7 +92,7 @@ def _reading(date: Text, reading: DateReading) -> object:
     "KA613",
     Severity.LOW,
     clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",
-    remedy=f"Write dates as 2026-01-31T00:00:00, in UTC and without a zone, until 2262: {WRITE_AGAIN}",
+    remedy=in_permissions("Write dates as 2026-01-31T00:00:00, in UTC and without a zone, until 2262"),
     applies=speaks,
     stops=True,
 )

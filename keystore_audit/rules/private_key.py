@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
@@ -12,29 +12,26 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.model.inventory import beside_enclaves
-from keystore_audit.rules.certificate import ISSUE_AGAIN
-from keystore_audit.rules.commands import (
-    COPIES,
-    ISSUE_IDENTITY,
-    MAKE_IDENTITY_CA,
-    MAKE_PERMISSIONS_CA,
-    SIGN_GOVERNANCE,
-    SIGN_PERMISSIONS,
-    UNREVIEWED,
-)
+from keystore_audit.remedy import Act, Remedy, decision, mechanical
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.missing_files import renaming
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import ISSUE_AGAIN, issue_again
 from keystore_audit.rules.wording import defective, listed, located, of_kinds, quoted
 
 _OTHERS: Final = 0o077
 """Permission bits of group and others."""
 
-ANEW: Final = {
-    Role.PERMISSIONS_CA: f"{MAKE_PERMISSIONS_CA}. Sign everything with it: {SIGN_GOVERNANCE}, and for every enclave "
-    f"{SIGN_PERMISSIONS}. {UNREVIEWED}.",
-    Role.IDENTITY_CA: f"{MAKE_IDENTITY_CA}. Issue every identity with it: {ISSUE_IDENTITY}.",
-}
+_NEW_CA: Final = {Role.PERMISSIONS_CA: Act.NEW_PERMISSIONS_CA, Role.IDENTITY_CA: Act.NEW_IDENTITY_CA}
+"""What makes another authority in a role."""
+
+
+def authority_anew(roles: Collection[Role], text: str) -> Remedy | None:
+    """How to replace an authority with these roles, after what `text` says; None: it has none."""
+    acts = [act for role, act in _NEW_CA.items() if role in roles]
+    return decision(text, *acts) if acts else None
+
+
 """How to replace an authority of a role whose key others have."""
 
 
@@ -55,8 +52,7 @@ def _octal(file: File) -> str:
     "KA108",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 (the private key is the identity); CWE-732",
-    remedy="Run `chmod 600` on the enclave's key.pem, as the user who runs its nodes; sros2 writes keys with mode "
-    "0644.",
+    remedy=mechanical("sros2 writes keys with mode 0644.", Act.CLOSE_KEY),
     applies=lambda enclave, _context: enclave.key is not None and enclave.key.file.mode is not None,
 )
 def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterator[Violation]:
@@ -83,7 +79,7 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
     "KA109",
     Severity.INFO,
     clause="ROS 2 design, ROS 2 security enclaves (private/ does not leave the machine where keystores are made)",
-    remedy="Ship enclaves/ and public/ only, and keep private/ where identities are issued.",
+    remedy=decision("Ship enclaves/ and public/ only, and keep private/ where identities are issued."),
 )
 def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The private key of an authority lies in the tree: whoever has it issues identities or signs rights.
@@ -116,7 +112,7 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
                     enclave=enclave.path,
                     severity=Severity.CRITICAL,
                     key=subjects[key],
-                    remedy=f"Make a new authority, and for {enclave.path} a key of its own. {ISSUE_AGAIN}",
+                    remedy=issue_again(f"Make a new authority, and for {enclave.path} a key of its own."),
                 )
 
 
@@ -139,7 +135,7 @@ _TAKE_OUT: Final = (
     "KA118",
     Severity.CRITICAL,
     clause="ROS 2 design, ROS 2 security enclaves (a private key belongs to one enclave or to private/); CWE-522",
-    remedy=_TAKE_OUT,
+    remedy=decision(_TAKE_OUT),
 )
 def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A private key stands in a file that enclaves carry or that lies beside them, and is not an enclave's key.pem.
@@ -163,7 +159,7 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
             message=f"A private key is in {file.place}, which goes on robots{whose}.",
             locations=(Location(path=file.place),),
             key=f"{file.place} {file.sha256}{whose}",
-            remedy=f"{own}{_TAKE_OUT}" if own and anew is None else anew,
+            remedy=decision(f"{own} Else: {_TAKE_OUT}") if own and anew is None else anew,
         )
     for enclave in keystore.enclaves:
         if enclave.key is not None:
@@ -180,18 +176,15 @@ def _keys_on_robots(keystore: Keystore, context: Context) -> Iterator[File]:
             yield file
 
 
-def _authority_anew(key: PrivateKey, keystore: Keystore) -> str | None:
+def _authority_anew(key: PrivateKey, keystore: Keystore) -> Remedy | None:
     """How to replace the authority whose key it is, in each of its roles; None: it is that of none."""
     trusted = {
         role: {certificate.key for enclave in keystore.enclaves for certificate in enclave.trusts(role)}
-        for role in ANEW
+        for role in _NEW_CA
     }
-    made = [anew for role, anew in ANEW.items() if trusted[role] & {*key.keys}]
-    if not made:
-        return None
-    return (
-        "Take the key out of the file. Whoever had the file has the key, so that the authority needs another, in the "
-        f"keystore's root: {' '.join(made)} {COPIES}"
+    return authority_anew(
+        [role for role in trusted if trusted[role] & {*key.keys}],
+        "Take the key out of the file. Whoever had the file has the key, so that the authority needs another.",
     )
 
 
@@ -199,7 +192,7 @@ def _authorities(keystore: Keystore) -> dict[str, str]:
     """By key, the subject of each authority that an enclave trusts."""
     found: dict[str, str] = {}
     for enclave in keystore.enclaves:
-        for role in ANEW:
+        for role in _NEW_CA:
             for certificate in enclave.trusts(role):
                 found.setdefault(certificate.key, certificate.subject)
     return found
@@ -239,7 +232,7 @@ def _holders(keystore: Keystore) -> dict[str | None, str]:
     "KA116",
     Severity.HIGH,
     clause="CWE-732",
-    remedy="Run `chmod 600` on the authority's private key; sros2 writes keys with mode 0644.",
+    remedy=mechanical("sros2 writes keys with mode 0644.", Act.CLOSE_KEY),
 )
 def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Other users of the machine may read an authority's private key, and then issue identities or sign rights.
@@ -310,8 +303,9 @@ def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Viol
     "KA211",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.password); measured: ROS 2 passes none",
-    remedy="Take the password off, in the enclave's folder: `rm -f new.pem && openssl pkey -in key.pem "
-    "-out new.pem && mv new.pem key.pem`, `chmod 600 key.pem`.",
+    remedy=decision(
+        "Take the password off: `openssl pkey -in key.pem -out new.pem`, and move that over key.pem (mode 0600)."
+    ),
     applies=lambda enclave, _context: enclave.key is not None,
     stops=True,
 )

@@ -14,8 +14,9 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.governance import CORRECT, domain_rules, topic_rules, violates
+from keystore_audit.rules.governance import domain_rules, topic_rules, violates
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_governance
 from keystore_audit.rules.subjects import GovernanceUse, speaks
 
 
@@ -45,7 +46,7 @@ def _said(domain_rule: DomainRule, topic_rule: TopicRule) -> str:
     "KA407",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
-    remedy="Set <rtps_protection_kind> to SIGN, as sros2 does, " + CORRECT,
+    remedy=in_governance("Set <rtps_protection_kind> to SIGN, as sros2 does"),
     explains=("outsiders-cannot-inject", "outsiders-cannot-replay", "outsiders-cannot-forge-liveliness"),
     applies=speaks,
 )
@@ -68,8 +69,9 @@ def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
     "KA408",
     Severity.INFO,
     clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
-    remedy="Where it matters who talks to whom, set <rtps_protection_kind> to ENCRYPT, which costs computing time, "
-    + CORRECT,
+    remedy=in_governance(
+        "Where it matters who talks to whom, set <rtps_protection_kind> to ENCRYPT, which costs computing time"
+    ),
     applies=speaks,
 )
 def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
@@ -85,7 +87,7 @@ def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator
     "KA409",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.2.4 (discovery_protection_kind) and 9.4.1.2.6 (enable_discovery_protection)",
-    remedy="Set <enable_discovery_protection> to true and <discovery_protection_kind> to ENCRYPT " + CORRECT,
+    remedy=in_governance("Set <enable_discovery_protection> to true and <discovery_protection_kind> to ENCRYPT"),
     explains=("outsiders-cannot-learn-names",),
     applies=speaks,
 )
@@ -110,7 +112,7 @@ def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vio
     "KA410",
     Severity.LOW,
     clause="DDS-Security 1.1, 9.4.1.2.4 (liveliness_protection_kind) and 9.4.1.2.6 (enable_liveliness_protection)",
-    remedy="Set <enable_liveliness_protection> to true and <liveliness_protection_kind> to SIGN or more " + CORRECT,
+    remedy=in_governance("Set <enable_liveliness_protection> to true and <liveliness_protection_kind> to SIGN or more"),
     explains=("outsiders-cannot-forge-liveliness",),
     applies=speaks,
 )
@@ -137,7 +139,7 @@ def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vi
     "KA411",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind)",
-    remedy="Set <metadata_protection_kind> to SIGN or ENCRYPT " + CORRECT,
+    remedy=in_governance("Set <metadata_protection_kind> to SIGN or ENCRYPT"),
     explains=("nobody-writes-without-a-grant", "nobody-reads-without-a-grant", "outsiders-cannot-replay"),
     applies=speaks,
 )
@@ -162,7 +164,7 @@ def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[
     "KA412",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind, data_protection_kind)",
-    remedy="Set <data_protection_kind> or <metadata_protection_kind> to ENCRYPT " + CORRECT,
+    remedy=in_governance("Set <data_protection_kind> or <metadata_protection_kind> to ENCRYPT"),
     explains=("outsiders-cannot-read", "nobody-reads-without-a-grant", "relays-cannot-read"),
     applies=speaks,
 )
@@ -181,7 +183,7 @@ def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violatio
     "KA413",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.5.3.3 (keys of rtps protection) and 9.4.1.2.6",
-    remedy="Set <metadata_protection_kind> or <data_protection_kind> to ENCRYPT " + CORRECT,
+    remedy=in_governance("Set <metadata_protection_kind> or <data_protection_kind> to ENCRYPT"),
     explains=("nobody-reads-without-a-grant", "nobody-writes-without-a-grant", "relays-cannot-read"),
     applies=speaks,
 )
@@ -206,8 +208,9 @@ def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[
     "KA414",
     Severity.CRITICAL,
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.2.6 (protection kinds)",
-    remedy="Set <metadata_protection_kind> and <data_protection_kind> to ENCRYPT and <rtps_protection_kind> to SIGN "
-    + CORRECT,
+    remedy=in_governance(
+        "Set <metadata_protection_kind> and <data_protection_kind> to ENCRYPT and <rtps_protection_kind> to SIGN"
+    ),
     explains=("outsiders-cannot-inject", "outsiders-cannot-replay", "nobody-writes-without-a-grant"),
     applies=speaks,
 )
@@ -229,7 +232,7 @@ def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[V
     "KA415",
     Severity.LOW,
     clause="DDS-Security 1.1, 9.4.1.2.6 (data_protection_kind)",
-    remedy="Set <data_protection_kind> to ENCRYPT " + CORRECT,
+    remedy=in_governance("Set <data_protection_kind> to ENCRYPT"),
     applies=speaks,
 )
 def data_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
@@ -252,7 +255,7 @@ _REFUSE_CONTRADICTION: Final = tuple(
     "KA417",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants, rtps_protection_kind)",
-    remedy="Set <allow_unauthenticated_participants> to false " + CORRECT,
+    remedy=in_governance("Set <allow_unauthenticated_participants> to false"),
     applies=speaks,
     stops=True,
 )

@@ -13,7 +13,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.identity import Identity, LooseKey, alike, compared_of
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.rules.certificate import ISSUE_AGAIN
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import own_grants
@@ -28,9 +28,9 @@ LONGEST: Final = timedelta(days=2 * 366)
 _LATER: Final = timedelta(days=1)
 """How much later than its certificate an enclave's permissions are signed where both were made in one go."""
 
-_ASTRAY: Final = (
+_ASTRAY: Final = decision(
     "Delete the key where it does not belong. Whoever had that robot may have a copy: give the enclave whose it is a "
-    f"new identity, and revoke the old certificate or let no grant name its subject any more. {ISSUE_AGAIN}"
+    "new identity, and revoke the old certificate or let no grant name its subject any more."
 )
 
 _Shared = tuple[Enclave, Certificate, Identity]
@@ -44,8 +44,10 @@ def _deployed(_keystore: Keystore, context: Context) -> bool:
     "KA665",
     Severity.LOW,
     clause="NIST SP 800-57 part 1 revision 5, 5.3.6 (one to two years for authentication keys)",
-    remedy="Issue identities for a year or two, `openssl x509 -req -days 365` in place of sros2's ten years, change "
-    "<not_after> in permissions.xml before it is signed, and renew both in time.",
+    remedy=decision(
+        "Issue identities for a year or two, `openssl x509 -req -days 365` in place of sros2's ten years, "
+        "change <not_after> in permissions.xml before it is signed, and renew both in time."
+    ),
     applies=_deployed,
 )
 def long_validity(keystore: Keystore, _context: Context) -> Iterator[Violation]:
@@ -90,8 +92,7 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
     "KA666",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
-    remedy="Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker. "
-    + ISSUE_AGAIN,
+    remedy=decision("Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker."),
     applies=lambda _keystore, context: context.beside is not None,
 )
 def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -110,7 +111,7 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
             message="The identities here are not those that were compared with the other keystores', moments before: "
             "who shares them is unknown.",
             locations=(Location(path="."),),
-            remedy="Run the audit again while nobody writes into the keystore.",
+            remedy=decision("Run the audit again while nobody writes into the keystore."),
             undecided=True,
             key="changed",
         )
@@ -205,8 +206,10 @@ def _twins(keystore: Keystore, found: Sequence[_Shared]) -> set[str]:
     "KA667",
     Severity.INFO,
     clause="RFC 5652, 11.3 (signingTime); DDS-Security 1.1, 9.4.1.3 (grants name a subject, and have dates)",
-    remedy="Where rights were taken away, issue the identity again under another subject, or wait until the dates of "
-    "the older documents are past.",
+    remedy=decision(
+        "Where rights were taken away, issue the identity again under another subject, or wait until the "
+        "dates of the older documents are past."
+    ),
     applies=_deployed,
 )
 def certificate_older_than_permissions(keystore: Keystore, _context: Context) -> Iterator[Violation]:

@@ -9,6 +9,7 @@ from typing import Any, Final, Generic, TypeVar, cast
 
 from keystore_audit.dataclass import dataclass, field
 from keystore_audit.findings import Location, Severity
+from keystore_audit.remedy import Remedy
 from keystore_audit.rules.context import Context
 
 S = TypeVar("S")
@@ -38,7 +39,7 @@ class Violation:
     key: str = ""
     contents: bool = True
     against: tuple[Location, ...] = ()
-    remedy: str | None = None
+    remedy: Remedy | None = None
     explains: frozenset[str] | None = None
     shared: bool = False
     properties: tuple[str, ...] = ()
@@ -56,7 +57,7 @@ class Rule(Generic[S]):
     severity: Severity
     on: type[S]
     clause: str
-    remedy: str
+    remedy: Remedy
     docstring: str
     explains: frozenset[str] = frozenset()
     stops: bool = False
@@ -84,7 +85,7 @@ def rule(
     severity: Severity,
     *,
     clause: str,
-    remedy: str,
+    remedy: Remedy,
     explains: tuple[str, ...] = (),
     stops: bool = False,
     applies: Callable[[Any, Context], bool] | None = None,

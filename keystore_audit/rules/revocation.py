@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import datetime
-from typing import Any, Final
+from typing import Any
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.crl import RevocationList, crl_signed_by
@@ -15,9 +15,8 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import NO_IDENTITIES, list_missing, names_revoked
+from keystore_audit.remedy import Act, Remedy, decision
 from keystore_audit.rules.acceptance import FAST_DDS
-from keystore_audit.rules.certificate import ISSUE_AGAIN
-from keystore_audit.rules.commands import REVOKE, SIGN_LIST, START_LIST
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import RevocationUse, revocation_uses
@@ -34,11 +33,13 @@ from keystore_audit.rules.wording import (
 )
 from keystore_audit.text import counted, instant
 
-NEW_LIST: Final = (
-    f"In the keystore's root, have a crl.cnf, {START_LIST}, and an index.txt, `touch index.txt`, which keeps what is "
-    f"revoked from list to list. Add each identity that is to be revoked, {REVOKE}, sign the list, {SIGN_LIST}, and "
-    "copy crl.pem into every enclave."
-)
+
+def new_list(first: str = "") -> Remedy:
+    """Another list; `first` says what besides."""
+    return decision(
+        f"{first}Sign a new list with the identity CA (`openssl ca -gencrl`), which holds every identity that "
+        "was revoked so far, and copy it as crl.pem into every enclave."
+    )
 
 
 def _reads(use: RevocationUse) -> tuple[str, ...]:
@@ -68,7 +69,7 @@ def _signed(use: RevocationUse, revocations: RevocationList) -> bool | None:
     "KA212",
     Severity.HIGH,
     clause="RFC 5280, 6.3.3; DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl)",
-    remedy="Take the enclave out of the keystore, or give it a new identity. " + ISSUE_AGAIN,
+    remedy=decision("Take the enclave out of the keystore, or give it a new identity.", Act.ISSUE),
     explains=("identities-chain-to-the-identity-ca",),
     stops=True,
 )
@@ -102,7 +103,7 @@ def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violatio
     "KA213",
     Severity.HIGH,
     clause="RFC 5280, 5 and 6.3.3 (f), (g)",
-    remedy=NEW_LIST,
+    remedy=new_list(),
     stops=True,
 )
 def crl_invalid(use: RevocationUse, context: Context) -> Iterator[Violation]:
@@ -196,7 +197,7 @@ def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, 
     "KA214",
     Severity.HIGH,
     clause="RFC 5280, 5.1.2.4 and 5.1.2.5 (thisUpdate, nextUpdate); measured",
-    remedy=NEW_LIST,
+    remedy=new_list(),
     stops=True,
 )
 def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
@@ -226,7 +227,7 @@ def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
     "KA215",
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl); measured: each peer asks its own list only",
-    remedy="Put the newest crl.pem into every enclave.",
+    remedy=decision("Put the newest crl.pem into every enclave."),
 )
 def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violation]:
     """Some enclaves carry a revocation list and others none, or another one.
@@ -258,7 +259,7 @@ def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violat
     "KA229",
     Severity.HIGH,
     clause="RFC 5280, 5.2.4 (delta lists) and 6.3.3; measured: run times read the first list of crl.pem",
-    remedy="Let one complete list say all that is revoked. " + NEW_LIST,
+    remedy=new_list("Let one complete list say all that is revoked. "),
 )
 def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator[Violation]:
     """What was revoked is in force: a list behind the first, a delta, or an entry that is passed over says so alone.

@@ -12,12 +12,12 @@ from keystore_audit.model.names import ACTION_PART, ACTION_ROLES, SERVICE_ROLES,
 from keystore_audit.model.ros.halves import Half
 from keystore_audit.model.ros.services import Reach, Rivals
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.wording import VERBS, listed, located, places
 
 _PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
-_FEWER: Final = "Write fewer expressions with several wildcards, and name each service and action."
+_FEWER: Final = in_permissions("Write fewer expressions with several wildcards, and name each service and action")
 _DOES: Final = {"request": "request", "reply": "answer", "call": "call", "execute": "execute"}
 
 
@@ -69,8 +69,10 @@ def _united(found: Sequence[Half]) -> tuple[str, ...]:
     "KA630",
     Severity.MEDIUM,
     clause=_PERMISSIONS_XSL,
-    remedy="Allow both halves of the service, or neither: a client publishes rq/NAMERequest and subscribes to "
-    f"rr/NAMEReply, a server the reverse; {WRITE_AGAIN}",
+    remedy=in_permissions(
+        "Allow both halves of the service, or neither: a client publishes rq/NAMERequest and subscribes to "
+        "rr/NAMEReply, a server the reverse"
+    ),
 )
 def half_service(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may ask a service and not read its answers, or the reverse: the node fails when it makes the endpoint.
@@ -86,8 +88,10 @@ def half_service(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     "KA631",
     Severity.MEDIUM,
     clause=f"ROS 2 design, actions (three services and two topics); {_PERMISSIONS_XSL}",
-    remedy="Allow all of the action, or nothing: the services send_goal, cancel_goal and get_result, and the topics "
-    f"feedback and status; {WRITE_AGAIN}",
+    remedy=in_permissions(
+        "Allow all of the action, or nothing: the services send_goal, cancel_goal and get_result, and the "
+        "topics feedback and status"
+    ),
 )
 def half_action(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may use a part of an action's three services and two topics: its client or server is not made.
@@ -140,7 +144,7 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
     Severity.HIGH,
     clause="ROS 2 design, parameters (services of every node); ROS 2 design, SROS2 access control policies (least "
     "privilege)",
-    remedy=f"Let each enclave ask the parameter services of its own nodes alone: {WRITE_AGAIN}",
+    remedy=in_permissions("Let each enclave ask the parameter services of its own nodes alone"),
 )
 def parameter_services_of_others(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may set parameters of a node that runs in another enclave: it decides what that node does.
@@ -156,7 +160,7 @@ def parameter_services_of_others(_keystore: Keystore, context: Context) -> Itera
     "KA633",
     Severity.HIGH,
     clause="ROS 2 design, managed nodes (change_state); ROS 2 design, SROS2 access control policies (least privilege)",
-    remedy=f"Let the one enclave that manages the node ask change_state, and no other: {WRITE_AGAIN}",
+    remedy=in_permissions("Let the one enclave that manages the node ask change_state, and no other"),
 )
 def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may change the state of a managed node that runs in another enclave: it starts and stops it.
@@ -171,7 +175,7 @@ def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Itera
     "KA634",
     Severity.MEDIUM,
     clause="ROS 2 design, SROS2 access control policies (least privilege); analysis of who may publish rr/NAMEReply",
-    remedy=f"Let one enclave alone reply on each service: {WRITE_AGAIN}",
+    remedy=in_permissions("Let one enclave alone reply on each service"),
 )
 def service_served_by_several(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Two enclaves may answer one service: a client takes the answer of either, so that one can be a false server.

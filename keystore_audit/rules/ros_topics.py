@@ -11,10 +11,9 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.intended.observed_needs import TYPE_DESCRIPTION
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.ros.action_topics import ActionPattern
-from keystore_audit.rules.commands import CREATE_PERMISSION
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.wording import VERBS, listed, places, quoted
 
 _DOES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
@@ -24,7 +23,7 @@ _DOES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
     "KA635",
     Severity.LOW,
     clause="ROS 2 design, actions (topics feedback and status below the name and _action)",
-    remedy=f"Name each topic, and each action: {WRITE_AGAIN}",
+    remedy=in_permissions("Name each topic, and each action"),
 )
 def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A pattern for topics takes in the feedback and the status of actions, which it does not name.
@@ -58,8 +57,7 @@ def _severity(found: ActionPattern) -> Severity | None:
     Severity.MEDIUM,
     clause="ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made; "
     "ros2/rclcpp, node_type_descriptions.cpp (read)",
-    remedy="Include sros2's common/node.xml in the profile, add `<service>~/get_type_description</service>` to a "
-    f'`<services reply="ALLOW">` for nodes since Iron, and let sros2 add ros_discovery_info: {CREATE_PERMISSION}.',
+    remedy=in_permissions("Allow get_type_description and what sros2's common/node.xml has, or start nodes without it"),
 )
 def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events, services.

@@ -10,8 +10,8 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import MEASURED, said
-from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 
 _NO_DENIAL: Final = (
     "Take the deny rule out, since what no rule allows is denied by every implementation, and name the topics and "
@@ -23,7 +23,7 @@ _NO_DENIAL: Final = (
     "KA604",
     Severity.MEDIUM,
     clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
-    remedy=f"{_NO_DENIAL}: {WRITE_AGAIN}",
+    remedy=in_permissions(_NO_DENIAL),
 )
 def deny_rule_with_partitions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A deny rule lists partitions, and Fast DDS denies its topics in every partition.
@@ -37,7 +37,7 @@ def deny_rule_with_partitions(_keystore: Keystore, context: Context) -> Iterator
     "KA605",
     Severity.MEDIUM,
     clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (a deny rule without partitions denies in all); {MEASURED}",
-    remedy=f"{_NO_DENIAL}: {WRITE_AGAIN}",
+    remedy=in_permissions(_NO_DENIAL),
 )
 def deny_rule_without_partitions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A deny rule lists no partitions: the specification denies in all, Cyclone DDS in the default partition alone.
@@ -56,7 +56,7 @@ def deny_rule_without_partitions(_keystore: Keystore, context: Context) -> Itera
     "KA606",
     Severity.MEDIUM,
     clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
-    remedy=f"Give each set of partitions an <allow_rule> of its own: {WRITE_AGAIN}",
+    remedy=in_permissions("Give each set of partitions an <allow_rule> of its own"),
 )
 def partitions_of_several_criteria(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An allow rule has several criteria with partitions: Fast DDS allows the topics of each in those of all.
@@ -72,7 +72,7 @@ def partitions_of_several_criteria(_keystore: Keystore, context: Context) -> Ite
     "KA607",
     Severity.MEDIUM,
     clause=f"DDS-Security 1.1, 9.4.1.3 (rules in order); {MEASURED}",
-    remedy=f"List a topic in one rule, with all its partitions: {WRITE_AGAIN}",
+    remedy=in_permissions("List a topic in one rule, with all its partitions"),
 )
 def later_rule_for_other_partitions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Two rules list a topic in different partitions, and Fast DDS stops at the first.
@@ -86,7 +86,7 @@ def later_rule_for_other_partitions(_keystore: Keystore, context: Context) -> It
     "KA608",
     Severity.MEDIUM,
     clause=f"DDS-Security 1.1, 9.4.1.3 (deny_rule); {MEASURED}",
-    remedy=f"{_NO_DENIAL}: {WRITE_AGAIN}",
+    remedy=in_permissions(_NO_DENIAL),
 )
 def deny_rule_blocks_topic(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A deny rule for one operation, or one partition, takes the whole topic away on Cyclone DDS 0.10.
@@ -108,7 +108,7 @@ _RELAY: Final = (
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.3.2.3 (relay); measured on Fast DDS 2.9.1: a reader that may relay alone "
     "receives plain data",
-    remedy=f"Take the <relay> criteria out; no ROS 2 implementation relays: {WRITE_AGAIN}",
+    remedy=in_permissions("Take the <relay> criteria out; no ROS 2 implementation relays"),
 )
 def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A rule is about relaying: on Fast DDS peers give a reader by it what they give a subscriber, plain data.
@@ -123,7 +123,7 @@ def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vi
     Severity.MEDIUM,
     clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch); measured on libc, ACE and "
     "Cyclone DDS 0.10.2",
-    remedy=f"Name each topic, or use one * at the end and neither brackets nor backslashes: {WRITE_AGAIN}",
+    remedy=in_permissions("Name each topic, or use one * at the end and neither brackets nor backslashes"),
 )
 def expression_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An expression matches names under one implementation that it does not match under another.

@@ -18,17 +18,15 @@ from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.trust.signer_path import path_refusal, signer_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, may_sign, vouches
+from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.acceptance import SPEC, accepting
-from keystore_audit.rules.commands import CREATE_PERMISSION, SIGN_DOCUMENT
 from keystore_audit.rules.contents import signed_bytes
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.exchange import EXCHANGED, exchange
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import sign_again
 from keystore_audit.rules.subjects import DocumentUse, SignedUse
 from keystore_audit.rules.wording import implementations, located, of_kinds, paths, places, quoted, sole
-
-SIGN_AGAIN: Final = f"Sign the document again: {SIGN_DOCUMENT}; for permissions {CREATE_PERMISSION} does it."
-_READ_AND_SIGN: Final = f"Read the .xml before you sign it: it may be theirs, too. {SIGN_AGAIN}"
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"
 _FORGED: Final = (
@@ -166,7 +164,7 @@ def _expected(use: SignedUse) -> str:
     "KA301",
     Severity.CRITICAL,
     clause="DDS-Security 1.1, 9.4.1.1 (signed with the private key of the permissions CA)",
-    remedy="Find out who signed it and why. " + _READ_AND_SIGN,
+    remedy=sign_again("Find out who signed it and why. Read the .xml before you sign it: it may be theirs, too."),
     explains=_FORGED,
     applies=_comparable,
     stops=True,
@@ -201,8 +199,12 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
     "KA302",
     Severity.CRITICAL,
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
-    remedy="Treat the enclave as taken over: give it a new identity, use separate authorities for identities and "
-    "permissions, update implementations that accept such a document. " + _READ_AND_SIGN,
+    remedy=decision(
+        "Treat the enclave as taken over: give it a new identity, use separate authorities for identities "
+        "and permissions, update implementations that accept such a document. Read the .xml before you sign "
+        "it: it may be theirs, too.",
+        Act.SIGN,
+    ),
     explains=_FORGED,
     applies=_comparable,
     stops=True,
@@ -232,7 +234,7 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
     "KA303",
     Severity.CRITICAL,
     clause="RFC 5652, 5.4 and 5.6 (message digest, signature verification); DDS-Security 1.1, 9.4.1.1",
-    remedy="Find out who changed the file. " + _READ_AND_SIGN,
+    remedy=sign_again("Find out who changed the file. Read the .xml before you sign it: it may be theirs, too."),
     explains=(_SIGNED,),
     applies=_readable,
     stops=True,
@@ -262,7 +264,7 @@ def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
     "KA316",
     Severity.HIGH,
     clause="RFC 5652, 5.3 (issuerAndSerialNumber); measured: signers are looked up by it",
-    remedy="Sign every document again after renewing the authority's certificate. " + SIGN_AGAIN,
+    remedy=sign_again("Sign every document again after renewing the authority's certificate."),
     explains=(_SIGNED,),
     applies=_comparable,
     stops=True,
@@ -288,8 +290,10 @@ def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation
     "KA317",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.1; measured on Cyclone DDS, Fast DDS and libcrypto (PKCS7_verify)",
-    remedy="Let permissions_ca.cert.pem hold one self-signed certificate, that of the signer, without a keyUsage that "
-    "forbids digital signatures, and let the message hold it too (no -nocerts). " + SIGN_AGAIN,
+    remedy=decision(
+        "Let permissions_ca.cert.pem hold one self-signed certificate, that of the signer, without a keyUsage that "
+        "forbids digital signatures, and let the message hold it too (no -nocerts)."
+    ),
     applies=_comparable,
     stops=True,
 )

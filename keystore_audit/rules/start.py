@@ -10,11 +10,12 @@ from keystore_audit.model.participants.joining import UNGRANTED
 from keystore_audit.model.participants.sight import UNLOADED
 from keystore_audit.model.participants.usability import UNGOVERNED
 from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.rules.certificate import ISSUE_AGAIN, RENEW_AUTHORITY
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import COVER_DOMAIN
 from keystore_audit.rules.permissions import ALLOW_DOMAINS
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import RENEW_AUTHORITY
 from keystore_audit.rules.subjects import Refusal
 from keystore_audit.rules.wording import implementations
 
@@ -23,10 +24,11 @@ from keystore_audit.rules.wording import implementations
     "KA117",
     Severity.HIGH,
     clause="DDS-Security 1.1, 8.2.1 and 9.4.3 (a participant is created only with valid credentials); measured",
-    remedy="Make of what the message names what every implementation takes, and sros2 makes: keys on prime256v1, "
-    f"certificates and documents signed over SHA-256, one self-signed certificate in each CA file. {RENEW_AUTHORITY} "
-    "An authority with another key is another one, which issues and signs everything again. If it is the identity: "
-    f"{ISSUE_AGAIN}",
+    remedy=decision(
+        "Make of what the message names what every implementation takes, and sros2 makes: keys on "
+        "prime256v1, certificates and documents signed over SHA-256, one self-signed certificate in each CA "
+        "file."
+    ),
 )
 def enclave_does_not_start(refusal: Refusal, _context: Context) -> Iterator[Violation]:
     """An implementation creates no participant for the enclave, and no finding of high severity says why.

@@ -22,10 +22,11 @@ from keystore_audit.model.inventory import (
 )
 from keystore_audit.model.participants.stray_identity import Admitted, admitted
 from keystore_audit.model.trust.verdicts import Acceptance, envelope
+from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.missing_files import renaming
 from keystore_audit.rules.registry import Violation, rule
-from keystore_audit.rules.signature import SIGN_AGAIN
+from keystore_audit.rules.remedies import SIGN_AGAIN
 from keystore_audit.rules.subjects import stray_uses
 from keystore_audit.rules.who_takes import Taken
 from keystore_audit.rules.wording import VERBS, listed, located, more_like, of_kinds, places, quoted, sentence
@@ -80,7 +81,7 @@ def _at(strays: Sequence[Stray]) -> tuple[Location, ...]:
     "KA660",
     Severity.HIGH,
     clause=_CLAUSE,
-    remedy=_REVOKE,
+    remedy=decision(_REVOKE),
     applies=_has_strays,
 )
 def several_permissions_for_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -112,7 +113,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
             ),
             # A right that is taken out of the enclaves' own grants is one more that a stray document gives.
             against=places(place for grant in wider for place in grant.against),
-            remedy=f"{rename}{_REVOKE}" if rename else None,
+            remedy=decision(f"{rename} Else: {_REVOKE}") if rename else None,
         )
     known = {grant.document for grant in wider}
     equal = [grant for grant in granting if grant.document not in known]
@@ -133,8 +134,10 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
     "KA661",
     Severity.LOW,
     clause="DDS-Security 1.1, 9.4.1.2 (an enclave applies the governance that it is given)",
-    remedy="Delete it, or keep it where documents are signed; a governance that is validly signed takes the place of "
-    "another by copying one file.",
+    remedy=decision(
+        "Delete it, or keep it where documents are signed; a governance that is validly signed takes the "
+        "place of another by copying one file."
+    ),
     applies=_has_strays,
 )
 def signed_governance_at_large(keystore: Keystore, _context: Context) -> Iterator[Violation]:
@@ -157,7 +160,7 @@ def signed_governance_at_large(keystore: Keystore, _context: Context) -> Iterato
     "KA662",
     Severity.INFO,
     clause=_CLAUSE,
-    remedy="Delete what is not needed; on a robot nothing but its own enclaves' documents is.",
+    remedy=decision("Delete what is not needed; on a robot nothing but its own enclaves' documents is."),
     applies=_has_strays,
 )
 def signed_document_without_effect(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -194,8 +197,10 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
     "KA663",
     Severity.HIGH,
     clause="keystore-audit, docs/model.md (what is not read counts as able to do anything)",
-    remedy="Take the file out of the keystore if it is no document of it. A copy that peers may take goes on counting "
-    "wherever it is: find out what it says.",
+    remedy=decision(
+        "Take the file out of the keystore if it is no document of it. A copy that peers may take goes on "
+        "counting wherever it is: find out what it says."
+    ),
     applies=_has_strays,
 )
 def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -233,7 +238,7 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1.3 (whoever has the key of a certificate that the identity CA issued is a "
     "participant, with what grants give its subject)",
-    remedy=_NEEDED_OR_NOT,
+    remedy=decision(_NEEDED_OR_NOT),
     applies=lambda keystore, _context: bool(
         keystore.identities.found or keystore.identities.possible or keystore.identities.unread
     ),
@@ -272,7 +277,7 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
             f"{more_like(unread)}.",
             locations=places(Location(path=file.place) for file in unread),
             undecided=True,
-            remedy=_FIND_OUT,
+            remedy=decision(_FIND_OUT),
             key="unread",
         )
 
@@ -288,7 +293,7 @@ def _started(found: Sequence[Admitted], taken: str, rename: str) -> Violation:
         locations=places(place for each in found for place in _identity_at(each)),
         severity=Severity.MEDIUM if same else None,
         key=f"{'same' if same else 'other'} subject\n{taken}",
-        remedy=f"{rename}{_NEEDED_OR_NOT}" if rename else None,
+        remedy=decision(f"{rename} Else: {_NEEDED_OR_NOT}") if rename else None,
     )
 
 
@@ -302,7 +307,7 @@ def _perhaps_started(possible: Sequence[Admitted]) -> Iterator[Violation]:
             f"{more_like(possible)}.",
             locations=places(place for each in possible for place in _identity_at(each, "perhaps its private key")),
             undecided=True,
-            remedy=_FIND_OUT,
+            remedy=decision(_FIND_OUT),
             key="possible",
         )
 
@@ -318,8 +323,10 @@ def _identity_at(each: Admitted, key: str = "the private key") -> Iterator[Locat
     "KA669",
     Severity.MEDIUM,
     clause="ros2/rmw_dds_common, security.cpp (enclaves lie in the folder enclaves/ of the keystore that is named)",
-    remedy="Audit this keystore with `-r`, which audits what lies in it too. Then move it out: whoever has this "
-    "keystore has its private keys.",
+    remedy=decision(
+        "Audit this keystore with `-r`, which audits what lies in it too. Then move it out: whoever has this "
+        "keystore has its private keys."
+    ),
 )
 def keystore_inside_keystore(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Outside enclaves/ lies another keystore or an enclave, whole or not, and this audit does not judge it.

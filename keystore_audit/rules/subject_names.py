@@ -15,16 +15,16 @@ from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.inventory import identities_at_large
 from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
 from keystore_audit.model.subjects.comparison import matching, same_meaning
+from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.context import Context
-from keystore_audit.rules.permissions import WRITE_AGAIN
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, permissions_uses
 from keystore_audit.rules.wording import implementations, located, places, quoted
 
-SAFE_FORM: Final = (
+_SAFE_FORM: Final = (
     "Use subjects that every implementation reads alike: one CN, the enclave's path, whose parts are not all parts of "
     "another enclave's path; in the grant `CN=/path` to the letter, ASCII, without blanks, quotes and escapes. Issue "
-    f"the certificates again where that changes a subject, and {WRITE_AGAIN}"
+    "the certificates again where that changes a subject."
 )
 
 _Named = tuple[Grant, PermissionsUse, Certificate, tuple[Profile, ...]]
@@ -63,7 +63,7 @@ def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]
     Severity.CRITICAL,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); DistinguishedName.cpp of Fast DDS, access_control_utils.c of "
     "Cyclone DDS; measured",
-    remedy=SAFE_FORM,
+    remedy=decision(_SAFE_FORM, Act.SIGN_PERMISSIONS),
 )
 def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Some implementation takes a grant to name an identity whose subject is another one.
@@ -98,8 +98,11 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
     "KA520",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 2253; measured",
-    remedy=f"Write <subject_name> as the message writes the identity's subject. Where that is read differently too: "
-    f"{SAFE_FORM}",
+    remedy=decision(
+        "Write <subject_name> as the message writes the identity's subject. Where that is read "
+        f"differently too: {_SAFE_FORM}",
+        Act.SIGN_PERMISSIONS,
+    ),
     stops=True,
 )
 def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[Violation]:

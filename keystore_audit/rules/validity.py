@@ -10,13 +10,14 @@ from keystore_audit.keystore.permissions import Grant
 from keystore_audit.rules.contents import dated
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
-from keystore_audit.rules.permissions import WRITE_AGAIN, about, own_grants
+from keystore_audit.rules.permissions import about, own_grants
 from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import quoted
 from keystore_audit.text import instant
 
-_LATER = f"Let the grant end later: {WRITE_AGAIN}"
+_LATER = in_permissions("Let the grant end later")
 _CLAUSE = "DDS-Security 1.1, 9.4.1.3 (validity: not_before, not_after)"
 
 
@@ -56,7 +57,7 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     "KA506",
     Severity.HIGH,
     clause=_CLAUSE,
-    remedy=f"Wait until then, or let the grant begin earlier: {WRITE_AGAIN}",
+    remedy=in_permissions("Wait until then, or let the grant begin earlier"),
     applies=speaks,
     stops=True,
 )
@@ -93,7 +94,7 @@ def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violat
     "KA513",
     Severity.LOW,
     clause=_CLAUSE,
-    remedy=f"Let the grant end with the identity: {WRITE_AGAIN}",
+    remedy=in_permissions("Let the grant end with the identity"),
     applies=speaks,
 )
 def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
@@ -118,7 +119,7 @@ def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterat
     "KA516",
     Severity.HIGH,
     clause=_CLAUSE,
-    remedy=f"Let not_before come before not_after: {WRITE_AGAIN}",
+    remedy=in_permissions("Let not_before come before not_after"),
     applies=speaks,
     stops=True,
 )

@@ -14,6 +14,7 @@ from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.profiles import Profile
+from keystore_audit.remedy import Remedy
 from keystore_audit.rules.registry import Violation
 from keystore_audit.text import shorten, some
 
@@ -72,7 +73,7 @@ def defective(
     *,
     undecided: bool = False,
     severity: Severity | None = None,
-    remedy: str | None = None,
+    remedy: Remedy | None = None,
 ) -> Iterator[Violation]:
     """One violation for all defects of one kind in one file, each of them a location of it; `says` what follows.
 

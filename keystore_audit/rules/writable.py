@@ -9,6 +9,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
+from keystore_audit.remedy import Act, mechanical
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.wording import listed, places
@@ -31,8 +32,7 @@ def _written_by_others(file: File) -> bool:
     "KA119",
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1 (the CA certificates decide who is trusted); CWE-732",
-    remedy="Run `chmod -R go-w .` in the keystore's root, as the user who owns it. Compare what is there with what was "
-    "issued: whoever could write may have done so.",
+    remedy=mechanical("Compare what is there with what was issued: whoever could write may have done so.", Act.CLOSE),
 )
 def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Others than the owner may write CA certificates, folders on the way to what enclaves read, or files of enclaves.

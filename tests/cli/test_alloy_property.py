@@ -111,7 +111,7 @@ def test_without_alloy_it_is_open(report: Reported) -> None:
     assert len(told) == 2
     assert all("--engine native" in message for message in told)
     assert all(message.count("Alloy alone decides this") == 1 for message in told)
-    remedies = {each["remedy"] for each in found["findings"] if each["code"] == "KA906"}
+    remedies = {each["fix"]["steps"][0]["text"] for each in found["findings"] if each["code"] == "KA906"}
     (advice,) = remedies
     assert "`--engine both`" in advice  # nothing is unread here
 
@@ -219,7 +219,7 @@ def test_what_could_not_be_read_leaves_it_open(sample: str, why: str, report: Re
     ]
     assert len(told) == 2
     assert all(why in message for message in told)
-    advice = {each["remedy"] for each in found["findings"] if each["code"] == "KA906"}
+    advice = {each["fix"]["steps"][0]["text"] for each in found["findings"] if each["code"] == "KA906"}
     assert all("what the other findings call unread" in each for each in advice)
 
 

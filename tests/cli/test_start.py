@@ -85,7 +85,7 @@ def test_every_rule_is_explained_by_code_and_by_name(capsys: pytest.CaptureFixtu
         assert by_code.startswith(f"{rule.code} {rule.name} ({rule.severity.value})\n\n")
         flat = " ".join(by_code.split())
         assert f"Clause: {rule.clause}" in flat
-        assert f"Remedy: {' '.join(rule.remedy.split())}" in flat
+        assert f"Remedy: {' '.join(rule.remedy.text.split())}" in flat
 
 
 def test_every_property_is_explained_by_its_id(capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,6 +14,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.remedy import decision
 from keystore_audit.report.content import Anchor, Anchors, EnclaveEntry, Report, Scope, Verdict
 
 PROFILES = ("spec", "fastdds-2.6", "cyclonedds-0.10")
@@ -30,7 +31,7 @@ def _finding(code: str, name: str, severity: Severity, enclave: str | None, path
         name=name,
         severity=severity,
         message="",
-        remedy="",
+        fix=decision("Do something."),
         clause="DDS-Security 1.1, 9.4.1.1",
         enclave=enclave,
         locations=(Location(path=path, line=1),),
@@ -49,7 +50,7 @@ def _findings(name: str) -> tuple[Finding, ...]:
         document,
         message=f"permissions.p7s is signed by the identity CN=/{name}, not by the permissions CA "
         "CN=permissionsCA. fastdds-2.6 refuses it, cyclonedds-0.10 accepts it.",
-        remedy="Sign the document again with the key of the permissions CA.",
+        fix=decision("Sign the document again with the key of the permissions CA."),
         locations=(Location(path=document, line=41, message="the signature"), Location(path=document)),
         profiles=("cyclonedds-0.10",),
     )
@@ -60,7 +61,7 @@ def _findings(name: str) -> tuple[Finding, ...]:
         f"/{name}",
         document,
         message=f"/{name} signs itself permissions.",
-        remedy="Use a separate permissions CA.",
+        fix=decision("Use a separate permissions CA."),
         explained_by=(signed.fingerprint,),
         profiles=("cyclonedds-0.10",),
     )
@@ -71,7 +72,7 @@ def _findings(name: str) -> tuple[Finding, ...]:
         "/listener",
         "enclaves/listener/cert.pem",
         message="The identity certificate of /listener expires at 2025-06-20T00:00:00Z, 19 days after the audit.",
-        remedy="Issue the identity again.",
+        fix=decision("Issue the identity again."),
         clause="DDS-Security 1.1, 9.3.1; RFC 5280, 4.1.2.5",
     )
     ca_key = _finding(
@@ -81,7 +82,7 @@ def _findings(name: str) -> tuple[Finding, ...]:
         None,
         "private/ca.key.pem",
         message="The private key of the CA CN=sros2CA is in the tree.",
-        remedy="Leave it out of what goes on a robot.",
+        fix=decision("Leave it out of what goes on a robot."),
         locations=tuple(Location(path=f"private/ca{number}.key.pem") for number in range(8)),
     )
     accepted = _finding(

@@ -20,6 +20,7 @@ from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Outcome, Result, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.properties import Status
+from keystore_audit.remedy import Act, Kind, Remedy, Step
 from keystore_audit.report import junit, markdown, sarif, statement
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.rules import RULES
@@ -41,11 +42,26 @@ def log(report: Report) -> dict[str, Any]:
 
 
 class TestSarif:
-    def test_the_message_has_the_names_of_what_it_is_about_in_its_commands(self, make_report: MakeReport) -> None:
+    def test_the_message_is_whole_and_the_steps_are_carried(self, make_report: MakeReport) -> None:
         report = make_report()
-        one = replace(report.findings[0], enclave="/talker", remedy="Sign enclaves/ENCLAVE/permissions.xml.")
+        steps = (Step(text="Decide."), Step(text="Sign it.", act=Act.SIGN).at(("enclaves/a/permissions.p7s",)))
+        fix = Remedy(kind=Kind.DECISION, steps=steps)
+        one = replace(report.findings[0], message="long " * 400, fix=fix)
         (result,) = log(replace(report, findings=(one,)))["runs"][0]["results"]
-        assert result["message"]["text"].endswith("What to do: Sign enclaves/talker/permissions.xml.")
+        assert one.message in result["message"]["text"]
+        assert result["message"]["text"].endswith("What to do: Decide. Sign it: enclaves/a/permissions.p7s.")
+        assert result["properties"]["fix"] == {
+            "kind": "decision",
+            "steps": [
+                {"text": "Decide."},
+                {
+                    "text": "Sign it: enclaves/a/permissions.p7s.",
+                    "act": "sign",
+                    "paths": ["enclaves/a/permissions.p7s"],
+                },
+            ],
+            "command": ["keystore-audit", "explain", one.code, "--for", report.keystore],
+        }
 
     @given(name=HOSTILE)
     def test_it_is_valid_whatever_things_are_called(self, name: str, make_report: MakeReport) -> None:

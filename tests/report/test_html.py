@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from keystore_audit import text as escaping
-from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.html import element as html
@@ -165,14 +164,6 @@ class TestWhatIsSaid:
         assert "under cyclonedds-0.10" in first
         assert "the property no-enclave-grants-itself-rights is violated, for example:" in first
         assert first.count("Sign the document again with the key of the permissions CA.") == 1
-
-    def test_a_finding_that_is_alone_has_its_names_in_the_remedy(self, make_report: MakeReport) -> None:
-        report = make_report()
-        one = replace(report.findings[0], enclave="/talker", remedy="Sign enclaves/ENCLAVE/permissions.xml.")
-        other = replace(one, enclave="/other", fingerprint="f" * 64)
-        for found, said in (((one,), "enclaves/talker/"), ((one, other), "enclaves/ENCLAVE/")):
-            page = words(lxml.html.fromstring(render([replace(report, findings=found)], Severity.INFO)))
-            assert f"Sign {said}permissions.xml." in page
 
     def test_what_is_hidden_is_counted_and_the_verdict_stays(self, make_report: MakeReport) -> None:
         shown = words(document(render([make_report()], Severity.HIGH)))

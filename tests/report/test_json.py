@@ -29,7 +29,7 @@ REPORT_KEYS = [
     "properties", "findings", "blast_radius", "summary", "outcomes",
 ]  # fmt: skip
 FINDING_KEYS = [
-    "code", "name", "severity", "message", "remedy", "clause", "enclave", "locations", "profiles", "explained_by",
+    "code", "name", "severity", "message", "fix", "clause", "enclave", "locations", "profiles", "explained_by",
     "fingerprint", "suppressed",
 ]  # fmt: skip
 

@@ -31,11 +31,16 @@ MARKERS = (
     "::set-output name=x::",
     "\x1b[2J",
 )
-HOSTILE = st.lists(st.sampled_from(MARKERS) | st.text("ab:#[] ", max_size=4), min_size=1, max_size=4).map("".join)
+HOSTILE = (
+    st.lists(st.sampled_from(MARKERS) | st.text("ab:#[] ", max_size=4), min_size=1, max_size=4)
+    .map("".join)
+    .filter(bool)
+)
 
 COMMANDS = (
     *(("audit", "KEYSTORE", "--engine", "native", "-v", "-f", kind) for kind in FORMATS),
     ("audit", "KEYSTORE", "--engine", "native", "-q"),
+    *(("explain", code, "--for", "KEYSTORE") for code in ("KA119", "KA411", "KA706", "KA724")),
     *(("access", "KEYSTORE", "-f", kind) for kind in ("text", "json", "csv")),
     *(("diff", "KEYSTORE", "OTHER", "-f", kind) for kind in ("text", "json", "markdown")),
     *(("flow", "KEYSTORE", "ENCLAVE", "/b", "-f", kind) for kind in ("text", "json")),

@@ -17,6 +17,7 @@ from keystore_audit.findings import Finding, Location, Outcome, Result, Severity
 from keystore_audit.model.meaning import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.remedy import decision
 from keystore_audit.report import markdown
 from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_PLACES
 from keystore_audit.report.content import Report, Verdict
@@ -229,27 +230,6 @@ def test_a_thousand_findings_keep_their_order(make_report: MakeReport) -> None:
     assert f"and {1000 - MAX_ALIKE - MAX_ABOUT} more (all are in the JSON report)" in flat(text)
 
 
-def test_clause_and_remedy_are_given_in_full_once(make_report: MakeReport) -> None:
-    report = make_report()
-    expires = report.findings[2]
-    again = replace(expires, enclave="/other", message="This one too.", fingerprint="f" * 64)
-    elsewhere = replace(expires, enclave="/third", fingerprint="e" * 64, remedy="Something else.")
-    text = full(replace(report, findings=(expires, again, elsewhere)))
-    assert text.count("Issue the identity again.") == 1
-    assert text.count("  fix     as for KA205 above\n") == 1
-    assert "Something else." in text
-
-
-def test_a_remedy_of_several_rules_is_given_in_full_once(make_report: MakeReport) -> None:
-    """What each breaks is its own."""
-    report = make_report()
-    expires = report.findings[2]
-    other = replace(expires, code="KA207", clause="Another clause.", fingerprint="f" * 64)
-    text = full(replace(report, findings=(expires, other)))
-    assert text.count("Issue the identity again.") == 1
-    assert "  clause  Another clause.\n  fix     as for KA205 above\n" in text
-
-
 @pytest.mark.parametrize("severity", [Severity.CRITICAL, Severity.LOW])
 def test_what_is_the_same_but_for_the_enclave_is_said_once(severity: Severity, make_report: MakeReport) -> None:
     report = make_report()
@@ -266,7 +246,7 @@ def test_what_is_the_same_but_for_the_enclave_is_said_once(severity: Severity, m
         replace(others[0], message="/e1 is another."),
         replace(others[0], message="ENCLAVE is the same."),
         replace(others[0], severity=Severity.MEDIUM),
-        replace(others[0], remedy="Something else."),
+        replace(others[0], fix=decision("Something else.")),
         replace(others[0], profiles=("spec",)),
         replace(others[0], enclave=None),
     ):

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import MAX_PLACES, Finding, Location, Result, Severity
 from keystore_audit.keystore.files import Status as FileStatus
+from keystore_audit.remedy import decision
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Violation
@@ -157,7 +158,7 @@ def test_rules_that_were_left_out_leave_nothing_unused_and_what_ended_is_said_al
 
 def finding(code: str = "KA205", mark: str = "a", **more: Any) -> Finding:
     more = {
-        "name": "x", "severity": Severity.HIGH, "message": "", "remedy": "", "clause": "", "enclave": None,
+        "name": "x", "severity": Severity.HIGH, "message": "", "fix": decision("Do it."), "clause": "", "enclave": None,
         "locations": (Location(path="enclaves/talker/cert.pem"),), **more,
     }  # fmt: skip
     return Finding(code=code, fingerprint=mark * 64, **more)

@@ -21,6 +21,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.remedy import Act
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.algorithm import weak_key, weak_signature_algorithm
 from keystore_audit.rules.subjects import certificate_uses
@@ -313,10 +314,10 @@ def test_one_authority_matters_more_where_the_signer_is_not_pinned(
 def test_a_second_authority_is_not_asked_for_where_there_is_one() -> None:
     """Somebody put both certificates into one file."""
     (found,) = findings("KA222", judged(one_authority(healthy())))
-    assert found.remedy.startswith("Make a second authority")
+    assert found.fix.text.startswith("Make a separate permissions CA")
     bundle = certificates("public/permissions_ca.cert.pem", PERMISSIONS_CA, IDENTITY_CA)
     (found,) = findings("KA222", judged(both(permissions_ca=bundle)(healthy())))
-    assert found.remedy.startswith("Leave in each CA file the authority of its role alone.")
+    assert found.fix.text.startswith("Leave in each CA file the authority of its role alone.")
 
 
 def test_authorities_of_different_names_but_one_key_are_one() -> None:
@@ -504,10 +505,10 @@ def test_an_authority_with_a_weak_key_gets_another() -> None:
     """Renewing it, or issuing an identity again, leaves the key as it is."""
     authority = changed(certificates("public/identity_ca.cert.pem", pem("identityCA")), key_kind="RSA 1024")
     (found,) = findings("KA216", judged(talker(identity_ca=authority)(healthy())))
-    assert "-keyout private/new.key.pem" in found.remedy
+    assert [step.act for step in found.fix.steps] == [None, Act.NEW_IDENTITY_CA]
     own = changed(certificates(CERT, pem("/talker")), key_kind="RSA 1024")
     (found,) = findings("KA216", judged(talker(certificate=own)(healthy())))
-    assert "private/new.key.pem" not in found.remedy
+    assert [step.act for step in found.fix.steps] == [None, Act.ISSUE]
 
 
 @pytest.mark.parametrize(

@@ -116,7 +116,7 @@ def test_opendds_starts_nobody_with_the_governance_of_sros2() -> None:
     assert (finding.code, finding.severity, finding.profiles) == ("KA602", Severity.HIGH, ("opendds",))
     assert finding.locations[0].path == "enclaves/governance.p7s"
     assert "/listener, /talker: start under DDS-Security 1.1, and not under OpenDDS" in finding.message
-    assert "weakens" in finding.remedy
+    assert "weakens" in finding.fix.text
 
 
 def test_a_finding_says_who_does_what_where() -> None:

@@ -231,14 +231,14 @@ def test_a_grant_that_begins_today_is_open_under_fastdds_until_the_zone_is_said(
     report = audit(store, at=at, profiles=["humble"], engine="native", time_zone=zone)
     open_now = [finding for finding in report.findings if finding.code == "KA901"]
     assert [finding.profiles for finding in open_now] == told
-    assert all("`--time-zone" in finding.remedy for finding in open_now)
+    assert all("`--time-zone" in finding.fix.text for finding in open_now)
 
 
 @pytest.mark.parametrize(("reason", "forwards"), [("", False), ("no forward says what happens there", True)])
 def test_forwards_settle_nothing_but_determinism(reason: str, forwards: bool) -> None:
     (asserted,) = CASES["KA740"]["results"]
     (found,) = judged(results=(replace(asserted, profiles={"spec": answer(UNKNOWN)}, reason=reason),)).findings
-    assert (found.code, "[[forward]]" in found.remedy) == ("KA906", forwards)
+    assert (found.code, "[[forward]]" in found.fix.text) == ("KA906", forwards)
 
 
 def test_an_asserted_property_has_the_severity_and_the_place_that_its_user_gave() -> None:

@@ -95,7 +95,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
 )
 def test_what_is_beyond_a_limit_is_said_to_be_that(kind: Kind, says: str, remedy: str) -> None:
     (found,) = findings("KA402", judged(unread(kind)(healthy())))
-    assert (found.undecided, found.message.endswith(says), found.remedy.startswith(remedy)) == (True, True, True)
+    assert (found.undecided, found.message.endswith(says), found.fix.text.startswith(remedy)) == (True, True, True)
 
 
 @pytest.mark.parametrize("code", CASES)

@@ -16,6 +16,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.properties import Status
 from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.remedy import decision
 from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import MAX_MESSAGE, judge
@@ -61,7 +62,7 @@ def made(
         severity=Severity.MEDIUM,
         on=Keystore,
         clause="a clause",
-        remedy="Do it.",
+        remedy=decision("Do it."),
         docstring="Why.",
         explains=frozenset(explains),
         check=check,

@@ -333,7 +333,7 @@ def test_where_it_is_the_domain_no_certificates_are_made_anew(reasons: tuple[str
     """Cyclone DDS and a ROS_DOMAIN_ID that sros2 was not told of: the usual reason of all."""
     uncovered = Usability(usable=False, reasons=reasons)
     (found,) = findings("KA117", judged(meaning=meaning(usability={("enclaves/talker", "cyclonedds-11"): uncovered})))
-    assert [each for each in ("prime256v1", "let it cover", "allow rule") if each in found.remedy] == [told]
+    assert [each for each in ("prime256v1", "let it cover", "allow rule") if each in found.fix.text] == [told]
 
 
 def test_a_finding_that_is_no_reason_does_not_speak_for_it() -> None:

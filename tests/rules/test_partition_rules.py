@@ -99,4 +99,4 @@ def test_a_name_of_ros_that_is_allowed_in_partitions_alone_is_nobody_s(rules: Se
     assert [each.code for each in found] == ["KA625"] * len(said)
     for finding, words in zip(found, said, strict=True):
         assert words in finding.message
-        assert "take them out of the rules" in finding.remedy
+        assert "take them out of the rules" in finding.fix.text

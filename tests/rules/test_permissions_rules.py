@@ -109,7 +109,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
 )
 def test_what_is_beyond_a_limit_is_said_to_be_that(kind: Kind, says: str, remedy: str) -> None:
     (found,) = findings("KA502", judged(unread(kind)(healthy())))
-    assert (found.undecided, found.message.endswith(says), found.remedy.startswith(remedy)) == (True, True, True)
+    assert (found.undecided, found.message.endswith(says), found.fix.text.startswith(remedy)) == (True, True, True)
 
 
 @pytest.mark.parametrize("code", CASES)
@@ -143,7 +143,7 @@ def test_a_subject_that_is_no_text_of_a_grant_has_one_finding_of_who_does_not_fi
     assert set(found.profiles or VARIANTS) == set(VARIANTS) - finding_it
     assert code == "KA520" or f"got '{named}', expected 'CN=/talker'" in found.message
     if code == "KA520":
-        assert found.remedy.startswith("Write <subject_name> as the message writes the identity's subject.")
+        assert found.fix.text.startswith("Write <subject_name> as the message writes the identity's subject.")
         meant = found.message.partition("the identity '")[2].partition("'")[0]
         assert becomes(granted(grant("/talker", subject_name=text(meant, 39)))) == []
 
@@ -164,9 +164,9 @@ def test_of_an_odd_identity_the_certificate_is_what_has_to_change(named: str) ->
     own = permissions(P7S, grant("/talker", subject_name=text(named, 39)))
     found = findings("KA503", judged(talker(certificate=odd, permissions=own)(healthy())))
     assert f"got '{named}', and the identity is 'CN=talker'; expected 'CN=/talker' in both" in found[0].message
-    assert found[0].remedy.startswith("Let certificate and <subject_name> both say CN=/talker. ")
+    assert found[0].fix.text.startswith("Let certificate and <subject_name> both say 'CN=/talker', ")
     even = findings("KA503", judged(granted(grant("/other"))(healthy())))
-    assert even[0].remedy.startswith("Let <subject_name> say ")
+    assert even[0].fix.text.startswith("Let <subject_name> say ")
 
 
 def test_an_empty_document_has_no_grant_for_anybody() -> None:

@@ -12,6 +12,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.result import PropertyResult
+from keystore_audit.remedy import Kind, decision
 from keystore_audit.rules import BY_CODE, RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Rule, Violation, rule
@@ -63,8 +64,9 @@ def test_every_rule_says_what_why_and_what_to_do(one: Rule[Any]) -> None:
     assert len(one.description) > 60
     assert one.clause.strip()
     assert not one.clause.endswith(".")
-    assert one.remedy.rstrip("`").endswith(".")
-    assert one.remedy.count("`") % 2 == 0
+    assert all(step.text.endswith(".") for step in one.remedy.steps)
+    assert one.remedy.text.count("`") % 2 == 0
+    assert (one.remedy.kind is Kind.MECHANICAL) <= any(step.act for step in one.remedy.steps)
 
 
 def test_formal_rules_are_the_properties() -> None:
@@ -109,7 +111,7 @@ def test_every_rule_has_a_test_that_makes_it_speak() -> None:
 def test_no_command_is_left_out_of_a_remedy_by_mistake() -> None:
     """Commands stand between backticks, so that a report can set them apart."""
     for r in RULES:
-        outside = "".join(r.remedy.split("`")[::2])
+        outside = "".join(r.remedy.text.split("`")[::2])
         assert "openssl " not in outside, r.code
         assert "ros2 security" not in outside, r.code
 
@@ -129,7 +131,7 @@ def test_a_code_or_name_that_is_taken_is_refused(
     code: str, check: Callable[[Keystore, Context], Iterator[Violation]]
 ) -> None:
     with pytest.raises(ValueError, match="registered twice"):
-        rule(code, Severity.LOW, clause="x", remedy="x.")(check)
+        rule(code, Severity.LOW, clause="x", remedy=decision("x."))(check)
 
 
 def test_a_rule_without_a_docstring_is_refused() -> None:
@@ -137,4 +139,4 @@ def test_a_rule_without_a_docstring_is_refused() -> None:
         yield from ()
 
     with pytest.raises(ValueError, match="no docstring"):
-        rule("KA998", Severity.LOW, clause="x", remedy="x.")(silent)
+        rule("KA998", Severity.LOW, clause="x", remedy=decision("x."))(silent)

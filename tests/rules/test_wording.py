@@ -85,4 +85,4 @@ def test_what_is_wrong_with_an_expression_is_said_once() -> None:
 def test_clauses_say_what_they_rest_on() -> None:
     assert "rmw_zenoh" in found("KA676")["clause"]
     assert found("KA602")["clause"].endswith("others as docs/profiles.md tells")
-    assert "Wait until then, or let the grant begin earlier: correct" in found("KA506")["remedy"]
+    assert found("KA506")["fix"]["steps"][0]["text"] == "Wait until then, or let the grant begin earlier."

@@ -10,7 +10,6 @@ from keystore_audit.grouped import grouped
 from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, place
 from keystore_audit.report.html.sheet import FULL, Sheet, severity
-from keystore_audit.report.remedy import exact
 from keystore_audit.text import counted, shorten
 
 MAX_OF_RULE: Final = 30
@@ -62,8 +61,7 @@ def _rule(sheet: Sheet, rank: int, found: Sequence[Finding], consequences: Conse
     body = told[:seen]
     if told[seen:]:
         body.append(folded(f"{len(found) - seen} more alike", lines([*told[seen:], *rest]), class_="more"))
-    one = len(found) == 1  # else the names in commands are those of each
-    given = dict.fromkeys((each.clause, exact(each) if one else each.remedy) for each in shown)
+    given = dict.fromkeys((each.clause, each.fix.text if len(found) == 1 else each.fix.general) for each in shown)
     advice = [_advice(clause, remedy) for clause, remedy in given]
     open_ = list(Severity)[rank] in _OPEN
     return folded(title, element("div", lines([*body, *advice]), class_="rule"), open_=open_, class_="findings")
