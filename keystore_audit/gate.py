@@ -8,13 +8,14 @@ from typing import Final
 from keystore_audit.assumptions import Assumption, Needed
 from keystore_audit.dataclass import replace
 from keystore_audit.engine.horizon import Horizon
+from keystore_audit.errors import UsageError
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.intent.environment import DISTRIBUTION, DOMAIN, RMW, Environment
-from keystore_audit.model.profiles import DEFAULT, Profile, running
+from keystore_audit.model.profiles import Profile, implementations, resolve, running, scope_of
 from keystore_audit.options import DEFAULT_NOTICE, Options
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
-from keystore_audit.report.content import Verdict, conditions_of
+from keystore_audit.report.content import PEERS_IN_SCOPE, Verdict, conditions_of
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement
@@ -61,20 +62,13 @@ def started_with(environment: Environment) -> tuple[str, ...]:
     return running(environment.value(DISTRIBUTION), environment.value(RMW))
 
 
-def weakened(options: Options, profiles: Sequence[Profile], environment: Environment | None) -> tuple[str, ...]:
-    """What makes this gate laxer than the default one; `options`: with the profiles of the environment, where none
-    were given.
-    """
+def weakened(options: Options) -> tuple[str, ...]:
+    """What makes this gate laxer than the default one. A narrower scope does not: it is another question."""
     weakened = []
     if options.fail_on is None or not Severity.HIGH.at_least(options.fail_on):
         weakened.append(f"--fail-on {options.fail_on.value if options.fail_on else 'never'}")
     weakened += [f"--ignore {code}" for code in options.ignore]
     weakened += [f"--select {code}" for code in options.select]
-    if not {profile.name for profile in profiles}.issuperset(DEFAULT):
-        if environment is not None and options.profiles == started_with(environment):
-            weakened.append(f"--env {environment.file.path}: profile {', '.join(options.profiles)} alone")
-        else:
-            weakened += [f"--profile {name}" for name in options.profiles]
     if options.expires_within < DEFAULT_NOTICE:
         weakened.append(f"--expires-within {options.expires_within.days}")
     settings = options.settings
@@ -133,8 +127,28 @@ def assumptions(context: Context, options: Options, *, authorities_declared: boo
             yield Needed(assumption=assumption, needed_by=by, declared=declared.get(assumption))
 
 
-def stated(options: Options) -> Iterator[str]:
-    """What options say of the robots: the zone in which dates are read, and the arguments of launch files."""
+def scoped(options: Options) -> Options:
+    """The options with the scope that the settings declare, where the command says nothing.
+
+    Raises errors.UsageError where the command leaves out what they declare.
+    """
+    settings = options.settings
+    if settings is None or not settings.scope:
+        return options
+    if not options.profiles:
+        return replace(options, profiles=settings.scope)
+    chosen = {profile.name for profile in resolve(options.profiles)}
+    missing = [name for name in settings.scope if name not in chosen]
+    if missing:
+        declared = f"{settings.file.path} declares the scope {scope_of(settings.scope) or 'of all distributions'}"
+        raise UsageError(f"{declared}: the command leaves out {implementations(missing)}.")
+    return options
+
+
+def stated(options: Options, scope: str) -> Iterator[str]:
+    """What options say of the robots: what they run, the zone in which dates are read, arguments of launch files."""
+    if scope:
+        yield f"{PEERS_IN_SCOPE[0].upper()}{PEERS_IN_SCOPE[1:]}: {scope}."
     if options.time_zone is not None:
         where = f"Robots are in the time zone {options.time_zone.key} (--time-zone)"
         yield f"{where}: some implementations read the dates of grants in local time."

@@ -21,6 +21,7 @@ from keystore_audit.gate import (
     assumptions,
     complete,
     passed_over,
+    scoped,
     started_with,
     stated,
     verdict,
@@ -38,7 +39,7 @@ from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import certificates_of, system_documents
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import Profile, resolve
+from keystore_audit.model.profiles import Profile, resolve, scope_of
 from keystore_audit.model.trust import authorities as trust
 from keystore_audit.options import Options, Progress
 from keystore_audit.properties.property import Status
@@ -48,9 +49,9 @@ from keystore_audit.report.content import (
     NOT_CHECKED,
     Anchor,
     Anchors,
+    Checked,
     EnclaveEntry,
     Report,
-    Scope,
 )
 from keystore_audit.report.excerpts import excerpts
 from keystore_audit.report.not_checked import unread, untested
@@ -84,6 +85,7 @@ def audit(
     environment = read_environment(options.environment) if options.environment is not None else None
     if environment is not None:
         options = _as_started(options, environment)
+    options = scoped(options)
     profiles = resolve(options.profiles)
     accepted = acceptances(options)
     policy = _policy(options)
@@ -256,6 +258,7 @@ def _report(
     anchors = trust.trusted(context.keystore, context.authorities)
     agree = all(result.engines_agree for result in context.results)
     assumed = tuple(assumptions(context, options, authorities_declared=context.authorities.complete))
+    scope = scope_of([profile.name for profile in context.profiles])
     return Report(
         version=__version__,
         keystore=context.keystore.root,
@@ -268,12 +271,12 @@ def _report(
         exit_code=exit_code,
         fail_on=options.fail_on,
         weakened=(
-            *weakened(options, context.profiles, context.environment),
+            *weakened(options),
             *passed_over(options, context.profiles, context.environment),
             *accepted_by(judgement.findings),
         ),
         assumptions=assumed,
-        stated=tuple(stated(options)),
+        stated=tuple(stated(options, scope)),
         engines=context.engines,
         engines_agree=agree if len(answered) > 1 else None,
         enclaves=_enclaves(context),
@@ -281,7 +284,8 @@ def _report(
         findings=judgement.findings,
         authorities=tuple(map(_anchors, anchors)),
         outcomes=judgement.outcomes,
-        scope=_scope(context),
+        checked=_checked(context),
+        scope=scope,
         deployed=options.deployed,
         domain=options.domain,
         files=tuple(_files(context)),
@@ -350,10 +354,10 @@ def _enclaves(context: Context) -> tuple[EnclaveEntry, ...]:
     return tuple(entries)
 
 
-def _scope(context: Context) -> Scope:
+def _checked(context: Context) -> Checked:
     meaning, keystore = context.meaning, context.keystore
     system = meaning.systems[0] if meaning.systems else None
-    return Scope(  # systems have certificates besides, for what is unread or elsewhere
+    return Checked(  # systems have certificates besides, for what is unread or elsewhere
         certificates=len(certificates_of(keystore, context.at)) if system else 0,
         documents=len(system.documents) if system else 0,
         channels=len(system.channels) if system else 0,

@@ -13,7 +13,7 @@ from typing import Final
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.model.profiles import implementations
 from keystore_audit.remedy import Kind
 from keystore_audit.report.consequences import Cause, Consequences, within
 from keystore_audit.report.content import Report
@@ -207,16 +207,6 @@ def _under(page: Page, report: Report, finding: Finding) -> None:
     if finding.profiles and len(names) < len(judged):
         told = implementations(names) if names else f"{implementations(finding.profiles)}: not judged here"
         page.labelled("on", told, indent=2, column=6)
-
-
-def implementations(names: Sequence[str]) -> str:
-    """`Cyclone DDS 0.10 (Humble, Jazzy, Kilted)`: titles, with the distributions of ROS 2 that ship them."""
-    return ", ".join(_implementation(VARIANTS[name]) for name in names if name in VARIANTS)
-
-
-def _implementation(profile: Profile) -> str:
-    shipped = ", ".join(name.capitalize() for name in profile.distributions)
-    return f"{profile.title} ({shipped})" if shipped else profile.title
 
 
 def _so(page: Page, cause: Cause, consequences: Consequences) -> None:

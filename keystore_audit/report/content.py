@@ -72,6 +72,10 @@ MAX_RANKED: Final = 100
 """Enclaves up to which every report ranks them; a page for people has more."""
 
 
+PEERS_IN_SCOPE: Final = "every peer in the domain runs the scope"
+"""What a verdict about less than everything rests on."""
+
+
 class Verdict(str, Enum):
     """The audit's answer: pass (exit code 0), fail (1), incomplete (4)."""
 
@@ -120,7 +124,7 @@ class Anchors:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Scope:
+class Checked:
     """What was looked at, and what was not: the last lines of a report.
 
     Counts of what was read; `rules`: how many rules ran; `not_checked`: sentences.
@@ -175,7 +179,9 @@ class Report:
     findings: tuple[Finding, ...]
     authorities: tuple[Anchors, ...]
     outcomes: Outcomes
-    scope: Scope
+    checked: Checked
+    scope: str = ""
+    """What the verdict is about, `Jazzy with Fast DDS 2.14`; empty: all that supported distributions ship."""
     settings: GivenFile | None = None
     baseline: GivenFile | None = None
     inputs: tuple[tuple[str, GivenFile], ...] = ()

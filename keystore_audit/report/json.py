@@ -73,6 +73,7 @@ def _report(report: Report) -> dict[str, Any]:
         "safe_until": None if report.safe_until is None else instant(report.safe_until),
         "verdict": report.verdict.value,
         "exit_code": report.exit_code,
+        "scope": report.scope or None,
         "weakened": list(report.weakened),
         "holds_if": report.holds_if or None,
         "assumptions": [each.described for each in report.assumptions],

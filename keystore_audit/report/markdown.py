@@ -109,7 +109,8 @@ def _report(report: Report, least: Severity, budget: int) -> str:
 
 
 def _head(report: Report) -> Iterator[str]:
-    yield f"## keystore-audit: {_VERDICTS[report.verdict]}"
+    scope = f" for {report.scope}" if report.scope else ""
+    yield f"## keystore-audit: {_VERDICTS[report.verdict]}{scope}"
     yield ""
     yield f"{markdown(shorten(report.keystore, MAX_NAME))} at {instant(report.at)}: {_counts(report)}."
     if report.holds_if:
@@ -176,7 +177,7 @@ def _rest(report: Report, budget: int) -> Iterator[str]:
     end = "never" if report.safe_until is None else instant(report.safe_until)
     yield f"- Safe until: {end}. {markdown(until(report))}".rstrip()
     yield from _items("Assumed", (*(each.sentence for each in report.assumptions), *report.stated))
-    yield from _items("Not checked", report.scope.not_checked)
+    yield from _items("Not checked", report.checked.not_checked)
     yield from _accepted(report.accepted, budget)
     answered = [run for run in report.engines if run.status is EngineStatus.OK]
     yield "- Engines: " + markdown(", ".join(f"{run.name} {run.version or ''}".rstrip() for run in answered))

@@ -90,8 +90,9 @@ class Page:
         room = self.width - column
         wrapped = [text] if text.cell_len <= room else text.wrap(self._console, room, overflow="fold")
         for number, line in enumerate(wrapped):
-            line.rstrip()
-            self._lines.append((first if number == 0 else margin) + line)
+            whole = (first if number == 0 else margin) + line
+            whole.rstrip()
+            self._lines.append(whole)
 
     def render(self) -> str:
         """Return the page; it ends in one newline."""

@@ -105,12 +105,13 @@ def _run(report: Report, rules: Sequence[_Rule], runs: int) -> str:
         "properties": {
             "verdict": report.verdict.value,
             "digest": report.digest,
+            "scope": report.scope or None,
             "weakened": list(report.weakened),
             "holdsIf": report.holds_if or None,
             "assumptions": [each.described for each in report.assumptions],
             "stated": list(report.stated),
             "vacuous": [result.prop.id for result in report.properties if result.vacuous],
-            "notChecked": list(report.scope.not_checked),
+            "notChecked": list(report.checked.not_checked),
         },
     }
     return _assembled(report.version, tuple(_worst(finding) for finding in report.findings), rules, head, results)

@@ -4,11 +4,13 @@ Subjects are the files with the SHA-256 of the bytes that were read. Two predica
 framework, spec/predicates): `test-result/v0.1`, which can tell of a failure, and `svr/v0.2`, whose properties are those
 that hold. An incomplete audit never passes in either. One whose gate was weakened is WARNED at best, and so is one of a
 keystore with files that nobody hashed, since what they hold later would go unseen, or that nobody read, and one of
-authorities that nobody declared, since whoever could write in the folder chose them.
+authorities that nobody declared, since whoever could write in the folder chose them. One of a narrower scope than all
+that supported distributions ship attests the pass in that scope, and nothing else.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
@@ -27,6 +29,7 @@ SVR: Final = "https://in-toto.io/attestation/svr/v0.2"
 VERIFIER: Final = "pkg:pypi/keystore-audit"
 """A package URL, without its version."""
 PREFIX: Final = "KEYSTORE_AUDIT_"
+_OTHER: Final = re.compile(r"[^a-z0-9]+")
 
 
 def render_test_result(reports: Sequence[Report]) -> str:
@@ -53,10 +56,11 @@ def _test_result(report: Report) -> dict[str, Any]:
     # Of properties (KA7) it is told below what each needs.
     apart = {*failed, *warned}
     passed = [rule for rule in every if rule in passing and rule not in apart and not rule.startswith("KA7")]
+    tests = [*passed, *(_if(result.prop.id, result.needs) for result in _holding(report))]
     return {
         "result": _result(report, warned=bool(warned)),
         "configuration": _configuration(report),
-        "passedTests": [*passed, *(_if(result.prop.id, result.needs) for result in _holding(report))],
+        "passedTests": [_passed(report)] if report.scope and _sound(report) else tests if not report.scope else [],
         "warnedTests": warned,
         "failedTests": failed,
         "keystoreAudit": _details(report),
@@ -67,7 +71,7 @@ def _result(report: Report, *, warned: bool) -> str:
     """PASSED only for a sound audit without any finding; incomplete counts as failed."""
     if report.verdict is not Verdict.PASS:
         return "FAILED"
-    return "PASSED" if _sound(report) and not warned else "WARNED"
+    return "PASSED" if _sound(report) and not warned and not report.scope else "WARNED"
 
 
 def _sound(report: Report) -> bool:
@@ -94,10 +98,16 @@ def _svr(report: Report) -> dict[str, Any]:
 
 
 def _properties(report: Report) -> Iterable[str]:
-    """The pass and what holds, never without their conditions."""
-    yield _attested("pass", (each.assumption for each in report.assumptions if each.needed_by))
-    for result in _holding(report):
+    """The pass and what holds, never without their conditions; of a narrower scope the pass in it alone."""
+    yield _attested(_passed(report), ())
+    for result in _holding(report) if not report.scope else ():
         yield _attested(result.prop.id, result.needs)
+
+
+def _passed(report: Report) -> str:
+    """The name of the pass, with its scope and conditions."""
+    scope = f"-{_OTHER.sub('-', report.scope.lower())}" if report.scope else ""
+    return _if(f"pass{scope}", (each.assumption for each in report.assumptions if each.needed_by))
 
 
 def _holding(report: Report) -> Iterable[PropertyResult]:
@@ -136,6 +146,7 @@ def _details(report: Report) -> dict[str, Any]:
         "deployed": report.deployed,
         "domain": report.domain,
         "engines": {run.name: run.version or report.version for run in report.engines if run.status is EngineStatus.OK},
+        "scope": report.scope or None,
         "weakened": list(report.weakened),
         "holdsIf": report.holds_if or None,
         "assumptions": [each.described for each in report.assumptions],

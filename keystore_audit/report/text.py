@@ -15,20 +15,19 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Finding, Outcomes, Result, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.profiles import DEFAULT, VARIANTS
+from keystore_audit.model.profiles import implementations, shipped_by
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report import authorities_text, ranking
 from keystore_audit.report.causes_text import (
     MAX_NAMED,
-    implementations,
     put_accepted,
     put_full,
     put_headings,
     put_short,
 )
 from keystore_audit.report.consequences import Cause, Consequences
-from keystore_audit.report.content import NOT_CHECKED, EnclaveEntry, NoReport, Report, Verdict
+from keystore_audit.report.content import NOT_CHECKED, PEERS_IN_SCOPE, EnclaveEntry, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import ENGINE_WORDS, sentence, until, warnings
 from keystore_audit.report.json import TOOL
 from keystore_audit.report.page import Page
@@ -146,13 +145,13 @@ def _verdict(page: Page, report: Report, causes: Sequence[Cause]) -> None:
     besides = ((following, "that follow"), (len(report.accepted), "accepted"))
     beside = ", ".join(f"{count} {what}" for count, what in besides if count)
     beside = f" ({beside})" if beside else ""
+    passed = f" for {report.scope}" if report.scope and report.verdict is Verdict.PASS else ""
     page.put(
-        (report.verdict.value.upper(), _VERDICT_STYLE[report.verdict]),
+        (f"{report.verdict.value.upper()}{passed}", _VERDICT_STYLE[report.verdict]),
         f"  {', '.join(told) or 'No findings'}{beside}; exit code {report.exit_code}",
     )
-    judged = report.judged_profiles
-    if judged and not set(DEFAULT) <= set(judged):
-        page.put(f"scope: {implementations(judged)}", indent=6)
+    if report.scope and not passed:
+        page.put(f"scope: {report.scope}", indent=6)
     deciding = [each for cause in causes for each in cause.every if each.fails(report.fail_on) or each.undecided]
     if report.verdict is not Verdict.PASS and deciding:
         page.put(f"{_BECAUSE[report.verdict]} {_whose(report, deciding)}", indent=6)
@@ -173,20 +172,14 @@ def _counted_at(count: int, severity: Severity, worst: bool) -> str:
     return f"{counted(count, 'cause')} at {severity.value}" if worst else f"{count} {severity.value}"
 
 
-def _shipped(names: Sequence[str]) -> str:
-    """` (Humble, Jazzy)`: the distributions of ROS 2 that ship these."""
-    found = {name for each in names if each in VARIANTS for name in VARIANTS[each].distributions}
-    listed = ", ".join(name.capitalize() for name in sorted(found))
-    return f" ({listed})" if listed else ""
-
-
 def _whose(report: Report, deciding: Sequence[Finding]) -> str:
     """The implementations for which these findings decide."""
     judged = report.judged_profiles
     concerned = {name for each in deciding for name in each.profiles or judged}
     names = [name for name in judged if name in concerned]
     if len(names) == len(judged):
-        return f"every implementation judged{_shipped(judged)}"
+        shipped = f" ({shipped_by(judged)})" if shipped_by(judged) else ""
+        return f"every implementation judged{shipped}"
     return f"{implementations(names)} only"
 
 
@@ -215,12 +208,13 @@ def _in_short(page: Page, report: Report) -> None:
             f"{statuses[Status.HOLDS]} of {len(report.properties)} hold{unknown}{beside} ({engines})",
         )
     conditions = [each.condition for each in report.assumptions if each.needed_by and each.assumption in CONDITIONS]
-    others = len(report.assumptions) + len(report.stated) - len(conditions)
+    others = len(report.assumptions) + len(report.stated) - len(conditions) - bool(report.scope)
+    conditions = [*([PEERS_IN_SCOPE] if report.scope else []), *conditions]
     if conditions or others:
         _row(page, "Holds if", f"{'; '.join((*conditions, *([f'{others} more'] if others else ())))} (-v)")
-    known = [words for words, said in NOT_CHECKED.items() if said in report.scope.not_checked]
-    more = len(report.scope.not_checked) - len(known[:MAX_NOT_CHECKED])
-    if report.scope.not_checked:
+    known = [words for words, said in NOT_CHECKED.items() if said in report.checked.not_checked]
+    more = len(report.checked.not_checked) - len(known[:MAX_NOT_CHECKED])
+    if report.checked.not_checked:
         _row(page, "Not checked", f"{', '.join((*known[:MAX_NOT_CHECKED], *([f'{more} more'] if more else ())))} (-v)")
     if report.safe_until is None:
         _row(page, "Valid", "No date on these files changes this answer.")
@@ -341,13 +335,13 @@ _RESULT_WORDS: Final = {
 
 def _checked(page: Page, report: Report) -> None:
     """What was looked at, by whom, what was not, and when the answer changes by itself."""
-    scope = report.scope
+    checked = report.checked
     page.blank()
     roots = ", ".join(report.roots)
     page.labelled(
         "Checked",
-        f"{scope.certificates} certificates, {scope.documents} signed documents, {scope.channels} topic "
-        f"channels, with {scope.rules} rules, under {', '.join(report.judged_profiles) or 'no profile'}"
+        f"{checked.certificates} certificates, {checked.documents} signed documents, {checked.channels} topic "
+        f"channels, with {checked.rules} rules, under {', '.join(report.judged_profiles) or 'no profile'}"
         f"{f', links into {roots} followed' if report.roots else ''}.",
         indent=0,
         column=COLUMN,
@@ -359,7 +353,7 @@ def _checked(page: Page, report: Report) -> None:
         reason = f": {run.reason}" if run.reason else ""
         size = f", asked about {run.atoms[1]} of {run.atoms[0]} atoms" if run.atoms else ""
         _row(page, "Engine", sentence(words + size + reason))
-    for number, unchecked in enumerate(scope.not_checked):
+    for number, unchecked in enumerate(checked.not_checked):
         _row(page, "" if number else "Not checked", unchecked)
     if report.safe_until is None:
         dates = "No date on these files changes this answer."

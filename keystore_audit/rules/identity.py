@@ -15,7 +15,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.stray_identity import StrayIdentity
 from keystore_audit.model.inventory import certified_again, identities_at_large
 from keystore_audit.model.participants.stray_identity import admitted
-from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.model.profiles import VARIANTS, Profile, implementations
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.verdicts import is_authority, issue, may_have_issued, vouches
 from keystore_audit.remedy import Act, decision, mechanical
@@ -27,7 +27,7 @@ from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.remedies import ISSUE_AGAIN, issue_again
 from keystore_audit.rules.subjects import CertificateUse
 from keystore_audit.rules.who_takes import Taken
-from keystore_audit.rules.wording import implementations, located, paths, places, quoted, sole
+from keystore_audit.rules.wording import located, paths, places, quoted, sole
 from keystore_audit.text import instant
 
 _SHARED: Final = ("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves")

@@ -12,7 +12,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.profiles import VARIANTS, implementations
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import NO_IDENTITIES, list_missing, names_revoked
 from keystore_audit.remedy import Act, Remedy, decision
@@ -22,7 +22,6 @@ from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import RevocationUse, revocation_uses
 from keystore_audit.rules.wording import (
     defective,
-    implementations,
     listed,
     located,
     of_kinds,

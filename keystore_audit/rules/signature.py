@@ -15,7 +15,7 @@ from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.smime import Signature
-from keystore_audit.model.profiles import VARIANTS, Profile
+from keystore_audit.model.profiles import VARIANTS, Profile, implementations
 from keystore_audit.model.trust.signer_path import path_refusal, signer_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, may_sign, vouches
 from keystore_audit.remedy import Act, decision
@@ -26,7 +26,7 @@ from keystore_audit.rules.exchange import EXCHANGED, exchange
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.remedies import sign_again
 from keystore_audit.rules.subjects import DocumentUse, SignedUse
-from keystore_audit.rules.wording import implementations, located, of_kinds, paths, places, quoted, sole
+from keystore_audit.rules.wording import located, of_kinds, paths, places, quoted, sole
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"
 _FORGED: Final = (

@@ -13,13 +13,13 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.inventory import identities_at_large
-from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
+from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison, implementations
 from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.subjects import PermissionsUse, permissions_uses
-from keystore_audit.rules.wording import implementations, located, places, quoted
+from keystore_audit.rules.wording import located, places, quoted
 
 _SAFE_FORM: Final = (
     "Use subjects that every implementation reads alike: one CN, the enclave's path, whose parts are not all parts of "

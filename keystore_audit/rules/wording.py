@@ -13,7 +13,6 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.profiles import Profile
 from keystore_audit.remedy import Remedy
 from keystore_audit.rules.registry import Violation
 from keystore_audit.text import shorten, some
@@ -51,14 +50,6 @@ def paths(enclaves: Iterable[Enclave]) -> str:
 def sole(enclaves: Sequence[Enclave]) -> str | None:
     """The enclave's path where only one is concerned, so that the finding is filed under it."""
     return enclaves[0].path if len(enclaves) == 1 else None
-
-
-def implementations(profiles: Iterable[Profile]) -> str:
-    """`Cyclone DDS 0.10 (humble, jazzy, kilted)`: titles and the ROS 2 distributions that ship them."""
-    return ", ".join(
-        f"{profile.title} ({', '.join(profile.distributions)})" if profile.distributions else profile.title
-        for profile in profiles
-    )
 
 
 def of_kinds(defects: Iterable[Defect], *kinds: Kind) -> Iterator[Defect]:

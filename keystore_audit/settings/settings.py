@@ -14,6 +14,7 @@ from keystore_audit.keystore.foreign import DeclaredFiles
 from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.forwards import Declared, Determinism
 from keystore_audit.model.claims.labels import Labelling
+from keystore_audit.model.profiles import in_scope
 from keystore_audit.model.trust.authorities import Authorities
 from keystore_audit.settings.acceptances import read_accepted, read_suppressions
 from keystore_audit.settings.authorities import read_authorities
@@ -54,6 +55,9 @@ class Settings:
     assumptions: Mapping[Assumption, Declaration] = field(default_factory=dict)
     """What somebody declared of what is taken for granted."""
 
+    scope: tuple[str, ...] = ()
+    """The variants that a gate is to judge under, by name; none: it does not say."""
+
     @property
     def lasting(self) -> tuple[str, ...]:
         """The properties that are about a time, by id."""
@@ -82,7 +86,7 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
     file = read_table(path, keystores, MAX_BYTES)
     root = file.root
     keys = ("property", "forward", *LABEL_KEYS, "suppression", "max_suppression_days")
-    root.only(*keys, "assumption", "authorities", "files")
+    root.only(*keys, "assumption", "authorities", "files", "scope")
     labels = read_labels(root)
     claims, declared = read_properties(root)
     return Settings(
@@ -93,9 +97,23 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
         declared=declared,
         acceptances=read_suppressions(root),
         files=read_files(root),
+        scope=_scope(root),
         max_suppression_days=root.number("max_suppression_days", MAX_DAYS, 1, MOST_DAYS),
         assumptions=dict(_assumptions(root)),
     )
+
+
+def _scope(root: Table) -> tuple[str, ...]:
+    """The variants of `[scope]`, by what the distributions ship and the middleware runs on."""
+    if "scope" not in root.values:
+        return ()
+    table = root.table("scope")
+    table.only("distro", "rmw")
+    distributions, middleware = (table.texts(key) if key in table.values else () for key in ("distro", "rmw"))
+    try:
+        return in_scope(distributions, middleware, ())
+    except UsageError as error:
+        table.wrong(None, error.message)
 
 
 def _assumptions(root: Table) -> Iterator[tuple[Assumption, Declaration]]:

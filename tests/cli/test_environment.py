@@ -29,12 +29,12 @@ SECURE = "ROS_SECURITY_ENABLE=true\nROS_SECURITY_STRATEGY=Enforce\nROS_SECURITY_
         (
             "ROS_DISTRO=jazzy\nRMW_IMPLEMENTATION=rmw_cyclonedds_cpp",
             [],
-            ["--env robot.env: profile cyclonedds-0.10 alone"],
+            [],
         ),
         (
             "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp",
             [],
-            ["--env robot.env: profile cyclonedds-0.10, cyclonedds-11 alone"],
+            [],
         ),
     ],
 )

@@ -56,7 +56,7 @@ def test_files_are_taken(samples: Path, tmp_path: Path) -> None:
     assert report.settings is not None
     policy = samples / "policies/turtlesim.policy.xml"
     compared = api.audit(samples / "healthy/turtlesim", engine="native", at=AT, policy=policy)
-    assert "--policy" not in " ".join(compared.scope.not_checked)
+    assert "--policy" not in " ".join(compared.checked.not_checked)
     shutil.copytree(samples / "policies", tmp_path / "shared")
     moved = tmp_path / "robot" / "turtlesim.policy.xml"
     moved.parent.mkdir()

@@ -15,7 +15,7 @@ from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.remedy import decision
-from keystore_audit.report.content import Anchor, Anchors, EnclaveEntry, Report, Scope, Verdict
+from keystore_audit.report.content import Anchor, Anchors, Checked, EnclaveEntry, Report, Verdict
 
 PROFILES = ("spec", "fastdds-2.6", "cyclonedds-0.10")
 CAN_START = Usability(usable=True, reasons=())
@@ -186,7 +186,7 @@ def _full(name: str) -> Report:
                 Row("KA302", (f"enclaves/{name}/permissions.p7s",), ((Result.FAIL, 1),)),
             )
         ),
-        scope=Scope(certificates=4, documents=3, channels=17, rules=72, not_checked=("Timing.", "The nodes.")),
+        checked=Checked(certificates=4, documents=3, channels=17, rules=72, not_checked=("Timing.", "The nodes.")),
     )
 
 

@@ -25,7 +25,7 @@ HOSTILE = st.text(st.characters(), max_size=20) | st.sampled_from(
 
 REPORT_KEYS = [
     "schema_version", "tool", "keystore", "settings", "baseline", "inputs", "at", "safe_until", "verdict", "exit_code",
-    "weakened", "holds_if", "assumptions", "stated", "authorities", "engines", "engines_agree", "enclaves",
+    "scope", "weakened", "holds_if", "assumptions", "stated", "authorities", "engines", "engines_agree", "enclaves",
     "properties", "findings", "blast_radius", "summary", "outcomes",
 ]  # fmt: skip
 FINDING_KEYS = [

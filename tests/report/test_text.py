@@ -167,7 +167,6 @@ def test_quiet_shows_what_decided_and_nothing_else(make_report: MakeReport) -> N
     text = render(make_report(), View(quiet=True))
     assert flat(text) == (
         "FAIL 1 cause at critical, 1 medium, 1 note (1 that follow, 1 accepted); exit code 1 "
-        "scope: DDS-Security 1.1, Fast DDS 2.6 (Humble), Cyclone DDS 0.10 (Humble, Jazzy, Kilted) "
         "fails on Cyclone DDS 0.10 (Humble, Jazzy, Kilted) only "
         "WARNING Weakened gate: --at 2025-06-01T00:00:00Z. "
         "HOLDS IF peers announce endpoints truthfully (Cyclone DDS does not check) "

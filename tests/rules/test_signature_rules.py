@@ -146,7 +146,7 @@ def test_who_takes_what_an_identity_signed_for_itself() -> None:
     found = findings("KA302", judged(self_signed(healthy())))
     assert [finding.enclave for finding in found] == ["/talker"]
     accepted, _, refused = found[0].message.partition("accepted by")[2].partition("; refused")
-    assert "Cyclone DDS 0.10 (humble, jazzy, kilted)" in accepted
+    assert "Cyclone DDS 0.10 (Humble, Jazzy, Kilted)" in accepted
     assert "Cyclone DDS 11" in refused
     assert all(profile.title in accepted for profile in UNPINNED)
     assert all(profile.title in refused for profile in VARIANTS.values() if profile.trust.pins_signer)

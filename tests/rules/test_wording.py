@@ -79,7 +79,7 @@ def test_a_finding_reads_as_a_sentence(code: str, says: str) -> None:
 def test_what_is_wrong_with_an_expression_is_said_once() -> None:
     message = found("KA611")["message"]
     assert message.count("has a [ that nothing closes") == 1
-    assert "(lyrical, rolling)) and which Cyclone DDS never matches (Cyclone DDS 0.10" in message
+    assert "(Lyrical, Rolling)) and which Cyclone DDS never matches (Cyclone DDS 0.10" in message
 
 
 def test_clauses_say_what_they_rest_on() -> None:

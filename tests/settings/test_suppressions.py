@@ -225,7 +225,6 @@ WEAKENING: dict[str, tuple[str, ...]] = {
     "--ignore KA203": ("--ignore", "KA203"),
     "--select KA2": ("--select", "KA2"),
     "--at 2026-11-21T12:00:00Z": ("--at", AT),
-    "--profile spec": ("--profile", "spec"),
     "--expires-within 5": ("--expires-within", "5"),
     "max_suppression_days = 181 in ": ("--settings", "long.toml"),
     "1 finding accepted by ": ("--settings", "placed.toml", "--at", AT),

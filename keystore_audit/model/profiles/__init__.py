@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from keystore_audit.model.profiles.access import Access, JoinCheck, Local, OpenRange, PartitionReading, RelayReading
+from keystore_audit.model.profiles.naming import implementations, scope_of, shipped_by
 from keystore_audit.model.profiles.profile import Evidence, Profile, RevocationLists, SubjectComparison, Trust
 from keystore_audit.model.profiles.variants import (
     ALIASES,
@@ -36,7 +37,10 @@ __all__ = [
     "RevocationLists",
     "SubjectComparison",
     "Trust",
+    "implementations",
     "in_scope",
     "resolve",
     "running",
+    "scope_of",
+    "shipped_by",
 ]

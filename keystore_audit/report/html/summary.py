@@ -97,11 +97,12 @@ def _warnings(report: Report) -> Html:
 
 def _facts(sheet: Sheet) -> Html:
     report = sheet.report
-    scope = report.scope
+    checked = report.checked
     holding = sum(result.status is Status.HOLDS for result in report.properties)
     rows: list[tuple[str, Html | str]] = [
         ("as of", instant(report.at)),
         ("layout", f"{report.layout}, {counted(len(report.enclaves), 'enclave')}"),
+        *([("scope", report.scope)] if report.scope else []),
         ("judged as", ", ".join(sheet.profiles)),
         ("properties", f"{holding} of {len(report.properties)} hold"),
         ("engines", lines(element("div", engine(run, version=True)) for run in report.engines)),
@@ -110,10 +111,10 @@ def _facts(sheet: Sheet) -> Html:
             ", ".join(
                 counted(number, noun)
                 for number, noun in (
-                    (scope.certificates, "certificate"),
-                    (scope.documents, "signed document"),
-                    (scope.channels, "topic channel"),
-                    (scope.rules, "rule"),
+                    (checked.certificates, "certificate"),
+                    (checked.documents, "signed document"),
+                    (checked.channels, "topic channel"),
+                    (checked.rules, "rule"),
                 )
             ),
         ),
@@ -141,7 +142,7 @@ def _rests(report: Report) -> Html:
     assumed = element(
         "div", element("h2", "Assumed"), items((*(each.sentence for each in report.assumptions), *report.stated))
     )
-    unchecked = element("div", element("h2", "Not checked"), items(report.scope.not_checked))
+    unchecked = element("div", element("h2", "Not checked"), items(report.checked.not_checked))
     declared = lines(element("code", line) for line in settings(report))
     lines_to_paste = element("div", element("p", HOW), declared) if declared != NOTHING else NOTHING
     return element("div", assumed, lines_to_paste, unchecked, class_="assumed")
