@@ -30,9 +30,30 @@ MAX_JOBS: Final = 1024
 """Processes at a time: more than any machine has use for."""
 
 
+GROUPS: Final = {
+    "Scope": ("distros", "rmws", "profiles", "domain", "at", "time_zone", "deployed", "not_assumed"),
+    "Inputs": (
+        "recursive", "settings", "roots", "identity_cas", "permissions_cas", "environment", "policy", "policy_include",
+        "graphs", "launches", "launch_arguments", "alloy_properties",
+    ),
+    "Output": ("kind", "targets", "min_severity", "quiet", "verbose", "color"),
+    "Gate": ("fail_on", "expires_within", "select", "ignore", "baseline"),
+    "Engine": ("engine", "timeout", "alloy_jar", "offline", "jobs", "executor"),
+}  # fmt: skip
+"""The options in the help, by what they are about."""
+
+EXAMPLES: Final = """\b
+Examples:
+  keystore-audit ./keys --distro jazzy --rmw fastdds
+  keystore-audit ./keys --settings keystore-audit.toml -o sarif=out.sarif
+  keystore-audit --recursive ./fleet -o html=reports/"""
+
+
 @click.command(
     "audit",
     cls=once.Command,
+    groups=GROUPS,
+    epilog=EXAMPLES,
     short_help="Audit keystores: the default command.",
     context_settings={"show_default": True},
 )
@@ -98,10 +119,18 @@ MAX_JOBS: Final = 1024
 @settings.baseline_option
 @click.option("--deployed", is_flag=True, help="This tree goes on a robot: CA private keys in it are critical.")
 @click.option(
-    "--select", type=opt.rule_code, multiple=True, metavar="CODE", help="Only this rule or family (repeatable)."
+    "--select",
+    type=opt.RULE,
+    multiple=True,
+    metavar="CODE",
+    help="Only this rule or family (repeatable).",
 )
 @click.option(
-    "--ignore", type=opt.rule_code, multiple=True, metavar="CODE", help="Not this rule or family (repeatable)."
+    "--ignore",
+    type=opt.RULE,
+    multiple=True,
+    metavar="CODE",
+    help="Not this rule or family (repeatable).",
 )
 @opt.choice(
     "--engine",

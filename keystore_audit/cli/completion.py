@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -42,6 +42,31 @@ class Word(TextType):
         from click.shell_completion import CompletionItem
 
         return [CompletionItem(word) for word in self._words if word.startswith(incomplete)]
+
+
+class Known(TextType):
+    """What `check` lets through, as it returns it or raises UsageError; `words` are offered."""
+
+    name = "name"
+
+    def __init__(self, check: Callable[[str], str], words: Callable[[], Iterable[str]]) -> None:
+        """Both are asked for where they are needed alone: the words may take long to load."""
+        self._check, self._words = check, words
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002
+        """Return what the check makes of it."""
+        return self._check(value)
+
+    def shell_complete(
+        self,
+        ctx: click.Context,  # noqa: ARG002 - click's signature
+        param: click.Parameter,  # noqa: ARG002
+        incomplete: str,
+    ) -> list[CompletionItem]:
+        """Offer the words that begin so, whatever their case."""
+        from click.shell_completion import CompletionItem
+
+        return [CompletionItem(word) for word in self._words() if word.lower().startswith(incomplete.lower())]
 
 
 class Directory(TextType):

@@ -9,6 +9,7 @@ import click
 
 from keystore_audit.cli import once
 from keystore_audit.cli import options as opt
+from keystore_audit.cli.completion import Known
 from keystore_audit.cli.rules import line
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ MIN_PART: Final = 3
 
 
 @click.command("explain", cls=once.Command, short_help="Explain a rule or property.")
-@click.argument("word", metavar="CODE-OR-NAME")
+@click.argument("word", metavar="CODE-OR-NAME", type=Known(str, opt.codes))
 @click.option(
     "--for",
     "keystore",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import click
 
@@ -11,8 +12,26 @@ class Command(click.Command):
     """A command that refuses a second value of an option that takes one.
 
     Click keeps the last and says nothing: what the first one asked for, as the settings that a script names, would be
-    asked by nobody.
+    asked by nobody. The help shows the options in `groups`, the names of parameters under each heading.
     """
+
+    def __init__(self, *arguments: Any, groups: Mapping[str, Sequence[str]] | None = None, **more: Any) -> None:
+        """As click's; without groups, options stand under one heading."""
+        super().__init__(*arguments, **more)
+        self.groups = groups or {}
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write each group, and what is in none under "Other"."""
+        if not self.groups:
+            super().format_options(ctx, formatter)
+            return
+        options = (each for each in self.get_params(ctx) if isinstance(each, click.Option))
+        records = {each.name: record for each in options if (record := each.get_help_record(ctx))}
+        for heading, names in self.groups.items():
+            with formatter.section(heading):
+                formatter.write_dl([record for name in names if (record := records.pop(name, None))])
+        with formatter.section("Other"):
+            formatter.write_dl([*records.values()])
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse as click does, then look for options that occur again; help and version have answered by then."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -14,8 +14,8 @@ import click
 from click.core import ParameterSource
 
 from keystore_audit.assumptions import EVERY, Assumption
-from keystore_audit.cli.completion import Directory, Word
-from keystore_audit.errors import UsageError
+from keystore_audit.cli.completion import Directory, Known, Word
+from keystore_audit.cli.scope import read, scope_options, together
 from keystore_audit.options import FIRST_YEAR, LAST_DOMAIN, LAST_YEAR, MAX_SECONDS, declared_files
 from keystore_audit.text import meant
 
@@ -66,34 +66,29 @@ class Number(click.IntRange):
     name = "whole number"
 
 
-def _read(by: Callable[[str], T], value: str) -> T:
-    """What the value means to `by`, which raises UsageError."""
-    try:
-        return by(value)
-    except UsageError as error:
-        raise click.BadParameter(error.message) from error
+def codes() -> Iterable[str]:
+    """The codes of all rules and families."""
+    from keystore_audit.rules import RULES
 
-
-def profile_name(value: str) -> str:
-    """Return the name of a variant of an implementation, or an alias, as it was given."""
-    from keystore_audit.model.profiles import resolve
-
-    _read(lambda name: resolve((name,)), value)
-    return value
+    return (*dict.fromkeys(rule.family for rule in RULES), *(rule.code for rule in RULES))
 
 
 def zone_name(value: str) -> ZoneInfo:
     """Return the zone of the IANA database that is called so."""
     from keystore_audit.model.local_time import time_zone
 
-    return _read(time_zone, value)
+    return read(time_zone, value)
 
 
 def rule_code(value: str) -> str:
     """Return the code of a rule or of a family (`KA2`); KA9, the audit itself, always runs."""
     from keystore_audit.rules.named import rule_code as code
 
-    return _read(code, value)
+    return read(code, value)
+
+
+RULE: Final = Known(rule_code, codes)
+"""What names a rule or a family."""
 
 
 def rule_family(value: str) -> str:
@@ -179,37 +174,6 @@ def verbose_option(text: str = "Say where a fault is.", *, to_command: bool = Fa
     )
 
 
-def _scoping(name: str, destination: str, text: str) -> Callable[[F], F]:
-    """An option that chooses profiles together with `--profile`: read before it, and kept for `_in_scope`."""
-
-    def kept(context: click.Context, _parameter: click.Parameter, words: tuple[str, ...]) -> None:
-        context.meta[destination] = words
-
-    return click.option(
-        name,
-        destination,
-        metavar="NAME",
-        multiple=True,
-        is_eager=True,
-        expose_value=False,
-        callback=kept,
-        help=text,
-    )
-
-
-def _in_scope(context: click.Context, _parameter: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
-    """The profiles that --distro, --rmw and --profile choose together."""
-    distros, rmws = context.meta.get(_DISTROS, ()), context.meta.get(_RMWS, ())
-    if not distros and not rmws:
-        return names
-    from keystore_audit.model.profiles import in_scope
-
-    try:
-        return in_scope(distros, rmws, names)
-    except UsageError as error:
-        raise click.UsageError(error.message, context) from error
-
-
 _at = click.option(
     "--at", type=instant, metavar="ISO-TIME", help="Audit as of this time instead of now; without a zone: UTC."
 )
@@ -232,17 +196,6 @@ def domain_option(text: str) -> Callable[[F], F]:
     return click.option("--domain", type=Number(0, LAST_DOMAIN), metavar="N", help=text)
 
 
-def _together(*options: Callable[[F], F]) -> Callable[[F], F]:
-    """Return what adds all the options, in the order of the help."""
-
-    def add(command: F) -> F:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return add
-
-
 _no_assume = click.option(
     "--no-assume",
     "not_assumed",
@@ -253,32 +206,7 @@ _no_assume = click.option(
     help="Decide without this assumption (repeatable; docs/assumptions.md has their names).",
 )
 
-_DISTROS: Final = "distros"
-_RMWS: Final = "rmws"
-
-_profile = _together(
-    _scoping(
-        "--distro",
-        _DISTROS,
-        "Judge what this distribution of ROS 2 ships (repeatable; humble, jazzy, kilted, lyrical, rolling).",
-    ),
-    _scoping(
-        "--rmw",
-        _RMWS,
-        "Of that, what this middleware runs on (repeatable; fastdds, cyclonedds, or as RMW_IMPLEMENTATION says).",
-    ),
-    click.option(
-        "--profile",
-        "profiles",
-        type=profile_name,
-        metavar="NAME",
-        multiple=True,
-        callback=_in_scope,
-        help="Judge as this release of an implementation does (repeatable; docs/profiles.md has their names).",
-    ),
-)
-
-reading_options: Final = _together(_profile, _at, _time_zone, _no_assume)
+reading_options: Final = together(scope_options, _at, _time_zone, _no_assume)
 """Those of a single question, which is about one domain: `reading` takes them."""
 
 no_assume_option: Final = _no_assume
@@ -288,20 +216,20 @@ roots_option: Final = file(
     "--root", "roots", metavar="DIR", multiple=True, help="Links of the keystore may lead into DIR (repeatable)."
 )
 
-file_options: Final = _together(
+file_options: Final = together(
     file("--settings", help="What is declared of the keystore's files and of enclaves with two names."), roots_option
 )
 """What is declared of a keystore that is asked about, not audited: `reading` takes them."""
 
-interpretation_options: Final = _together(
+interpretation_options: Final = together(
     _at,
     _time_zone,
-    _profile,
+    scope_options,
     domain_option("The DDS domain the robots use (default: any of 0 to 232)."),
 )
 """Those that decide what a keystore means."""
 
-alloy_options: Final = _together(
+alloy_options: Final = together(
     click.option("--offline", is_flag=True, help="Never fetch the Alloy Analyzer."),
     alloy_jar("Use this jar of the Alloy Analyzer."),
     click.option("--timeout", type=seconds, default=120, metavar="SECONDS", help="The longest that Alloy may take."),
@@ -345,7 +273,7 @@ def check_launch_arguments(arguments: Collection[object], launches: Collection[P
         raise click.UsageError("--launch-argument is for the files that --launch names.")
 
 
-observation_options: Final = _together(
+observation_options: Final = together(
     file("--graph", "graphs", multiple=True, help="A ROS graph in JSON: the nodes that use the keystore (repeatable)."),
     file(
         "--launch",
@@ -365,7 +293,7 @@ observation_options: Final = _together(
 """Those that name graphs and launch files."""
 
 
-authority_options: Final = _together(
+authority_options: Final = together(
     *(
         click.option(
             f"--expect-{role}-ca",

@@ -16,6 +16,7 @@ import click
 from keystore_audit.dataclass import dataclass
 from keystore_audit.formats import FORMATS
 from keystore_audit.given import real_path
+from keystore_audit.opening import check_system, flags
 from keystore_audit.text import terminal
 
 
@@ -178,6 +179,7 @@ def _probe(wanted: Target) -> None:
 @contextmanager
 def _folder(wanted: Target, *, make: bool = False) -> Iterator[tuple[int, str]]:
     """The directory that the file goes to, open, and its name there. Below the one named no link is followed."""
+    check_system()
     named = wanted.folder or wanted.path.parent
     *between, name = wanted.path.relative_to(named).parts
     folder = os.open(named, _DIRECTORY)
@@ -186,7 +188,7 @@ def _folder(wanted: Target, *, make: bool = False) -> Iterator[tuple[int, str]]:
             if make:
                 with suppress(FileExistsError):
                     os.mkdir(part, dir_fd=folder)
-            inner = os.open(part, _DIRECTORY | os.O_NOFOLLOW, dir_fd=folder)
+            inner = os.open(part, _DIRECTORY | flags("O_NOFOLLOW"), dir_fd=folder)
             os.close(folder)
             folder = inner
         yield folder, name
@@ -213,8 +215,8 @@ def _replace(folder: int, name: str, data: bytes) -> None:
         raise
 
 
-_CREATE: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-_DIRECTORY: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
+_CREATE: Final = flags("O_WRONLY", "O_CREAT", "O_EXCL", "O_NOFOLLOW", "O_CLOEXEC")
+_DIRECTORY: Final = flags("O_DIRECTORY", "O_CLOEXEC")
 
 
 def _draft(name: str) -> str:

@@ -65,7 +65,11 @@ class Program(once.Group):
         from keystore_audit.cli.completion import directories
 
         found = super().shell_complete(ctx, incomplete)
-        return found if incomplete.startswith("-") else [*directories(incomplete), *found]
+        default = self.get_command(ctx, DEFAULT_COMMAND)
+        if incomplete.startswith("-") and default is not None:  # its name may be left out
+            inner = default.shell_complete(click.Context(default, parent=ctx), incomplete)
+            return list({item.value: item for item in (*found, *inner)}.values())
+        return [*directories(incomplete), *found]
 
 
 @click.command(

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from keystore_audit.errors import UsageError
 from keystore_audit.fleet.tables import COLUMNS, Rows
+from keystore_audit.opening import flags
 
 PART: Final = 20_000
 """Rows of a part: some MiB in memory, and a fleet has few files."""
@@ -57,9 +58,9 @@ class Datasets:
         folder.mkdir(parents=True, exist_ok=True)
         name = f"part-{self._parts[table]:05}.parquet"
         draft = f".{name}.tmp"
-        here = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        here = os.open(folder, flags("O_DIRECTORY", "O_NOFOLLOW"))
         try:
-            descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666, dir_fd=here)
+            descriptor = os.open(draft, flags("O_WRONLY", "O_CREAT", "O_EXCL", "O_NOFOLLOW"), 0o666, dir_fd=here)
             try:
                 with open(descriptor, "wb") as file:
                     parquet.write_table(_table(COLUMNS[table], self._waiting[table]), file, compression="zstd")

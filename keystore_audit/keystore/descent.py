@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from keystore_audit.keystore.files import Entry, EntryKind, Status
+from keystore_audit.opening import flags
 from keystore_audit.text import percent_path
 
 MAX_DEPTH: Final = 128
@@ -34,7 +35,7 @@ _OPEN_DIRECTORIES: Final = 64
 
 # O_PATH needs only the right to pass through a directory, as a robot that opens a file in it does; macOS
 # has none.
-_PASS_FLAGS: Final[int] = getattr(os, "O_PATH", os.O_RDONLY) | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
+_PASS_FLAGS: Final[int] = flags("O_PATH", "O_DIRECTORY", "O_NOFOLLOW", "O_CLOEXEC")
 
 _PLAIN: Final = re.compile(rb"[A-Za-z0-9_./-]+")
 """Paths that `percent_path` leaves as they are; nearly all."""

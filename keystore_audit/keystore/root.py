@@ -26,6 +26,7 @@ from keystore_audit.keystore.descent import (
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
 from keystore_audit.keystore.traces import MAX_HASHED, look, search
+from keystore_audit.opening import check_system, flags
 
 MAX_FILE_BYTES: Final = 4 * 1024 * 1024
 """Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""
@@ -36,8 +37,8 @@ MAX_TOTAL_BYTES: Final = 256 * 1024 * 1024
 MAX_ENTRIES: Final = 200_000
 """Most directory entries listed: 20,000 enclaves, each a directory and nine files, in about a second."""
 
-_LIST_FLAGS: Final = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
-_READ_FLAGS: Final = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
+_LIST_FLAGS: Final = flags("O_DIRECTORY", "O_NOFOLLOW", "O_CLOEXEC")
+_READ_FLAGS: Final = flags("O_NONBLOCK", "O_NOFOLLOW", "O_CLOEXEC")
 
 _EXPECTED: Final = "expected the directory of an SROS2 keystore, as `ros2 security create_keystore` makes it"
 
@@ -361,8 +362,9 @@ class Root:
 
 
 def _opened(path: str) -> int:
+    check_system()
     try:
-        return os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        return os.open(path, flags("O_DIRECTORY", "O_CLOEXEC"))
     except FileNotFoundError:
         raise NothingToAudit(f"{path} does not exist: {_EXPECTED}.") from None
     except NotADirectoryError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -258,3 +259,23 @@ def test_colour(
     for name, value in variables.items():
         monkeypatch.setenv(name, value)
     assert options.use_color(choice, terminal=terminal) is coloured
+
+
+def test_each_option_of_an_audit_stands_in_one_group_of_its_help() -> None:
+    from keystore_audit.cli.audit import GROUPS, command
+
+    grouped = [name for names in GROUPS.values() for name in names]
+    options = {each.name for each in command.params if isinstance(each, click.Option)}
+    assert {*grouped} == options | {"distros", "rmws"}
+    assert len(grouped) == len({*grouped})
+
+
+def test_the_help_of_an_audit_has_three_examples_that_parse(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["audit", "--help"]) == 0
+    shown = capsys.readouterr().out
+    examples = [line.split()[1:] for line in shown.split("Examples:\n")[1].splitlines() if line.strip()]
+    assert len(examples) == 3
+    headings = re.findall(r"^(\w+):$", shown, re.MULTILINE)
+    assert headings == ["Scope", "Inputs", "Output", "Gate", "Engine", "Other"]
+    for words in examples:
+        assert run([str(tmp_path / "none") if word.startswith("./") else word for word in words]) in (2, 3)

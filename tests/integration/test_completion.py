@@ -24,12 +24,18 @@ def offered(words: str, place: int) -> list[str]:
     [
         ("keystore-audit", 1, ["dir,", "plain,audit", "plain,can", "plain,diff"]),
         ("keystore-audit ex", 1, ["dir,ex", "plain,explain"]),
-        ("keystore-audit --ver", 1, ["plain,--version"]),
+        ("keystore-audit --versi", 1, ["plain,--version"]),
         ("keystore-audit audit rob", 2, ["dir,rob"]),
         ("keystore-audit ./keys --fail", 2, ["plain,--fail-on"]),
         ("keystore-audit ./keys --fail-on hi", 3, ["plain,high"]),
         ("keystore-audit flow key", 2, ["dir,key"]),
         ("keystore-audit engine ", 2, ["plain,install"]),
+        ("keystore-audit --fail", 1, ["plain,--fail-on"]),
+        ("keystore-audit ./keys --profile opendds", 3, ["plain,opendds"]),
+        ("keystore-audit ./keys --distro ja", 3, ["plain,jazzy"]),
+        ("keystore-audit can --rmw cyc", 3, ["plain,cyclonedds"]),
+        ("keystore-audit ./keys --select ka22", 3, ["plain,KA220", "plain,KA221", "plain,KA222"]),
+        ("keystore-audit explain KA222", 2, ["plain,KA222"]),
     ],
 )
 def test_commands_directories_options_and_words(words: str, place: int, wanted: list[str]) -> None:
