@@ -95,7 +95,7 @@ def lone_right(system: System, enclave: int, operation: Operation, channel: int)
     for each in (channel, *meeting):
         for rule in system.rules:
             if rule.allow and each in rule.named(operation) and system.grants[rule.grant].document == atom.permissions:
-                return rule.location
+                return system.place(rule, operation, each)
     return atom.location if atom.permissions is None else system.documents[atom.permissions].location
 
 
@@ -142,5 +142,5 @@ def _allowing(system: System, grant: int, operation: Operation, channel: int) ->
     domain = system.channels[channel].domain
     for rule in system.rules:
         if rule.grant == grant and domain in rule.domains and channel in rule.named(operation):
-            return rule.location if rule.allow else None
+            return system.place(rule, operation, channel) if rule.allow else None
     return system.grants[grant].location if system.grants[grant].default_allow else None

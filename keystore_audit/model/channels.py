@@ -8,6 +8,7 @@ decision to anybody, since equal matches decide alike.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 
@@ -19,7 +20,7 @@ from keystore_audit.model.domains import Interval, contains, covered_classes, do
 from keystore_audit.model.formal.bit_sets import union
 from keystore_audit.model.formal.system import ChannelAtom, DomainAtom
 from keystore_audit.model.matching.atoms import TopicClass
-from keystore_audit.model.matching.expression import Matcher
+from keystore_audit.model.matching.expression import FASTDDS_WILDCARDS, Matcher
 from keystore_audit.model.matching.patterns import MAX_KEPT, Patterns
 from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.profiles import Access
@@ -377,3 +378,17 @@ def _shapes_of(regions: tuple[ReadRegion, ...]) -> _Shapes:
 
 
 _kept_shapes = lru_cache(maxsize=4)(_Shapes)
+
+
+def wildcard_names(channels: Channels) -> list[int]:
+    """The channels of one name that is an expression on Fast DDS."""
+    odd = {topic for topic in {each.topic for each in channels.channels} if not FASTDDS_WILDCARDS.isdisjoint(topic)}
+    return [n for n, each in enumerate(channels.channels) if each.topic in odd and not each.infinite] if odd else []
+
+
+def illegal_names(channels: Channels, legal: str) -> Iterator[int]:
+    """The channels of one name that `legal` does not match; of infinitely many names some may be."""
+    pattern = re.compile(legal)
+    for number, channel in enumerate(channels.channels):
+        if not channel.infinite and pattern.fullmatch(channel.topic) is None:
+            yield number

@@ -6,7 +6,6 @@ own checks.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator
 from datetime import datetime
 from functools import cached_property, partial
@@ -18,13 +17,17 @@ from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.channels import Channels, Point
+from keystore_audit.model.channels import Channels, Point, illegal_names, wildcard_names
 from keystore_audit.model.domains import describe
 from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.permission import allowing
-from keystore_audit.model.matching.expression import FASTDDS_WILDCARDS, any_matches, parse
+from keystore_audit.model.matching.expression import Matcher, any_matches, naming, parse
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding, is_controlled
+from keystore_audit.text import shorten
+
+MAX_EXPRESSION: Final = 60
+"""Characters of an expression in a sentence."""
 
 DONE: Final = {
     Operation.PUBLISH: ("publish", "publishing"),
@@ -44,18 +47,18 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Decides about `channels`, unless an earlier step did. `explain`: why and where, which few ask."""
+    """Decides about `channels`, unless an earlier step did. `explain`: why and where, of a name where one is asked."""
 
     channels: int
     allow: bool
-    explain: Callable[[], Decision]
+    explain: Callable[[Point | None], Decision]
     by_permissions: bool = True
     """Whether the grant is what decides; before it, names and the governance do."""
 
     @property
     def decision(self) -> Decision:
         """The decision in full."""
-        return self.explain()
+        return self.explain(None)
 
 
 class _Asked(NamedTuple):
@@ -109,12 +112,12 @@ class LocalRights:
         """
         step = self.step(enclave, profile, operation, channel)
         grant = self.grant(enclave, profile)
+        told = step.explain(name)
         if step.allow or grant is None:
-            return step.decision
+            return told
         near = self._near if step.by_permissions else self._elsewhere
         more = near(grant, profile, _Asked(operation, name, channel))
-        denied = step.decision
-        return Decision(allow=False, reason=denied.reason + more, location=denied.location)
+        return Decision(allow=False, reason=told.reason + more, location=told.location)
 
     def step(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int) -> Step:
         """What decides about one channel, without a look at what comes near."""
@@ -141,7 +144,7 @@ class LocalRights:
             if profile.local.binds_domains:
                 channels &= self._domains(rule)
             if channels:
-                yield Step(channels, rule.allow, partial(_by_rule, rule, before, operation, place))
+                yield Step(channels, rule.allow, partial(_by_rule, rule, before, operation, place, access.matcher))
             before = rule
         yield Step(self._all, grant.default_allow, partial(_by_default, grant, operation, place))
 
@@ -171,7 +174,7 @@ class LocalRights:
         if governed != self._all:
             reason = "no topic rule of the governance covers the topic in this domain, so it cannot be created"
             whole = Location(path=place) if place else None
-            explain = partial(Decision, allow=False, reason=reason, location=whole)
+            explain = partial(_said, Decision(allow=False, reason=reason, location=whole))
             yield Step(self._all & ~governed, False, explain, by_permissions=False)
 
     def _loose(self, enclave: Enclave, access: Access, operation: Operation, place: str) -> Iterator[Step]:
@@ -194,7 +197,7 @@ class LocalRights:
             listed = self._region(access, rule.listed) & self._domains(rule) & controlled
             controlled &= ~listed
             if listed and not rule.allow:
-                yield Step(listed, False, partial(_no_topic, rule, place))
+                yield Step(listed, False, partial(_no_topic, rule, place, access.matcher))
 
     def _topic_rules(
         self, enclave: Enclave, access: Access, local: Local
@@ -251,7 +254,7 @@ class LocalRights:
         """Where names or the governance decide: the rule that allows it in other domains, as a sentence more."""
         for rule in _allowing(grant):
             if self._listed(rule, profile, asked, asked.operation) and not self._domains(rule) >> asked.channel & 1:
-                return f". Line {rule.line} allows it in {_domain_of(rule)}"
+                return f". {self._line(rule, profile, asked)} allows it in {_domain_of(rule)}"
         return ""
 
     def _near(self, grant: ReadGrant, profile: Profile, asked: _Asked) -> str:
@@ -261,22 +264,29 @@ class LocalRights:
         for rule in allowing:
             if self._listed(rule, profile, asked, operation):
                 if profile.local.binds_domains and not self._domains(rule) >> channel & 1:
-                    return f". Line {rule.line} allows it in {_domain_of(rule)}"
-                return f". Line {rule.line} would allow it, but comes later"
+                    return f". {self._line(rule, profile, asked)} allows it in {_domain_of(rule)}"
+                return f". {self._line(rule, profile, asked)} would allow it, but comes later"
         for other in Operation:
             for rule in allowing:
                 if other is not operation and self._listed(rule, profile, asked, other):
-                    return f". Line {rule.line} allows {DONE[other][1]} instead"
+                    return f". {self._line(rule, profile, asked, other)} allows {DONE[other][1]} instead"
         for rule in allowing:
             if self._listed(rule, profile, asked, operation, in_any_partition=True):
                 elsewhere = profile.local.binds_domains and not self._domains(rule) >> channel & 1
                 domain = f" of {_domain_of(rule)}" if elsewhere else ""
-                return f". Line {rule.line} allows it in another partition{domain}"
+                return f". {self._line(rule, profile, asked)} allows it in another partition{domain}"
         listed = {text: rule for rule in reversed(allowing) for text in rule.texts(operation)}
         if not listed:
             return f". It may {DONE[operation][0]} nothing"
         text = max(listed, key=lambda text: _likeness(text, topic))
-        return f". The nearest that may be {_PAST[operation]} is {text!r} (line {listed[text].line})"
+        own = (each for criterion in listed[text].rule.criteria for each in criterion.topics if each.text == text)
+        line = next((each.line for each in own), listed[text].line)
+        return f". The nearest that may be {_PAST[operation]} is {text!r} (line {line})"
+
+    def _line(self, rule: ReadRule, profile: Profile, asked: _Asked, operation: Operation | None = None) -> str:
+        matcher = self._accesses.row(profile.access).matcher
+        at, _line = _at(rule, operation or asked.operation, asked.name, matcher)
+        return f"{at[0].upper()}{at[1:]}"
 
     def _listed(
         self, rule: ReadRule, profile: Profile, asked: _Asked, operation: Operation, *, in_any_partition: bool = False
@@ -289,20 +299,6 @@ class LocalRights:
             and any_matches(area.topics, topic, matcher)
             for area in rule.region(operation)
         )
-
-
-def wildcard_names(channels: Channels) -> list[int]:
-    """The channels of one name that is an expression on Fast DDS."""
-    odd = {topic for topic in {each.topic for each in channels.channels} if not FASTDDS_WILDCARDS.isdisjoint(topic)}
-    return [n for n, each in enumerate(channels.channels) if each.topic in odd and not each.infinite] if odd else []
-
-
-def illegal_names(channels: Channels, legal: str) -> Iterator[int]:
-    """The channels of one name that `legal` does not match; of infinitely many names some may be."""
-    pattern = re.compile(legal)
-    for number, channel in enumerate(channels.channels):
-        if not channel.infinite and pattern.fullmatch(channel.topic) is None:
-            yield number
 
 
 _PAST: Final = {Operation.PUBLISH: "published", Operation.SUBSCRIBE: "subscribed to", Operation.RELAY: "relayed"}
@@ -330,24 +326,39 @@ def _shared_beginning(one: str, other: str) -> int:
     return shared
 
 
-def _uncontrolled(domain_rule: ReadDomainRule, topic: TopicRule, operation: Operation, place: str) -> Decision:
+def _uncontrolled(
+    domain_rule: ReadDomainRule, topic: TopicRule, operation: Operation, place: str, _name: Point | None
+) -> Decision:
     control = "write" if operation is Operation.PUBLISH else "read"
     where = f"the topic in domain {describe(domain_rule.domains)}"
     reason = f"the governance has {control} access control off for {where}, so permissions are not asked"
     return Decision(allow=True, reason=reason, location=Location(path=place, line=topic.line))
 
 
-def _nowhere(reason: str) -> Decision:
+def _said(decision: Decision, _name: Point | None) -> Decision:
+    return decision
+
+
+def _nowhere(reason: str, _name: Point | None) -> Decision:
     """A refusal that no line says."""
     return Decision(allow=False, reason=reason, location=None)
 
 
-def _no_topic(rule: ReadRule, place: str) -> Decision:
+def _at(rule: ReadRule, operation: Operation, name: Point | None, matcher: Matcher) -> tuple[str, int | None]:
+    """`line 36 (rt/*_priority)` and its number: the expression that matches the name, else the rule."""
+    text = naming(rule.rule, operation, name[0], matcher) if name is not None else None
+    if text is None or text.line is None:
+        return f"line {rule.line}", rule.line
+    return f"line {text.line} ({shorten(text.text, MAX_EXPRESSION)})", text.line
+
+
+def _no_topic(rule: ReadRule, place: str, matcher: Matcher, name: Point | None) -> Decision:
+    where, line = _at(rule, Operation.PUBLISH, name, matcher)
     reason = (
-        f"line {rule.line} is the first rule that lists the topic, and it denies: the topic itself cannot "
+        f"{where} is the first rule that lists the topic, and it denies: the topic itself cannot "
         "be created, whichever operation and partition the rule is about"
     )
-    return Decision(allow=False, reason=reason, location=Location(path=place, line=rule.line))
+    return Decision(allow=False, reason=reason, location=Location(path=place, line=line))
 
 
 def _blocks(rule: ReadRule, before: ReadRule | None) -> bool:
@@ -355,17 +366,20 @@ def _blocks(rule: ReadRule, before: ReadRule | None) -> bool:
     return before is not None and not rule.allow and before.allow and before.line == rule.line
 
 
-def _by_rule(rule: ReadRule, before: ReadRule | None, operation: Operation, place: str) -> Decision:
+def _by_rule(
+    rule: ReadRule, before: ReadRule | None, operation: Operation, place: str, matcher: Matcher, name: Point | None
+) -> Decision:
+    at, line = _at(rule, operation, name, matcher)
     if _blocks(rule, before):
         where = "and not in this partition: no later rule is asked"
-        reason = f"line {rule.line} is the first rule that lists the topic, {where}"
+        reason = f"{at} is the first rule that lists the topic, {where}"
     else:
         verb = "allows" if rule.allow else "denies"
-        reason = f"line {rule.line} is the first rule that matches, and it {verb} {DONE[operation][1]}"
-    return Decision(allow=rule.allow, reason=reason, location=Location(path=place, line=rule.line))
+        reason = f"{at} is the first rule that matches, and it {verb} {DONE[operation][1]}"
+    return Decision(allow=rule.allow, reason=reason, location=Location(path=place, line=line))
 
 
-def _by_default(grant: ReadGrant, operation: Operation, place: str) -> Decision:
+def _by_default(grant: ReadGrant, operation: Operation, place: str, _name: Point | None) -> Decision:
     typed = grant.grant
     allow = grant.default_allow
     said = "ALLOW" if typed.default_allow else "DENY"

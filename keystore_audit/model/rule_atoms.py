@@ -154,6 +154,7 @@ class RuleAtoms:
             subscribe=self._region(rule.subscribe, access),
             relay=self._region(rule.relay, access),
             location=Location(path=place, line=rule.line),
+            source=rule.rule,
         )
 
     def _topics_denied(
@@ -176,6 +177,7 @@ class RuleAtoms:
                     subscribe=denied,
                     relay=frozenset(),
                     location=Location(path=place, line=rule.line),
+                    source=rule.rule,
                 )
             listed |= hit
 

@@ -69,7 +69,12 @@ class ReadRule:
     subscribe: Region
     relay: Region
     of_peers: bool
-    line: int | None
+    rule: Rule
+
+    @property
+    def line(self) -> int | None:
+        """Where the rule stands."""
+        return self.rule.line
 
     def region(self, operation: Operation) -> Region:
         """What it decides for the operation."""
@@ -189,7 +194,7 @@ def _read_rule(
         subscribe=regions.get(Operation.SUBSCRIBE, ()),
         relay=regions.get(Operation.RELAY, ()),
         of_peers=of_peers,
-        line=rule.line,
+        rule=rule,
     )
 
 

@@ -159,6 +159,7 @@ class SystemBuilder:
         enclaves, realms = self._enclave_atoms(kind, documents, atoms, may=may)
         domain_rules, topic_rules, grants, rules = self._typed_atoms(documents, kind)
         return System(
+            matcher=kind.access.matcher,
             profiles=profiles,
             pins_signer=kind.trust.pins_signer,
             skips_grants_out_of_date=kind.access.skips_grants_out_of_date,

@@ -54,7 +54,7 @@ def _trusting(groups: Iterable[tuple[str, Iterable[str], Iterable[Enclave]]]) ->
 
 @rule(
     "KA222",
-    Severity.MEDIUM,
+    Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012; ros2/sros2#282",
     remedy=SEPARATE,
     explains=(
@@ -68,8 +68,8 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
     """One key is identity CA and permissions CA, as sros2 makes it.
 
     Where the signer is not pinned, every identity that this authority issued can sign permissions for itself, and peers
-    take them (measured with real processes). High if a chosen profile is such an implementation, else medium: one
-    update, or one old robot, is enough. Identities whose keyUsage or extendedKeyUsage forbids S/MIME are not exempted,
+    take them (measured with real processes). High if a chosen profile is such an implementation, else a note: one
+    old robot is enough. Identities whose keyUsage or extendedKeyUsage forbids S/MIME are not exempted,
     since the authority can issue others.
     """
     shared: dict[tuple[str, ...], tuple[CertificateFile, CertificateFile, list[Enclave]]] = {}
@@ -88,7 +88,7 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
             f"{paths(enclaves)}: where the signer is not pinned, an enclave can sign itself any right.",
             locations=places(located(c) for c in of_both),
             enclave=sole(enclaves),
-            severity=Severity.HIGH if context.chose(UNPINNED) else None,
+            severity=None if context.chose(UNPINNED) else Severity.INFO,
             remedy=alone if len(of_both) < len(every) else None,
             profiles=tuple(profile.name for profile in UNPINNED),
             key=_trusting([("both", keys, enclaves)]),

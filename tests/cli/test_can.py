@@ -53,17 +53,17 @@ def decisions(*args: str | Path) -> tuple[int, dict[str, Any]]:
 @pytest.mark.parametrize(
     ("store", "words", "code", "decision", "effective", "line"),
     [
-        (TURTLESIM, "/random publish /low_priority", 0, ALLOW, ALLOW, 17),
+        (TURTLESIM, "/random publish /low_priority", 0, ALLOW, ALLOW, 35),
         (TURTLESIM, "/random publish /high_priority", 1, DENY, DENY, 74),
         (TURTLESIM, "/random relay /low_priority", 1, DENY, DENY, 74),
-        (TURTLESIM, "/random publish rt/low_priority --kind dds", 0, ALLOW, ALLOW, 17),
+        (TURTLESIM, "/random publish rt/low_priority --kind dds", 0, ALLOW, ALLOW, 35),
         (TURTLESIM, "/random publish rt/low_priority --kind dds --partition p", 1, DENY, DENY, 74),
-        (ACTIONS, "/add_two_ints/client request /add_two_ints", 0, ALLOW, ALLOW, 17),
+        (ACTIONS, "/add_two_ints/client request /add_two_ints", 0, ALLOW, ALLOW, 23),
         (ACTIONS, "/add_two_ints/client reply /add_two_ints", 1, DENY, DENY, 75),
-        (ACTIONS, "/fibonacci/client call /fibonacci", 0, ALLOW, ALLOW, 17),
-        (ACTIONS, "/fibonacci/server execute /fibonacci", 0, ALLOW, ALLOW, 17),
+        (ACTIONS, "/fibonacci/client call /fibonacci", 0, ALLOW, ALLOW, 23),
+        (ACTIONS, "/fibonacci/server execute /fibonacci", 0, ALLOW, ALLOW, 29),
         (UNREADABLE, "/listener subscribe /chatter", 4, UNKNOWN, UNKNOWN, None),
-        (UNREADABLE, "/talker publish /chatter", 0, ALLOW, ALLOW, 17),
+        (UNREADABLE, "/talker publish /chatter", 0, ALLOW, ALLOW, 23),
     ],
 )
 def test_answers_on_which_all_implementations_agree(
@@ -269,7 +269,7 @@ def test_where_no_participant_starts_nothing_is_allowed() -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ("/random publish /low_priority", "Line 17 allows it in domain 0"),
+        ("/random publish /low_priority", "Line 35 (rt/low_priority) allows it in domain 0"),
         ("/random publish /zzz/abc", ""),  # no line allows it anywhere
         ("/random publish /high_priority", ""),
         ("/random publish rt/chatter --kind dds", ""),  # by this name the model calls all of an ungoverned domain
@@ -297,9 +297,9 @@ def test_a_line_that_allows_it_comes_not_later_than_the_governance(tmp_path: Pat
 @pytest.mark.parametrize(
     ("listed", "domain", "says"),
     [
-        ("rt/a", 0, "Line 16 allows it in another partition"),
-        ("rt/*", 0, "Line 16 allows it in another partition"),
-        ("rt/a", 5, "Line 16 allows it in another partition of domain 5"),
+        ("rt/a", 0, "Line 16 (rt/a) allows it in another partition"),
+        ("rt/*", 0, "Line 16 (rt/*) allows it in another partition"),
+        ("rt/a", 5, "Line 16 (rt/a) allows it in another partition of domain 5"),
         ("rt/ab", 5, "The nearest that may be published is 'rt/ab' (line 16)"),
     ],
 )

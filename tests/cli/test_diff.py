@@ -99,7 +99,7 @@ def test_text_names_the_cause_with_its_lines_and_what_follows(diff: Diff) -> Non
     told = re.sub(r"\s+", " ", out)
     assert (
         "Grants + /gateway may publish /motor_limit (topic) in domain 0. old enclaves/gateway/permissions.p7s:11 "
-        "new enclaves/gateway/permissions.p7s:17 + so data can now get from /gateway to /motor (/gateway → "
+        "new enclaves/gateway/permissions.p7s:38 + so data can now get from /gateway to /motor (/gateway → "
         "/motor_limit (topic) → /motor), and between 4 more pairs of enclaves" in told
     )
     assert max(map(len, out.splitlines()[2:])) <= 80
@@ -126,7 +126,7 @@ def test_json_says_what_fails_and_where(diff: Diff) -> None:
     assert witness == {
         "topic": "rt/motor_limit", "ros": "/motor_limit (topic)", "partition": "", "domains": "0", "one": True
     }  # fmt: skip
-    assert first["new"] == {"path": "enclaves/gateway/permissions.p7s", "line": 17}
+    assert first["new"] == {"path": "enclaves/gateway/permissions.p7s", "line": 38}
     (influence,) = [each["influence"] for each in first["consequences"] if each["influence"]]
     assert influence["pairs"] == 5
     assert [(hop["from"], hop["on"]["topic"], hop["to"]) for hop in influence["way"]] == [

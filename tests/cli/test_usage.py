@@ -104,7 +104,7 @@ def test_explaining_what_is_not_there(word: str, said: str, capsys: pytest.Captu
 def test_a_part_of_a_name_lists_what_fits(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["explain", "one-ca"]) == 0
     told = capsys.readouterr().out
-    assert "KA222  medium    one-ca-for-both-roles\n" in told
+    assert "KA222  high      one-ca-for-both-roles\n" in told
     assert all("one-ca" in line for line in told.splitlines())
     assert run(["explain", "ka2"]) == 0
     of_family = capsys.readouterr().out

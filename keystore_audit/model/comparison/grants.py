@@ -200,5 +200,5 @@ def deciding(view: View, grant: int | None, operation: Operation, channels: int)
     domain = view.system.channels[channel].domain
     for rule in view.decisions.rules[grant]:
         if domain in rule.domains and channel in rule.named(operation):
-            return rule.location
+            return view.system.place(rule, operation, channel)
     return whole(view, grant)

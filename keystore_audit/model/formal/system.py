@@ -20,9 +20,10 @@ from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.formal.behaviour import DeterminismAtom
 from keystore_audit.model.formal.claim import ClaimAtom, PlaceAtom
+from keystore_audit.model.matching.expression import Matcher, naming
 
 
 class Reading(str, Enum):
@@ -250,7 +251,7 @@ class RuleAtom:
 
     `domains`: the classes its ids cover. `publish`, `subscribe`, `relay`: channels whose topic and partition
     one of its criteria matches, in any domain class: a rule applies to a channel only where `domains` holds
-    the channel's domain as well.
+    the channel's domain as well. `source`: as it is written.
     """
 
     grant: int
@@ -260,6 +261,7 @@ class RuleAtom:
     subscribe: frozenset[int]
     relay: frozenset[int]
     location: Location
+    source: Rule | None = None
 
     def named(self, operation: Operation) -> frozenset[int]:
         """The channels that its criteria match for the operation."""
@@ -324,6 +326,15 @@ class System:
     nodes: tuple[NodeAtom, ...] = ()
     meets: tuple[frozenset[int], ...] = ()
     left_out: tuple[LeftOut, ...] = ()
+    matcher: Matcher = Matcher.POSIX
+    """How these implementations read expressions."""
+
+    def place(self, rule: RuleAtom, operation: Operation, channel: int) -> Location:
+        """The line of the expression by which the rule is about the channel, else that of the rule."""
+        if rule.source is None:
+            return rule.location
+        text = naming(rule.source, operation, self.channels[channel].topic, self.matcher)
+        return rule.location if text is None or text.line is None else replace(rule.location, line=text.line)
 
     def at(self, moment: int) -> System:
         """The same with realms and enclaves as they are then, and for good; what is in force is asked of dates."""

@@ -17,6 +17,8 @@ from functools import lru_cache, partial
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
+from keystore_audit.keystore.document import Text
+from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.matching.cyclonedds_pattern import parse_cyclonedds
 from keystore_audit.model.matching.opendds_pattern import parse_opendds
 from keystore_audit.model.matching.posix import parse_posix
@@ -161,6 +163,19 @@ def parse(text: str, matcher: Matcher) -> Pattern:
 def has_wildcard(text: str) -> bool:
     """Whether the expression may match more than one name."""
     return "*" in text or "?" in text or "[" in text or "\\" in text
+
+
+def naming(rule: Rule, operation: Operation, name: str, matcher: Matcher) -> Text | None:
+    """The first topic expression of the rule that matches the name: among those of the operation, else among all, since
+    some implementations take what a rule lists for relaying as a right to subscribe.
+    """
+    own = [each for each in rule.criteria if each.operation is operation]
+    others = [each for each in rule.criteria if each.operation is not operation]
+    for criterion in (*own, *others):
+        for text in criterion.topics:
+            if text.text == name or parse(text.text, matcher).matches(name):
+                return text
+    return None
 
 
 def any_matches(texts: Iterable[str], name: str, matcher: Matcher) -> bool:

@@ -23,8 +23,8 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.channels import Channels
-from keystore_audit.model.decision import LocalRights, wildcard_names
+from keystore_audit.model.channels import Channels, wildcard_names
+from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Meetings
 from keystore_audit.model.formal.system import EnclaveAtom
