@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from keystore_audit.assumptions import WORLD
 from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.counterexample import describe
+from keystore_audit.engine.counterexample_case import plainest
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
 from keystore_audit.engine.shorter_subjects import shorter_subjects
 from keystore_audit.model.claims.claims import Claim
@@ -50,7 +51,7 @@ def combine(
 
 
 def _told(systems: Sequence[System], prop: Property, number: int, answer: Answer) -> Counterexample:
-    return describe(systems[number], prop, answer.witnesses[0])
+    return describe(systems[number], prop, plainest(systems[number], answer.witnesses))
 
 
 def combine_claims(

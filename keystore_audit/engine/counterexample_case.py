@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from keystore_audit.dataclass import dataclass
 from keystore_audit.engine import causes
 from keystore_audit.findings import Location
@@ -16,7 +18,7 @@ from keystore_audit.model.formal.system import (
     System,
     TopicRuleAtom,
 )
-from keystore_audit.model.names import ros_name
+from keystore_audit.model.names import AMBIENT, ros_name
 from keystore_audit.properties.counterexample import Step
 from keystore_audit.properties.property import Role, Witness
 
@@ -145,3 +147,30 @@ def step_at(location: Location | None, witness: str, *, channel: str | None = No
         path=None if location is None else location.path,
         line=None if location is None else location.line,
     )
+
+
+def plainest(system: System, witnesses: Sequence[Witness]) -> Witness:
+    """The witness that is understood without a second look: an enclave of the keystore, the default partition, a
+    topic of users that documents name, an enclave that nothing grants anything on it, a short name; else the first.
+    """
+    granted: dict[int, set[int]] = {}
+
+    def has_right(enclave: int, channel: int) -> bool:
+        if enclave not in granted:
+            identity = system.enclaves[enclave].identity
+            own = {number for number, grant in enumerate(system.grants) if identity in grant.names}
+            rules = [rule for rule in system.rules if rule.allow and rule.grant in own]
+            granted[enclave] = {each for rule in rules for each in (*rule.publish, *rule.subscribe)}
+        return channel in granted[enclave]
+
+    def rank(witness: Witness) -> tuple[object, ...]:
+        enclave, channel = witness.get(Role.ENCLAVE), witness.get(Role.CHANNEL)
+        at_large = enclave is not None and system.enclaves[enclave].at_large
+        if channel is None:
+            return (at_large,)
+        atom = system.channels[channel]
+        right = enclave is not None and has_right(enclave, channel)
+        of_users = atom.topic.startswith("rt/") and atom.topic not in AMBIENT
+        return at_large, atom.partition != "", not of_users, atom.infinite, right, len(atom.topic)
+
+    return min(witnesses, key=rank)

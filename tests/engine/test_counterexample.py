@@ -10,6 +10,7 @@ import pytest
 
 from keystore_audit.engine import causes
 from keystore_audit.engine.counterexample import describe
+from keystore_audit.engine.counterexample_case import plainest
 from keystore_audit.engine.counterexample_claims import describe_claim, hop_ways
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
@@ -32,6 +33,7 @@ from tests.engine.systems import (
     TALKER_IDENTITY,
     TALKER_PERMISSIONS,
     Builder,
+    healthy,
     healthy_builder,
     random_system,
     stock,
@@ -311,3 +313,21 @@ def test_what_is_told_to_need_no_attack_needs_none() -> None:
                 assert NativeEngine([alone]).answers[0][honest.id].status is Status.VIOLATED, (seed, asked.id)
                 told += asked.attacker is not Attacker.HONEST
     assert told > 20
+
+
+def test_of_many_witnesses_the_plainest_is_told() -> None:
+    """A flip for each preference: the default partition, users' topics, names in documents, no right on it, short."""
+    base = healthy()
+    channel = base.channels[0]
+    names = ("rt/some_longer_name", "rt/b", "rt/rosout", "rq/x", "rt/a", "rt/c")
+    channels = tuple(
+        channel._replace(topic=name, partition="p" if name == "rt/a" else "", infinite=name == "rt/c") for name in names
+    )
+    system = replace(base, channels=channels, rules=(), grants=())
+    witnesses = [{Role.REALM: 0, Role.ENCLAVE: 0, Role.CHANNEL: number} for number in range(len(names))]
+    told = []
+    while witnesses:
+        best = plainest(system, witnesses)
+        told.append(names[best[Role.CHANNEL]])
+        witnesses.remove(best)
+    assert told == ["rt/b", "rt/some_longer_name", "rt/c", "rq/x", "rt/rosout", "rt/a"]
