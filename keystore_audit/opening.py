@@ -14,7 +14,7 @@ def flags(*names: str) -> int:
 
 def check_system() -> None:
     """Raise AuditError where links would be followed: Windows has no such calls."""
-    if not hasattr(os, "O_NOFOLLOW") or os.open not in os.supports_dir_fd:
+    if not hasattr(os, "O_NOFOLLOW") or os.stat not in os.supports_dir_fd:
         raise AuditError(
             "This system cannot open files below a directory without following links, so nothing is decided: run it "
             "on Linux or macOS."
