@@ -26,12 +26,12 @@ class Kind(str, Enum):
 
 
 class Act(str, Enum):
-    """What a script does. The value stands in JSON."""
+    """What a script does; the value stands in JSON. What somebody edits first is signed as it is then."""
 
     SIGN = "sign"
-    SIGN_GOVERNANCE = "sign-governance"
-    SIGN_PERMISSIONS = "sign-permissions"
-    SIGN_ALL = "sign-all"
+    EDIT = "edit"
+    EDIT_GOVERNANCE = "edit-governance"
+    EDIT_PERMISSIONS = "edit-permissions"
     ISSUE = "issue"
     RENEW = "renew"
     NEW_IDENTITY_CA = "new-identity-ca"
@@ -43,12 +43,12 @@ class Act(str, Enum):
 
 _SAID: Final = {
     Act.SIGN: "Sign the document again with the permissions CA.",
-    Act.SIGN_GOVERNANCE: "Write it into the governance's .xml, and sign that with the permissions CA.",
-    Act.SIGN_PERMISSIONS: (
+    Act.EDIT: "Write it into the document's .xml, and sign that with the permissions CA.",
+    Act.EDIT_GOVERNANCE: "Write it into the governance's .xml, and sign that with the permissions CA.",
+    Act.EDIT_PERMISSIONS: (
         "Write it into permissions.xml, and sign that with the permissions CA; or into the policy, and run `ros2 "
         "security create_permission KEYSTORE ENCLAVE policy.xml`."
     ),
-    Act.SIGN_ALL: "Sign the governance and all permissions again with the permissions CA.",
     Act.ISSUE: "Issue a new key and certificate under the identity CA, for a year.",
     Act.RENEW: "Renew the authority's certificate, with its own key and name, and sign again what names the old one.",
     Act.NEW_IDENTITY_CA: "Make a new identity CA, and issue all identities under it, for a year.",
@@ -125,8 +125,3 @@ def decision(text: str, *acts: Act) -> Remedy:
 def outside(text: str) -> Remedy:
     """What no edit of the keystore brings about."""
     return _remedy(Kind.OUTSIDE, text, ())
-
-
-def leads_to(path: str, link: str | None, target: str) -> bool:
-    """Whether the entry at `path` is a link that says nothing but the way to `target`, as sros2 makes them."""
-    return link == f"{'../' * path.count('/')}{target}"

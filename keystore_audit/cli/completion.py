@@ -15,35 +15,6 @@ else:
     TextType = click.ParamType  # generic only in newer releases
 
 
-class Word(TextType):
-    """One of some words."""
-
-    name = "word"
-
-    def __init__(self, words: tuple[str, ...]) -> None:
-        """Take `words` and no other."""
-        self._words = words
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002
-        """Return the word; a wrong one is answered with the nearest."""
-        if value not in self._words:
-            from keystore_audit.cli.options import unknown
-
-            raise click.BadParameter(unknown(f"{value!r} is not one of", value, self._words))
-        return str(value)
-
-    def shell_complete(
-        self,
-        ctx: click.Context,  # noqa: ARG002 - click's signature
-        param: click.Parameter,  # noqa: ARG002
-        incomplete: str,
-    ) -> list[CompletionItem]:
-        """Offer the words that begin so."""
-        from click.shell_completion import CompletionItem
-
-        return [CompletionItem(word) for word in self._words if word.startswith(incomplete)]
-
-
 class Known(TextType):
     """What `check` lets through, as it returns it or raises UsageError; `words` are offered."""
 
@@ -63,10 +34,29 @@ class Known(TextType):
         param: click.Parameter,  # noqa: ARG002
         incomplete: str,
     ) -> list[CompletionItem]:
-        """Offer the words that begin so, whatever their case."""
+        """Offer the words that begin so; of codes, which are in capitals, small letters will do."""
         from click.shell_completion import CompletionItem
 
-        return [CompletionItem(word) for word in self._words() if word.lower().startswith(incomplete.lower())]
+        return [CompletionItem(word) for word in self._words() if word.startswith((incomplete, incomplete.upper()))]
+
+
+class Word(Known):
+    """One of some words."""
+
+    name = "word"
+
+    def __init__(self, words: tuple[str, ...]) -> None:
+        """Take `words` and no other."""
+        super().__init__(lambda value: _one_of(value, words), lambda: words)
+
+
+def _one_of(value: str, words: tuple[str, ...]) -> str:
+    """The word; a wrong one is answered with the nearest."""
+    if value not in words:
+        from keystore_audit.cli.options import unknown
+
+        raise click.BadParameter(unknown(f"{value!r} is not one of", value, words))
+    return value
 
 
 class Directory(TextType):

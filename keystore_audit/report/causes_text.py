@@ -49,13 +49,15 @@ _STYLE: Final = {
 
 def put_short(page: Page, report: Report, consequences: Consequences) -> None:
     """Put the causes on the page as far as one screen has room for them."""
-    own = [each for each in consequences.causes if _weighs(report, each) or each.severity.at_least(Severity.MEDIUM)]
+    own, lesser = list[Cause](), list[Cause]()
+    for each in consequences.causes:
+        (own if _weighs(report, each) or each.severity.at_least(Severity.MEDIUM) else lesser).append(each)
 
     def put(cause: Cause) -> None:
         _short(page, report, cause, consequences, weighs=_weighs(report, cause))
 
     _put(page, own, lambda cause: MAX_ALIKE if _weighs(report, cause) else MAX_MEDIUM, put)
-    _lesser(page, [cause for cause in consequences.causes if cause not in own])
+    _lesser(page, lesser)
 
 
 def put_headings(page: Page, report: Report, consequences: Consequences) -> None:

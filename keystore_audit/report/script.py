@@ -18,14 +18,13 @@ from typing import Final
 from urllib.parse import unquote_to_bytes
 
 from keystore_audit.findings import Finding
-from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.remedy import Act, Kind, leads_to
+from keystore_audit.remedy import Act, Kind
 from keystore_audit.text import terminal
 
 _SAFE: Final = frozenset(string.ascii_letters + string.digits + "/._-")
-_SIGNING: Final = (Act.SIGN, Act.SIGN_GOVERNANCE, Act.SIGN_PERMISSIONS, Act.SIGN_ALL)
+_EDITS: Final = (Act.EDIT, Act.EDIT_GOVERNANCE, Act.EDIT_PERMISSIONS)
 _EC: Final = "-newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -sha256"
 _SHOW: Final = "openssl smime -verify -noverify -text -in FILE.p7s"
 _REQUEST: Final = '"$stage/request"'
@@ -136,15 +135,18 @@ class _Script:
         self._told: list[str] = []
         self._staged: dict[str, str] = {}
         self._digests = dict(keystore.contents)
-        self._edited = False
         self._words = _Words()
-        self._decided = any(finding.fix.kind is Kind.DECISION for finding in findings)
+        self._acts: dict[Act, dict[str, None]] = {}
+        for finding in findings:
+            for step in finding.fix.steps:
+                if step.act is not None and step.paths:
+                    self._acts.setdefault(step.act, {}).update(dict.fromkeys(step.paths))
 
     def lines(self) -> Iterator[str]:
         """The whole script."""
         first = self._findings[0]
-        for step, paths in self._acts().items():
-            self._act(step, tuple(paths))
+        for act, paths in self._acts.items():
+            self._act(act, tuple(paths))
         yield "#!/bin/sh"
         yield f"# {first.code} {first.name}"
         yield from self._comments()
@@ -175,15 +177,6 @@ class _Script:
     def _word(self, path: str) -> str:
         return self._words.of(_raw(path))
 
-    def _acts(self) -> dict[Act, dict[str, None]]:
-        """The files of each act, over all findings."""
-        acts: dict[Act, dict[str, None]] = {}
-        for finding in self._findings:
-            for step in finding.fix.steps:
-                if step.act is not None and step.paths:
-                    acts.setdefault(step.act, {}).update(dict.fromkeys(step.paths))
-        return acts
-
     def _comments(self) -> Iterator[str]:
         """What somebody has to do before, each sentence once; names in it are one line that steers no terminal."""
         said = dict.fromkeys(
@@ -198,15 +191,15 @@ class _Script:
     def _reviewed(self) -> Iterator[str]:
         if not self._reviews:
             return
-        if self._edited:
+        if self._acts.keys() & {*_EDITS}:
             yield '[ "$differ" = yes ] || stop "The .xml says what is signed already: edit it first, as said above"'
         yield '[ "$differ" = no ] || [ "${REVIEWED-}" = yes ] ||'
         yield '  stop "That would be signed, whoever wrote it. If it is meant, run this again with REVIEWED=yes"'
 
     def _act(self, act: Act, paths: tuple[str, ...]) -> None:
-        if act in _SIGNING:
+        if act is Act.SIGN or act in _EDITS:
             for path in paths:
-                self._sign(path, edited=self._decided)
+                self._sign(path, edited=act in _EDITS)
         elif act is Act.ISSUE:
             self._issue(paths)
         elif act is Act.RENEW:
@@ -215,12 +208,10 @@ class _Script:
             for path in paths:
                 self._link(path)
         elif act is Act.NEW_PERMISSIONS_CA:
-            self._authority(Role.PERMISSIONS_CA)
-            for path in (path for path in paths if path.endswith(".p7s")):
+            for path in self._authority("permissions", paths):
                 self._sign(path)
         elif act is Act.NEW_IDENTITY_CA:
-            self._authority(Role.IDENTITY_CA)
-            self._issue(tuple(path for path in paths if path.startswith("enclaves/")))
+            self._issue(self._authority("identity", paths))
         else:
             self._mode(act, paths)
 
@@ -282,7 +273,6 @@ class _Script:
         certificate, key = self._signer(Role.PERMISSIONS_CA)
         self._was(path)
         if edited:
-            self._edited = True
             told = shlex.quote(f" is missing: make it of what is signed ({_SHOW}), and edit it")
             word = self._word(beside)
             self._checks[beside] = f"[ -e {word} ] || stop {word}{told}; plain {word}"
@@ -315,20 +305,17 @@ class _Script:
             f"chmod 644 {made}",
         ]
 
-    def _authority(self, role: Role) -> None:
-        """A new key and certificate, also where enclaves have a copy of the old certificate."""
-        name = _ROLES[role]
-        public = f"public/{name}_ca.cert.pem"
-        key, certificate = self._new(f"private/{name}_ca.key.pem"), self._new(public)
+    def _authority(self, name: str, paths: tuple[str, ...]) -> tuple[str, ...]:
+        """A new key and certificate, and copies where enclaves have them. Returns the paths that are left."""
+        key, certificate = map(self._new, paths[:2])
         self._makes += [
             f"openssl req -x509 {_EC} -days 3650 -subj /CN={name}CA -keyout {key} -out {certificate}",
             f"chmod 644 {certificate}",
         ]
-        for enclave in self._keystore.enclaves:
-            file = enclave.files.files[role]
-            if file.status is Status.PRESENT and not leads_to(file.path, file.link, public):
-                self._makes.append(f"cp -p {certificate} {self._new(file.path)}")
-        self._tell(name, public)
+        copies = [path for path in paths[2:] if path.endswith(f"{name}_ca.cert.pem")]
+        self._makes += [f"cp -p {certificate} {self._new(path)}" for path in copies]
+        self._tell(name, paths[1])
+        return tuple(path for path in paths[2:] if path not in copies)
 
     def _tell(self, name: str, public: str) -> None:
         """The line of the settings that declares the authority, which is another one now."""

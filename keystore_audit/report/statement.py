@@ -57,10 +57,12 @@ def _test_result(report: Report) -> dict[str, Any]:
     apart = {*failed, *warned}
     passed = [rule for rule in every if rule in passing and rule not in apart and not rule.startswith("KA7")]
     tests = [*passed, *(_if(result.prop.id, result.needs) for result in _holding(report))]
+    if report.scope:
+        tests = [_passed(report)] if _sound(report) else []
     return {
         "result": _result(report, warned=bool(warned)),
         "configuration": _configuration(report),
-        "passedTests": [_passed(report)] if report.scope and _sound(report) else tests if not report.scope else [],
+        "passedTests": tests,
         "warnedTests": warned,
         "failedTests": failed,
         "keystoreAudit": _details(report),

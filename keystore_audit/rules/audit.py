@@ -32,7 +32,7 @@ _CLAUSE: Final = "keystore-audit, docs/reference.md: an audit that could not dec
 _SAY_THE_ZONE: Final = decision(
     "Say in which zone the robots are, `--time-zone Europe/Berlin`. Or move <not_before> a day back (<not_after> a day "
     "on) in permissions.xml.",
-    Act.SIGN_PERMISSIONS,
+    Act.EDIT_PERMISSIONS,
 )
 
 

@@ -24,7 +24,7 @@ _MEASURED: Final = "fastdds-2.9"
     "KA517",
     Severity.CRITICAL,
     clause="Measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1; the XSD of DDS-Security 1.1 lets it pass",
-    remedy=decision("Find out who signed it, and take the empty element out of the .xml.", Act.SIGN),
+    remedy=decision("Find out who signed it, and take the empty element out of the .xml.", Act.EDIT),
     stops=True,
 )
 def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Violation]:

@@ -65,7 +65,7 @@ _HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in
     "KA420",
     Severity.MEDIUM,
     clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
-    remedy=decision("Use domain ids up to 230.", Act.SIGN),
+    remedy=decision("Use domain ids up to 230.", Act.EDIT),
     applies=taken,
     stops=True,
 )
@@ -106,7 +106,7 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
     remedy=decision(
         "Let both name one domain, that of ROS_DOMAIN_ID on the robots, in the .xml. If enclaves carry "
         "different governances (KA416), begin there.",
-        Act.SIGN,
+        Act.EDIT,
     ),
     applies=speaks,
     stops=True,

@@ -306,7 +306,7 @@ _IN_ORDER: Final = in_permissions("Write publish first, then subscribe, then rel
     "KA421",
     Severity.HIGH,
     clause="DDS-Security 1.0 (20160303) against 1.1 (20170901)",
-    remedy=decision("Write it in the form of DDS-Security 1.1, as the finding says.", Act.SIGN),
+    remedy=decision("Write it in the form of DDS-Security 1.1, as the finding says.", Act.EDIT),
     stops=True,
 )
 def dds_security_1_0_document(use: DocumentUse, _context: Context) -> Iterator[Violation]:

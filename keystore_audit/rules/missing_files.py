@@ -14,7 +14,7 @@ from keystore_audit.model.participants.sight import REQUIRED
 from keystore_audit.remedy import Act, Remedy, decision, mechanical
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule
-from keystore_audit.rules.remedies import CREATE_ENCLAVE, CREATE_PERMISSION, ISSUE_AGAIN
+from keystore_audit.rules.remedies import CREATE_ENCLAVE, CREATE_PERMISSION, ISSUE_AGAIN, LINK_AGAIN, LINKED, linked_in
 from keystore_audit.text import PLAIN_PATH
 
 RUN_TIME_FILES: Final = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
@@ -22,12 +22,8 @@ RUN_TIME_FILES: Final = "ros2/rmw_dds_common, security.cpp: the files that an en
 _MAKE_AGAIN: Final = decision(f"Make what is missing: {CREATE_ENCLAVE}.")
 
 
-_LINKS: Final = (Role.GOVERNANCE, Role.IDENTITY_CA, Role.PERMISSIONS_CA)
-"""What sros2 makes instead of these files."""
-
-LINK_AGAIN: Final = mechanical("", Act.LINK)
 _FOR_WANT_OF: Final = {  # create_enclave would make it, and put permissions that allow everything over those there are
-    **dict.fromkeys(_LINKS, LINK_AGAIN),
+    **dict.fromkeys(LINKED, LINK_AGAIN),
     Role.PERMISSIONS: mechanical(
         f"Where permissions.xml is there, read it and sign it. Else write a policy: {CREATE_PERMISSION}.",
         Act.SIGN,
@@ -59,14 +55,14 @@ def _how_to_make(enclave: Enclave, missing: File) -> Remedy:
     role = next(role for role in REQUIRED if files[role].path == missing.path)
     there = any(files[each].status is Status.PRESENT for each in REQUIRED if each is not Role.KEY)
     if role is Role.GOVERNANCE and enclave.path == "/":  # what the others link to
-        return decision("Restore it, or sign governance.xml.", Act.SIGN_GOVERNANCE)
+        return decision("Restore it, or sign governance.xml.", Act.EDIT_GOVERNANCE)
     return _FOR_WANT_OF[role] if there else _MAKE_AGAIN
 
 
 def is_linked(enclave: Enclave, file: File) -> bool:
     """Whether sros2 has a link in the file's place."""
     files = enclave.files.files
-    return enclave.path != "/" and any(files[role].path == file.path for role in _LINKS)
+    return any(files[role].path == file.path for role in linked_in(enclave))
 
 
 def renaming(keystore: Keystore) -> Callable[[str, Role], str]:

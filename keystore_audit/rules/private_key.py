@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Set as AbstractSet
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
@@ -16,7 +17,7 @@ from keystore_audit.remedy import Act, Remedy, decision, mechanical
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.missing_files import renaming
 from keystore_audit.rules.registry import Violation, rule
-from keystore_audit.rules.remedies import ISSUE_AGAIN, issue_again
+from keystore_audit.rules.remedies import ISSUE_AGAIN
 from keystore_audit.rules.wording import defective, listed, located, of_kinds, quoted
 
 _OTHERS: Final = 0o077
@@ -112,7 +113,7 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
                     enclave=enclave.path,
                     severity=Severity.CRITICAL,
                     key=subjects[key],
-                    remedy=issue_again(f"Make a new authority, and for {enclave.path} a key of its own."),
+                    remedy=_authority_anew({key}, keystore, f"Give {enclave.path} a key of its own."),
                 )
 
 
@@ -153,7 +154,7 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
     for file in _keys_on_robots(keystore, context):
         key = held.get(file.place)
         own = rename(file.place, Role.KEY)
-        anew = _authority_anew(key, keystore) if key else None
+        anew = _authority_anew({*key.keys}, keystore, "Take the key out of the file.") if key else None
         whose = _whose(key, holders) if key else ""
         yield Violation(
             message=f"A private key is in {file.place}, which goes on robots{whose}.",
@@ -176,15 +177,17 @@ def _keys_on_robots(keystore: Keystore, context: Context) -> Iterator[File]:
             yield file
 
 
-def _authority_anew(key: PrivateKey, keystore: Keystore) -> Remedy | None:
-    """How to replace the authority whose key it is, in each of its roles; None: it is that of none."""
+def _authority_anew(keys: AbstractSet[str | None], keystore: Keystore, first: str) -> Remedy | None:
+    """How to replace the authority that has one of these keys, in each of its roles, after what is done `first`; None:
+    it is that of none.
+    """
     trusted = {
         role: {certificate.key for enclave in keystore.enclaves for certificate in enclave.trusts(role)}
         for role in _NEW_CA
     }
     return authority_anew(
-        [role for role in trusted if trusted[role] & {*key.keys}],
-        "Take the key out of the file. Whoever had the file has the key, so that the authority needs another.",
+        [role for role in trusted if trusted[role] & keys],
+        f"{first} Whoever had the file has the key, so that the authority needs another.",
     )
 
 

@@ -63,7 +63,7 @@ def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]
     Severity.CRITICAL,
     clause="DDS-Security 1.1, 9.4.1.3 (subject_name); DistinguishedName.cpp of Fast DDS, access_control_utils.c of "
     "Cyclone DDS; measured",
-    remedy=decision(_SAFE_FORM, Act.SIGN_PERMISSIONS),
+    remedy=decision(_SAFE_FORM, Act.EDIT_PERMISSIONS),
 )
 def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Some implementation takes a grant to name an identity whose subject is another one.
@@ -101,7 +101,7 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
     remedy=decision(
         "Write <subject_name> as the message writes the identity's subject. Where that is read "
         f"differently too: {_SAFE_FORM}",
-        Act.SIGN_PERMISSIONS,
+        Act.EDIT_PERMISSIONS,
     ),
     stops=True,
 )

@@ -531,6 +531,55 @@ def test_a_decision_names_place_and_edit_and_signs_what_was_edited(stock: Path) 
     assert (stock / "enclaves/governance.p7s").read_bytes() != shared
 
 
+def test_what_is_as_meant_is_signed_as_it_is(stock: Path) -> None:
+    """An identity signed the text that the .xml has: there is nothing to edit, and nothing to be shown."""
+    signed = openssl(
+        stock, "smime", "-sign", "-text", "-in", f"{TALKER}/permissions.xml", "-signer", f"{TALKER}/cert.pem",
+        "-inkey", f"{TALKER}/key.pem",
+    )  # fmt: skip
+    (stock / TALKER / "permissions.p7s").write_bytes(signed)
+    (said,) = [each for each in found(stock) if each["code"] == "KA302"]
+    assert (said["fix"]["kind"], said["fix"]["steps"][-1]["act"]) == ("decision", "sign")
+    exit_code, told = run(printed(stock, "KA302"))
+    assert exit_code == 0, told
+    assert not codes(stock) & {"KA302", "KA703"}
+
+
+@pytest.mark.parametrize("document", ["enclaves/governance", f"{TALKER}/permissions"])
+def test_an_edit_of_the_finding_s_own_document_is_signed(document: str, stock: Path) -> None:
+    """Made before the edit, the script signs what was edited since."""
+    file = stock / f"{document}.xml"
+    right = file.read_text()
+    file.write_text(right.replace("<id>0</id>", "<id>7</id>"))
+    openssl(
+        stock, "smime", "-sign", "-text", "-in", str(file), "-out", str(stock / f"{document}.p7s"),
+        "-signer", "public/ca.cert.pem", "-inkey", "private/ca.key.pem",
+    )  # fmt: skip
+    said = [each for each in found(stock) if each["code"] == "KA508"]
+    assert {each["fix"]["steps"][-1]["act"] for each in said} == {"edit"}
+    paths = {path for each in said for path in each["fix"]["steps"][-1]["paths"]}
+    script = printed(stock, "KA508")
+    for path in paths:
+        edited = stock / path.replace(".p7s", ".xml")
+        edited.write_text(edited.read_text().replace("<id>0</id>", "<id>7</id>"))
+    (stock / "enclaves/governance.xml").write_text(
+        (stock / "enclaves/governance.xml").read_text().replace("<id>0</id>", "<id>7</id>")
+    )
+    if f"{document}.p7s" in paths:
+        file.write_text(right)
+    assert run(script)[0] == 1
+    exit_code, told = run(script, REVIEWED="yes")
+    assert exit_code == 0, told
+
+
+def test_a_robot_with_the_authority_s_key_gets_no_script_that_keeps_the_authority(stock: Path) -> None:
+    (stock / TALKER / "key.pem").write_bytes((stock / "private/ca.key.pem").read_bytes())
+    said = [each for each in found(stock) if each["code"] == "KA109" and each["enclave"] == "/talker"]
+    assert [each["fix"]["kind"] for each in said] == ["decision"]
+    acts = [step.get("act") for step in said[0]["fix"]["steps"]]
+    assert acts == [None, "new-permissions-ca", "new-identity-ca"]
+
+
 def test_an_enclave_of_copies_gets_the_new_authority(stock: Path) -> None:
     """In place of links, as a robot may have them."""
     for name in ("identity_ca.cert.pem", "permissions_ca.cert.pem", "governance.p7s"):

@@ -50,7 +50,7 @@ def name_of(option: click.Option) -> str:
 
 
 def fitting(option: click.Option) -> str:
-    words = option.type._words if isinstance(option.type, Word) else ("1",)
+    words = [*option.type._words()] if isinstance(option.type, Word) else ("1",)
     return FITTING.get(name_of(option), words[0])
 
 

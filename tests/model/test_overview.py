@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import datetime, timezone
 from functools import cache
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.access import Access
+from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
@@ -138,7 +140,7 @@ class TestAllowances:
                 assert allowed == right.allowed
 
     @pytest.mark.parametrize("name", ["flows/vehicle_governance_flag", "stock/talker_listener"])
-    def test_the_document_is_that_of_can(self, name: str) -> None:
+    def test_the_line_is_that_of_can(self, name: str) -> None:
         read, seen = sample(name)
         assert seen.access is not None
         profile = VARIANTS[seen.access.groups[-1].profiles[0]]
@@ -155,16 +157,34 @@ class TestAllowances:
             for number, named in enumerate(seen.access.names)
         }
         access = Access(read.root, list(questions.values()), profiles=[profile], at=AT)
+        starts = {
+            (enclave.permissions.signed.file.place, rule.line or 0)
+            for enclave in read.enclaves
+            if enclave.permissions is not None
+            for grant in enclave.grants
+            for rule in grant.rules
+        }
+
+        def of_rule(location: Location | None, reason: str) -> tuple[str, int, str]:
+            """What is said, at the rule in which the line stands: `can` names the expression, of one name."""
+            assert location is not None
+            path, line = location.path, location.line or 0
+            return (
+                path,
+                max([at for place, at in starts if place == path and at <= line], default=line),
+                re.sub(r"^line \d+( \(.*?\))? is ", "", reason),
+            )
+
         told = 0
         for (path, operation, number), question in questions.items():
             answer = access.answers(question)[profile.name]
             lines = [
-                allowance.location.path if allowance.location else None
+                of_rule(allowance.location, allowance.reason)
                 for allowance in seen.allowances[path]
                 if allowance.operation is operation and allowance.names >> number & 1
             ]
-            place = answer.location.path if answer.location else None
-            assert lines == ([place] if answer.decision is Ruling.ALLOW else [])
+            allowed = answer.decision is Ruling.ALLOW
+            assert lines == ([of_rule(answer.location, answer.reason)] if allowed else [])
             told += len(lines)
         assert told > 20
 

@@ -186,6 +186,7 @@ def _full(name: str) -> Report:
                 Row("KA302", (f"enclaves/{name}/permissions.p7s",), ((Result.FAIL, 1),)),
             )
         ),
+        scope="DDS-Security 1.1, Fast DDS 2.6 (Humble), Cyclone DDS 0.10 (Humble, Jazzy, Kilted)",
         checked=Checked(certificates=4, documents=3, channels=17, rules=72, not_checked=("Timing.", "The nodes.")),
     )
 

@@ -190,7 +190,8 @@ class TestJunit:
 class TestMarkdown:
     def test_the_verdict_comes_first_and_names_are_inert(self, make_report: MakeReport) -> None:
         text = markdown.render([make_report("![x](http://e)<b>")], Severity.INFO)
-        assert text.startswith("## keystore-audit: FAIL\n")
+        scope = "DDS-Security 1.1, Fast DDS 2.6 (Humble), Cyclone DDS 0.10 (Humble, Jazzy, Kilted)"
+        assert text.startswith(f"## keystore-audit: FAIL for {scope}\n")
         assert "![x]" not in text
         assert "<b>" not in text
         assert "weakened" in text
@@ -243,6 +244,7 @@ def sound(make_report: MakeReport, **changes: object) -> Report:
         "verdict": Verdict.PASS,
         "exit_code": 0,
         "weakened": (),
+        "scope": "",
         "findings": (),
         "outcomes": outcomes_of(()),
         "files": FILES,

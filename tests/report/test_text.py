@@ -167,6 +167,7 @@ def test_quiet_shows_what_decided_and_nothing_else(make_report: MakeReport) -> N
     text = render(make_report(), View(quiet=True))
     assert flat(text) == (
         "FAIL 1 cause at critical, 1 medium, 1 note (1 that follow, 1 accepted); exit code 1 "
+        "scope: DDS-Security 1.1, Fast DDS 2.6 (Humble), Cyclone DDS 0.10 (Humble, Jazzy, Kilted) "
         "fails on Cyclone DDS 0.10 (Humble, Jazzy, Kilted) only "
         "WARNING Weakened gate: --at 2025-06-01T00:00:00Z. "
         "HOLDS IF peers announce endpoints truthfully (Cyclone DDS does not check) "
@@ -185,7 +186,7 @@ def test_verbose_adds_outcomes(make_report: MakeReport) -> None:
 
 
 def test_no_findings_are_said(make_report: MakeReport) -> None:
-    text = full(make_report(findings=(), verdict=Verdict.PASS, exit_code=0, weakened=()))
+    text = full(make_report(findings=(), verdict=Verdict.PASS, exit_code=0, weakened=(), scope=""))
     assert "\nPASS  No findings; exit code 0\n" in text
     assert "WARNING" not in text
     assert "Holds until 2025-06-20T00:00:00Z" in text

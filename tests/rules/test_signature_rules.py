@@ -13,7 +13,7 @@ from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import Signature
-from keystore_audit.model.profiles import VARIANTS, implementations
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.acceptance import UNPINNED
 from keystore_audit.rules.subjects import permissions_uses
@@ -150,7 +150,8 @@ def test_who_takes_what_an_identity_signed_for_itself() -> None:
     assert "Cyclone DDS 11" in refused
     assert all(profile.title in accepted for profile in UNPINNED)
     pinning = [profile for profile in VARIANTS.values() if profile.trust.pins_signer]
-    assert refused.strip().startswith(f"by {implementations(pinning)}")
+    assert all(profile.title in refused for profile in pinning[:6])
+    assert f"and {len(pinning) - 6} more" in refused
     assert codes(self_signed(healthy())) == ["KA222", "KA302"]
 
 
