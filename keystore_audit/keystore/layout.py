@@ -86,7 +86,8 @@ class Layout:
     `unreadable_directories`: those that could not be listed. Where the limit of entries was reached, the last one is
     the directory that went beyond it, and nothing after it in order of path was looked at.
     `expected`: what a complete keystore of this kind would hold and this one lacks, in words.
-    `nested`: the topmost such folders, in order of path; the root (`.`) for an enclave's files beside enclaves/.
+    `nested`: the topmost such folders, and those below one that nobody can start, in order of path; the root (`.`)
+    for an enclave's files beside enclaves/.
     `folders`: those from the root down to what enclaves read and to the authorities' certificates, links on the way
     there among it: whoever may write in one can put something else into the place of what it leads to.
     """
