@@ -151,11 +151,16 @@ def test_the_least_severity_and_what_settings_accept_already(tmp_path: Path, mon
     expectation = SAMPLES / "rules/KA910-suppression-unused/good.toml"
     keystore, _expected = as_built(expectation, tmp_path / "keys")
     options = given_options(expectation, keystore)
-    assert [a.code for a in made(options, keystore, tmp_path / "b.toml").acceptances] == ["KA230", "KA513"]
+    assert [a.code for a in made(options, keystore, tmp_path / "b.toml").acceptances] == ["KA230", "KA513", "KA636"]
     plain = replace(options, settings=None)
-    assert [a.code for a in made(plain, keystore, tmp_path / "c.toml").acceptances] == ["KA205", "KA230", "KA513"]
+    assert [a.code for a in made(plain, keystore, tmp_path / "c.toml").acceptances] == [
+        "KA205",
+        "KA230",
+        "KA513",
+        "KA636",
+    ]
     medium = made(plain, keystore, tmp_path / "d.toml", least=Severity.MEDIUM)
-    assert [a.code for a in medium.acceptances] == ["KA205"]
+    assert [a.code for a in medium.acceptances] == ["KA205", "KA636"]
 
 
 def test_entries_that_nothing_matches_stay_while_anything_is_undecided(tmp_path: Path) -> None:

@@ -180,12 +180,13 @@ class AccessViews:
     def _reduced(self, access: Access) -> Access:
         """The row with everything that no document gives an occasion for as the specification has it.
 
+        What `_occasions` does not know stays as it is: rows are then apart that could be one, and no answer is wrong.
         Where it says the same, no document is looked at.
         """
         occasions = self._occasions(access)
-        own = {name: getattr(access, name) for name in occasions}
-        differing = {name: value for name, value in own.items() if value != getattr(SPEC.access, name)}
-        return replace(SPEC.access, **{name: value for name, value in differing.items() if occasions[name]()})
+        specified = {name: getattr(SPEC.access, name) for name in occasions}
+        differing = {name: value for name, value in specified.items() if value != getattr(access, name)}
+        return replace(access, **{name: value for name, value in differing.items() if not occasions[name]()})
 
     def _occasions(self, access: Access) -> Mapping[str, Callable[[], bool]]:
         """By field of the row, whether some document gives an occasion for it."""
@@ -193,6 +194,7 @@ class AccessViews:
             "matcher": lambda: any(
                 not parse(text, access.matcher).agrees(parse(text, Matcher.POSIX)) for text in self._unusual_expressions
             ),
+            "matches_octets": lambda: False,  # of names, not documents: `unclear_name`
             "open_ranges": lambda: any(
                 entry.low is None or not entry.high for entry in self._ranges if entry.low != entry.high
             ),

@@ -10,7 +10,8 @@ class Step:
     """One thing that makes the counterexample possible, and the line that says so.
 
     `channel`: what is meant, in words (`domain 0, topic rt/chatter`); `witness`: a concrete DDS topic name
-    (or enclave, certificate or document) of it. `path` and `line` as in `findings.Location`.
+    (or enclave, certificate or document) of it. `path` and `line` as in `findings.Location`; `expression`: the
+    one there that takes in the witness, where it is not the witness itself.
     """
 
     enclave: str | None
@@ -18,6 +19,7 @@ class Step:
     witness: str
     path: str | None
     line: int | None
+    expression: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

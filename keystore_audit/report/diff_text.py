@@ -9,9 +9,10 @@ from keystore_audit.assumptions import holds_if
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
 from keystore_audit.report.paragraph import unbroken
-from keystore_audit.text import instant, terminal
+from keystore_audit.text import instant, shorten, terminal
 
 MAX_UNREAD: Final = 10
+MAX_EXPRESSION: Final = 60
 
 
 def text(comparison: Comparison, fail_on: FailOn) -> str:
@@ -40,7 +41,8 @@ def _change(change: Change, comparison: Comparison, others: tuple[str, ...]) -> 
     yield unbroken(words.sentence(change, comparison), f"  {words.MARKS[change.direction]} ", "    ")
     for side, location in (("old", change.old), ("new", change.new)):
         if location is not None:
-            yield terminal(f"      {side} {location}")
+            expression = f"  ({shorten(location.message, MAX_EXPRESSION)})" if location.message else ""
+            yield terminal(f"      {side} {location}{expression}")
     if (effective := words.effective(change)) is not None:
         yield unbroken(effective, "      ", "        ")
     for each in change.consequences[: words.MAX_CONSEQUENCES]:

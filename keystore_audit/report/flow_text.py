@@ -13,8 +13,9 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
 from keystore_audit.report.flow_json import assumptions
 from keystore_audit.report.paragraph import profiles, rests_on, unbroken, worst_first
-from keystore_audit.text import terminal
+from keystore_audit.text import shorten, terminal
 
+MAX_EXPRESSION: Final = 60
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}
 _ASSUMED: Final = {
     Attacker.HONEST: "nobody attacks; nodes may pass on whatever they read",
@@ -71,6 +72,7 @@ def _path(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) 
         if step.path is not None:
             line = "" if step.line is None else f":{step.line}"
             who = f"{step.enclave}, " if step.enclave is not None else ""
-            place = f"{step.path}{line}  ({who}{step.witness})"
+            by = f" by {shorten(step.expression, MAX_EXPRESSION)}" if step.expression else ""
+            place = f"{step.path}{line}  ({who}{step.witness}{by})"
             lines.append(unbroken(place, " " * 13, " " * 15))
     return lines

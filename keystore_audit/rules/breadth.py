@@ -8,7 +8,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.matching.coverage import TOPICS, allows_everything, covering
 from keystore_audit.model.matching.expression import WILDCARDS, Matcher, has_wildcard, parse
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.profiles import VARIANTS, implementations
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Violation, rule
@@ -24,7 +24,7 @@ from keystore_audit.rules.wording import either, listed, places, quoted, sole
     remedy=in_permissions("Write <default>DENY</default> and allow what is needed"),
     applies=speaks,
 )
-def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def default_allow(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """What no rule of the grant names is allowed, in every domain.
 
     Cyclone DDS and OpenDDS do as it says; Fast DDS reads the element and never uses it, so that there what no rule
@@ -32,9 +32,10 @@ def default_allow(use: PermissionsUse, _context: Context) -> Iterator[Violation]
     """
     for grant in use.document.grants:
         if grant.default_allow:
+            denying = implementations(each for each in context.profiles if not each.access.honours_default)
             message = (
-                f"<default> is ALLOW, expected DENY: {quoted(grant.subject_name.text)} may do whatever no rule denies "
-                "(Fast DDS denies it all the same)."
+                f"<default> is ALLOW, expected DENY: {quoted(grant.subject_name.text)} may do whatever no rule denies"
+                f"{f' (denied all the same by {denying})' if denying else ''}."
             )
             line = grant.default_line if grant.default_line is not None else grant.line
             honouring = tuple(name for name, profile in VARIANTS.items() if profile.access.honours_default)

@@ -20,8 +20,8 @@ from keystore_audit.rules.missing_files import RUN_TIME_FILES, about, file_name,
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, LINK_AGAIN
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
-from keystore_audit.rules.wording import MAX_QUOTED, listed, paths, quoted, sole
-from keystore_audit.text import shorten
+from keystore_audit.rules.wording import MAX_QUOTED, listed, paths, places, quoted, sole
+from keystore_audit.text import counted, shorten
 
 READ_ALL: Final = outside("Run the audit as a user who may read the whole keystore.")
 _UNREAD = "keystore-audit, docs/model.md: what is not read counts as able to do anything"
@@ -197,6 +197,29 @@ def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Vi
                 ),
                 enclave=path,
             )
+
+
+@rule(
+    "KA122",
+    Severity.INFO,
+    clause="ROS 2 design, ROS 2 security enclaves (what run times read is signed); measured: the .xml is never read",
+    remedy=decision("Keep governance.xml and permissions.xml where documents are signed; robots need the .p7s alone."),
+)
+def unsigned_document_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """governance.xml or permissions.xml, from which the signed documents are made, lies in the tree.
+
+    A note where keystores are made, low in a tree that goes on a robot (--deployed): nothing there reads them, and
+    whoever looks at them in place of what is signed may be shown something else (KA110).
+    """
+    own = (file for enclave in keystore.enclaves for file in enclave.files.unsigned.values())
+    found = sorted({file.place for file in (*own, keystore.layout.unsigned_governance) if file is not None})
+    if found:
+        where = "a tree that goes on a robot" if context.deployed else "the tree"
+        yield Violation(
+            message=f"{counted(len(found), 'unsigned document')} in {where}: {listed(found)}. No run time reads .xml.",
+            locations=places(Location(path=path) for path in found),
+            severity=Severity.LOW if context.deployed else None,
+        )
 
 
 def _first_difference(unsigned: bytes | None, signed: bytes | None) -> int | None:

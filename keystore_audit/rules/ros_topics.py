@@ -63,13 +63,12 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
     """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events, services.
 
     Without ros_discovery_info, which Foxy and later publish and read in every process: DDS makes a participant,
-    ROS 2 gives it up, and nothing runs. A governance that leaves the topic open needs no grant for it. The others are
-    asked for where some are there and some are not; a node can be told to do without, and an enclave with none
-    of them is taken to hold such nodes: log, parameter events, the six parameter services, and since Iron the service
-    get_type_description, which sros2's own policies leave out, so that no node of Jazzy starts by them unless its
-    parameter start_type_description_service is false. The last is asked of nodes whose parameter services are granted
-    by name, where an implementation is asked about that only distributions since Iron ship. /clock is read by nodes
-    with simulated time alone.
+    ROS 2 gives it up, and nothing runs. A governance that leaves the topic open needs no grant for it. Without the
+    others a node fails unless it is told to do without: log, parameter events, the six parameter services, and since
+    Iron the service get_type_description, which sros2's own policies leave out, so that no node of Jazzy starts by
+    them unless its parameter start_type_description_service is false. The last is asked of nodes whose parameter
+    services are granted by name, where an implementation is asked about that only distributions since Iron ship.
+    /clock is read by nodes with simulated time alone.
     """
     ros = context.meaning.ros
     if ros is None:

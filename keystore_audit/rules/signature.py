@@ -126,15 +126,26 @@ def _accepting(use: SignedUse) -> tuple[Profile, ...]:
     return accepting(use.signed, [file for _enclave, file in _refusing(use)])
 
 
-def _consequence(use: SignedUse) -> str:
-    """Who refuses and who accepts a document that not every enclave's permissions CA signed."""
+def _explained(use: SignedUse, context: Context) -> frozenset[str]:
+    """The properties that such a document violates where one in scope takes it, and where none does."""
+    return frozenset(_FORGED if context.chose(_accepting(use)) else (_SIGNED,))
+
+
+def _consequence(use: SignedUse, context: Context) -> str:
+    """Who in scope refuses and accepts a document that not every enclave's permissions CA signed, and who beyond it
+    accepts.
+    """
     refusing = _refusing(use)
     whom = "" if len(refusing) == len(use.enclaves) else f" in {paths(enclave for enclave, _file in refusing)}"
     accepted = _accepting(use)
     if not accepted:
         return f"refused by every known implementation{whom}"
-    others = [profile for profile in VARIANTS.values() if profile not in accepted]
-    return f"accepted by {implementations(accepted)}; refused{whom} by {implementations(others)}"
+    told = {
+        "accepted by": [profile for profile in context.profiles if profile in accepted],
+        f"refused{whom} by": [profile for profile in context.profiles if profile not in accepted],
+        "beyond the scope accepted by": [profile for profile in accepted if profile not in context.profiles],
+    }
+    return "; ".join(f"{verb} {implementations(profiles)}" for verb, profiles in told.items() if profiles)
 
 
 def _violation(use: SignedUse, message: str, signer: Certificate | None, key: str, **more: Any) -> Violation:
@@ -187,10 +198,10 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
         why = f" {EXCHANGED}" if exchanged else ""
         yield _violation(
             use,
-            f"Signed by {got}; {_expected(use)}: {_consequence(use)}.{why}",
+            f"Signed by {got}; {_expected(use)}: {_consequence(use, context)}.{why}",
             signer,
             signer.key if signer is not None else f"{signature.serial:x}",
-            explains=frozenset(_FORGED if _accepting(use) else (_SIGNED,)),
+            explains=_explained(use, context),
             remedy=exchanged,
         )
 
@@ -223,10 +234,10 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
         who = f"the identity of {holder.path}" if holder is not None else "a certificate that the permissions CA issued"
         yield _violation(
             use,
-            f"Signed by {who}, {quoted(signer.subject)}; {_expected(use)}: {_consequence(use)}.",
+            f"Signed by {who}, {quoted(signer.subject)}; {_expected(use)}: {_consequence(use, context)}.",
             signer,
             signer.key,
-            explains=frozenset(_FORGED if _accepting(use) else (_SIGNED,)),
+            explains=_explained(use, context),
         )
 
 
@@ -280,7 +291,7 @@ def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation
             use,
             "The permissions CA's key signed, but the signature names a certificate with the serial number "
             f"{signature.serial:x}; {_expected(use)}: the authority was renewed, and run times look for the serial "
-            f"number ({_consequence(use)}).",
+            f"number ({_consequence(use, context)}).",
             signer,
             f"{signature.serial:x}",
         )

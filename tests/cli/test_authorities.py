@@ -141,7 +141,7 @@ def test_python_declares_it_too(settings: Path) -> None:
         assert report.authorities_declared
         assert not api.audit(GOOD, engine="native").authorities_declared
         found = {each.code for each in api.audit(BAD, engine="native", **given).findings}
-        assert found - {"KA108"} == {"KA223", "KA230"}  # KA108: by the modes of a checkout
+        assert found - {"KA108"} == {"KA223", "KA230", "KA636"}  # KA108: by the modes of a checkout
     with pytest.raises(api.UsageError, match="is no fingerprint"):
         api.audit(GOOD, expect_identity_ca=["sha256:"])
     with pytest.raises(api.UsageError, match="a sequence of"):

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import replace
-from datetime import datetime
+from dataclasses import fields, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit import toml
+from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import Reading
@@ -19,6 +20,7 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.lone_endpoints import LocalMoments, LoneEndpoints, LoneRefusals
 from keystore_audit.model.participants.views import Kind
 from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.profiles.access import Access
 from keystore_audit.model.systems import SystemBuilder
 from tests.keystore.builder import Signed, authority
 from tests.keystore.messages import by_openssl, with_signature
@@ -53,6 +55,28 @@ def builder_of(store: Path, at: datetime) -> tuple[SystemBuilder, Callable[[str]
         return Kind(variant.trust, accesses.row(variant.access), lone.of(variant), refusals.of(variant))
 
     return builder, kind
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WithSwitch(Access):
+    """A switch that nobody has told when a document gives an occasion for it."""
+
+    ignores_deny_rules: bool
+
+
+def test_a_switch_that_nobody_thought_of_is_never_the_specifications() -> None:
+    """Rows were rebuilt from the specification's, field by field, and `can` said DENY where a new profile allows."""
+    accesses = AccessViews((), datetime(2026, 11, 24, tzinfo=UTC), None)
+    own = {each.name: getattr(VARIANTS["fastdds-2.14"].access, each.name) for each in fields(Access)}
+    ignoring, obeying = (accesses.row(WithSwitch(ignores_deny_rules=which, **own)) for which in (True, False))
+    assert [row.ignores_deny_rules for row in (ignoring, obeying)] == [True, False]  # type: ignore[attr-defined]
+    assert ignoring is not obeying
+
+
+def test_no_document_gives_an_occasion_for_a_difference() -> None:
+    """Every field of a row is known, so that without documents all implementations read alike."""
+    accesses = AccessViews((), datetime(2026, 11, 24, tzinfo=UTC), None)
+    assert len({accesses.row(variant.access) for variant in VARIANTS.values()}) == 1
 
 
 @pytest.mark.parametrize("store", STORES, ids=lambda store: str(store.relative_to(SAMPLES)))

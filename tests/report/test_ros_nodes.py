@@ -14,17 +14,19 @@ from tests.keystore.builder import GOVERNANCE
 ROOT = Path(__file__).resolve().parents[2]
 DISCOVERY = rule(publish=("ros_discovery_info",), subscribe=("ros_discovery_info",))
 RT_ONLY = GOVERNANCE.replace(b"<topic_expression>*<", b"<topic_expression>rt/*<")
+USUAL = rule(publish=("rt/rosout", "rt/parameter_events", "rr/*"), subscribe=("rt/parameter_events",))
 BESIDE = "That is of DDS participants."
 
 
 @pytest.mark.parametrize(
     ("path", "rules", "governance", "code"),
     [
-        ("/c", (rule(publish=("rt/a",)), DISCOVERY), GOVERNANCE, None),
+        ("/c", (rule(publish=("rt/a",)), USUAL, DISCOVERY), GOVERNANCE, None),
         ("/c", (rule(publish=("rt/a",)),), GOVERNANCE, "KA636"),
+        ("/c", (rule(publish=("rt/a",)), DISCOVERY), GOVERNANCE, "KA636"),
         ("/c", (rule(publish=("Square",)),), GOVERNANCE, None),  # plain DDS
-        ("/c", (rule(publish=("rt/a",)), DISCOVERY), RT_ONLY, "KA418"),
-        ("/c-d", (rule(publish=("rt/a",)), DISCOVERY), GOVERNANCE, "KA113"),
+        ("/c", (rule(publish=("rt/a",)), USUAL, DISCOVERY), RT_ONLY, "KA418"),
+        ("/c-d", (rule(publish=("rt/a",)), USUAL, DISCOVERY), GOVERNANCE, "KA113"),
     ],
 )
 def test_a_participant_of_which_ros_2_makes_no_node(

@@ -75,7 +75,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
     "KA107": (without_permissions(Status.UNREADABLE), ["KA107"]),
     "KA108": (key_with(file=file(KEY, None, mode=0o644)), ["KA108"]),
     "KA109": (laid_out(authority_keys=(file("private/ca.key.pem", None),)), ["KA109"]),
-    "KA110": (talker(unsigned={Role.PERMISSIONS: file(XML, b"<dds>\n</dds>\n")}), ["KA110"]),
+    "KA110": (talker(unsigned={Role.PERMISSIONS: file(XML, b"<dds>\n</dds>\n")}), ["KA110", "KA122"]),
     "KA111": (talker(pkcs11={Role.KEY: file("enclaves/talker/key.p11", None)}), ["KA111"]),
     "KA112": (laid_out(expected=("public/identity_ca.cert.pem",)), ["KA112"]),
     "KA113": (lambda _: keystore(enclave("/front-camera")), ["KA113"]),
@@ -92,6 +92,7 @@ CASES: dict[str, tuple[Change, list[str]]] = {
         lambda store: replace(store, foreign=(Foreign(file=file("maps/hall.yaml", b"hall"), top="maps"),)),
         ["KA121"],
     ),
+    "KA122": (laid_out(unsigned_governance=file("enclaves/governance.xml", b"<dds/>\n")), ["KA122"]),
     "KA209": (talker(key=private_key(KEY, "somebody else's")), ["KA209"]),
     "KA210": (key_with(key=None, defects=(defect(Kind.KEY_UNREADABLE, KEY),)), ["KA210"]),
     "KA211": (key_with(key=None, encrypted=True), ["KA211"]),
@@ -150,6 +151,15 @@ def test_the_group_that_settings_name_may_read_keys(mode: int, group: int, said:
     assert findings("KA108", judged(store))
     declared = replace(store, declared=DeclaredFiles(key_group=998))
     assert bool(findings("KA108", judged(declared))) is said
+
+
+def test_unsigned_documents_weigh_on_robots_alone() -> None:
+    store = laid_out(unsigned_governance=file("enclaves/governance.xml", b"<dds/>\n"))(healthy())
+    (here,), (there,) = (findings("KA122", judged(store, deployed=robot)) for robot in (False, True))
+    assert (here.severity, there.severity) == (Severity.INFO, Severity.LOW)
+    assert there.message == (
+        "1 unsigned document in a tree that goes on a robot: enclaves/governance.xml. No run time reads .xml."
+    )
 
 
 FOREIGN = tuple(
@@ -226,7 +236,7 @@ def test_an_enclave_that_holds_the_authoritys_key_is_always_critical() -> None:
     [(b"<dds/>\n", []), (b"<dds/>\r\n", []), (b"<dds/>", []), (b"<dds/>\n\n", []), (b"<dds />\n", ["KA110"])],
 )
 def test_line_ends_are_no_difference(xml: bytes, expected: list[str]) -> None:
-    assert becomes(talker(unsigned={Role.PERMISSIONS: file(XML, xml)})) == expected
+    assert becomes(talker(unsigned={Role.PERMISSIONS: file(XML, xml)})) == [*expected, "KA122"]
 
 
 def test_the_first_line_that_differs_is_named_in_both_files() -> None:
@@ -249,7 +259,7 @@ def test_a_document_that_was_tampered_with_is_not_compared() -> None:
     change = both(
         governance=governance(signed=broken), unsigned={Role.GOVERNANCE: file("enclaves/governance.xml", b"")}
     )
-    assert becomes(change) == ["KA303"]
+    assert becomes(change) == ["KA122", "KA303"]
 
 
 @pytest.mark.parametrize(

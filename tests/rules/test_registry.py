@@ -39,7 +39,7 @@ from tests.rules import (
 )
 
 CATALOGUE = {
-    "KA1": range(101, 122),
+    "KA1": range(101, 123),
     "KA2": range(201, 232),
     "KA3": range(301, 318),
     "KA4": range(401, 424),

@@ -13,7 +13,7 @@ from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import Signature
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.profiles import DEFAULT, VARIANTS, implementations
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.acceptance import UNPINNED
 from keystore_audit.rules.subjects import permissions_uses
@@ -145,13 +145,20 @@ def test_who_refuses_what_the_permissions_ca_signed() -> None:
 def test_who_takes_what_an_identity_signed_for_itself() -> None:
     found = findings("KA302", judged(self_signed(healthy())))
     assert [finding.enclave for finding in found] == ["/talker"]
-    accepted, _, refused = found[0].message.partition("accepted by")[2].partition("; refused")
+    told = found[0].message.partition("accepted by")[2].rstrip(".").split("; ")
+    accepted, refused, beyond = told
+    in_scope = [VARIANTS[name] for name in DEFAULT]
+    assert accepted.strip() == implementations(profile for profile in UNPINNED if profile in in_scope)
     assert "Cyclone DDS 0.10 (Humble, Jazzy, Kilted)" in accepted
-    assert "Cyclone DDS 11" in refused
-    assert all(profile.title in accepted for profile in UNPINNED)
-    pinning = [profile for profile in VARIANTS.values() if profile.trust.pins_signer]
-    assert all(profile.title in refused for profile in pinning[:6])
-    assert f"and {len(pinning) - 6} more" in refused
+    pinning = [profile for profile in in_scope if profile.trust.pins_signer]
+    assert refused == f"refused by {implementations(pinning)}"
+    outside = implementations(profile for profile in UNPINNED if profile not in in_scope)
+    assert beyond == f"beyond the scope accepted by {outside}"
+    (pinned,) = findings("KA302", judged(self_signed(healthy()), profiles=tuple(pinning)))
+    assert "serial number" in pinned.message
+    assert f": refused by {implementations(pinning)}; beyond the scope accepted by {implementations(UNPINNED)}." in (
+        pinned.message
+    )
     assert codes(self_signed(healthy())) == ["KA222", "KA302"]
 
 

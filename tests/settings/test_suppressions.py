@@ -29,7 +29,7 @@ WHY = 'reason = "so"\nowner = "Ada"\nuntil = 2026-12-04\n'
 PLACED = f'[[suppression]]\ncode = "KA205"\nwhere = "/talker"\n{WHY}'
 ENTRY = f'[[accepted]]\ncode = "KA205"\nfingerprint = "{PRINT}"\nseverity = "low"\n{WHY}'
 TALKER = "rules/KA909-suppression-expired/bad"
-"""Its findings: KA205 (medium) and KA513 (low) of the talker."""
+"""Its findings: KA205 and KA636 (medium) and KA513 (low) of the talker."""
 
 
 @pytest.fixture
@@ -299,7 +299,7 @@ def test_accepted_findings_are_seen_and_counted_in_every_format(talker: Path, tm
     assert finding["suppressed"] == {
         "reason": "New <identity> in December", "until": "2026-12-04", "owner": "Ada", "source": f"{path}:1",
     }  # fmt: skip
-    assert json.loads(texts["json"])["summary"]["medium"] == 0
+    assert json.loads(texts["json"])["summary"]["medium"] == 1  # KA636
     (result,) = (each for each in json.loads(texts["sarif"])["runs"][0]["results"] if each.get("suppressions"))
     assert result["ruleId"] == "KA205"
     assert "New <identity> in December (until 2026-12-04, Ada" in result["suppressions"][0]["justification"]
@@ -320,7 +320,7 @@ def test_accepted_findings_are_seen_and_counted_in_every_format(talker: Path, tm
 
 
 def test_what_is_accepted_decides_nothing_and_counts_again_when_it_ends(talker: Path, tmp_path: Path) -> None:
-    path = file(tmp_path, PLACED)
+    path = file(tmp_path, PLACED + PLACED.replace("KA205", "KA636"))
     assert run(talker, "--fail-on", "medium")[0] == 1
     code, report = run(talker, "--fail-on", "medium", "--settings", path)
     assert code == 0

@@ -44,6 +44,11 @@ def stories() -> Iterator[Story]:
         good=Case("permissions.xml says what permissions.p7s says.", replace(ONE, unsigned=True)),
     )
     yield from pair(
+        "KA122",
+        bad=Case("What was signed lies beside it as it was before.", replace(ONE, unsigned=True)),
+        good=Case("Only what a robot reads is in the tree.", ONE),
+    )
+    yield from pair(
         "KA111",
         bad=Case(
             "A key.p11 beside key.pem points into a hardware module. Fast DDS takes the module's key, "

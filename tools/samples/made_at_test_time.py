@@ -13,6 +13,7 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+from . import policy
 from .base import IDENTITY_CA, ONE, PERMISSIONS_CA, TALKER_CERTIFICATE, TALKER_GRANT, talker, with_talker
 from .certificates import Certificate, day
 from .cms import SignedData, Signer
@@ -117,6 +118,10 @@ def _names(*paths: str) -> Recipe:
     return lambda root: write(_named(*paths).tree(), root)
 
 
+_WHOLE = policy.Node(name="talker", publish=("chatter",), reply=("~/get_type_description",))
+"""All that a node asks for, so that nothing at medium stands beside what is asked about."""
+
+
 def _own_keys(*, signed: int | None = None, days: tuple[datetime, datetime] | None = None) -> Recipe:
     """Keys that no sample publishes. `signed`: the year of the signature; `days`: how long all lasts."""
 
@@ -126,7 +131,7 @@ def _own_keys(*, signed: int | None = None, days: tuple[datetime, datetime] | No
             replace(each, key=Key(label=f"{mark} {each.subject}"))
             for each in (IDENTITY_CA, PERMISSIONS_CA, TALKER_CERTIFICATE)
         )
-        own, grant = replace(own, issuer=identity_ca), TALKER_GRANT
+        own, grant = replace(own, issuer=identity_ca), policy.grant("/talker", _WHOLE)
         if days is not None:
             own = replace(own, not_before=days[0], not_after=days[1])
             texts = [each.strftime("%Y-%m-%dT%H:%M:%S") for each in days]

@@ -75,8 +75,6 @@ def unusual(
 ) -> Iterator[Unusual]:
     """Enclaves that lack some at `at` (aware UTC); `discovers`: whether their ROS 2 has ros_discovery_info (Foxy and
     later).
-
-    An enclave with none of the `USUAL` is taken to do without, as nodes can be told to.
     """
     for enclave, grant, place in _granted(enclaves):
         if not _is_of_ros(grant):
@@ -90,7 +88,7 @@ def unusual(
             continue
         advised = tuple(use for use in lacks if use in USUAL)
         silent = not grant.default_allow and not any(map(_may_answer, _listed(grant, PUBLISH)))
-        if (advised or silent) and len(advised) < len(USUAL):
+        if advised or silent:
             yield Unusual(enclave=enclave.path, lacks=advised, silent=silent, starts=True, location=place)
 
 
