@@ -146,7 +146,7 @@ def step_at(location: Location | None, witness: str, *, channel: str | None = No
         witness=witness,
         path=None if location is None else location.path,
         line=None if location is None else location.line,
-        expression="" if location is None or location.message == witness else location.message,
+        expression="" if location is None else location.message,
     )
 
 

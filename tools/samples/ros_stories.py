@@ -120,18 +120,20 @@ def _topics() -> Iterator[Story]:
         good=Case("It may publish /dock/light alone.", _two(Rule(publish=(CHATTER, "rt/dock/light")), serving)),
     )
     usual = ("rt/rosout", "rt/parameter_events")
-    own = _server(
-        *(name.replace("~", "/talker") for name in (*PARAMETER_SERVICES, "~/get_type_description")), subscribe=()
+    described = (*PARAMETER_SERVICES, "~/get_type_description")
+    own, other = (
+        _server(*(name.replace("~", node) for name in described), subscribe=()) for node in ("/talker", "/listener")
     )
+    listening = Rule(publish=(*usual, *other.publish), subscribe=(CHATTER, *usual[1:], *other.subscribe))
     yield from pair(
         "KA636",
         bad=Case(
             "The talker may log and tell changes of parameters, but not hear of those of others: its nodes fail unless "
             "they are told to do without.",
-            _two(replace(own, publish=(CHATTER, *usual, *own.publish))),
+            _two(replace(own, publish=(CHATTER, *usual, *own.publish)), listening),
         ),
         good=Case(
             "It may hear of them too.",
-            _two(Rule(publish=(CHATTER, *usual, *own.publish), subscribe=(*usual[1:], *own.subscribe))),
+            _two(Rule(publish=(CHATTER, *usual, *own.publish), subscribe=(*usual[1:], *own.subscribe)), listening),
         ),
     )

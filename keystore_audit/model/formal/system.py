@@ -330,13 +330,12 @@ class System:
     """How these implementations read expressions."""
 
     def place(self, rule: RuleAtom, operation: Operation, channel: int) -> Location:
-        """The line of the expression (its message) by which the rule is about the channel, else that of the rule."""
-        if rule.source is None:
-            return rule.location
-        text = naming(rule.source, operation, self.channels[channel].topic, self.matcher)
+        """The line of the expression (its message, if not the name) that takes in the channel, else the rule's."""
+        topic = self.channels[channel].topic
+        text = None if rule.source is None else naming(rule.source, operation, topic, self.matcher)
         if text is None or text.line is None:
             return rule.location
-        return replace(rule.location, line=text.line, message=text.text)
+        return replace(rule.location, line=text.line, message="" if text.text == topic else text.text)
 
     def at(self, moment: int) -> System:
         """The same with realms and enclaves as they are then, and for good; what is in force is asked of dates."""
