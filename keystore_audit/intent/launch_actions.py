@@ -1,6 +1,6 @@
 """What launch files of every form say, before anything is worked out: actions and texts with substitutions.
 
-The three readers (`launch_entities` for XML and YAML, `launch_python`) make these; `launch` follows them.
+`launch_entities` makes these of what the readers of XML, YAML and Python find; `launch` follows them.
 """
 
 from __future__ import annotations
@@ -48,20 +48,11 @@ class Condition:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
-    """An action happens where `left` and `right` are the same text, or with `negated` where they differ."""
-
-    left: Text
-    right: Text
-    negated: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LaunchAction:
     """One element of a launch description; `line`: where it begins. All of `conditions` have to hold."""
 
     line: int
-    conditions: tuple[Condition | Comparison, ...] = ()
+    conditions: tuple[Condition, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,22 +141,19 @@ class NodeNames:
     name: Text | None
     namespace: Text | None
     remaps: tuple[Remap, ...]
-    conditions: tuple[Condition | Comparison, ...] = ()
+    conditions: tuple[Condition, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StartProcess(LaunchAction):
     """A process, of which it is not known whether it is a node.
 
-    `clean`: it has `environment` alone; `earlier`: beside it what there was when launch read the file. `prefix`:
-    what stands before the program, None: what is set for all.
+    `environment`: beside what there was. `prefix`: what stands before the program, None: what is set for all.
     `command`: what is run, in pieces; of a node, its package and program.
     """
 
     command: tuple[Text, ...] = ()
     environment: tuple[tuple[Text, Text], ...] = ()
-    clean: bool = False
-    earlier: bool = False
     prefix: Text | None = None
 
 

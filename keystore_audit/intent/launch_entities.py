@@ -38,11 +38,14 @@ from keystore_audit.intent.substitution import SubstitutionError, parse
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entity:
-    """An element with its attributes, as written, and the elements in it. `kind`: its name, `-` written as `_`."""
+    """An element with its attributes, as written or, in Python, as read, and the elements in it.
+
+    `kind`: its name, `-` written as `_`.
+    """
 
     kind: str
     line: int
-    attributes: Mapping[str, str]
+    attributes: Mapping[str, str | Text]
     children: tuple[Entity, ...]
 
     def called(self, *kinds: str) -> tuple[Entity, ...]:
@@ -51,7 +54,7 @@ class Entity:
 
     def texts(self) -> Iterator[str]:
         """The values of its attributes, and of those of all elements in it."""
-        yield from self.attributes.values()
+        yield from (value for value in self.attributes.values() if isinstance(value, str))
         for child in self.children:
             yield from child.texts()
 
@@ -113,6 +116,11 @@ class _Entities:
     def replace_env(self, entity: Entity) -> LaunchAction:
         """A `<rep_env>`, or a `<reset_env>` or `<pop_env>`, which bring earlier variables back."""
         return replaced(self._values(entity.called("env")), **self._where(entity), earlier=entity.kind != "rep_env")
+
+    def unread(self, entity: Entity) -> LaunchAction:
+        """What stands for code that is not read."""
+        said = "what is not read may start nodes or change their names; record the running system (--graph)"
+        return Unread(line=entity.line, reason=said)
 
     def nothing(self, entity: Entity) -> LaunchAction:
         """A `<push_env>`, which changes no variable."""
@@ -210,7 +218,7 @@ class _Entities:
 
     def _switch(self, entity: Entity, attribute: str) -> bool:
         """An attribute that is true unless it says otherwise."""
-        written = entity.attributes.get(attribute, "true")
+        written = str(entity.attributes.get(attribute, "true"))
         if written.strip().lower() not in _YES | _NO:
             found = f"expected {attribute!r} to be true or false, found {shown(written)}"
             raise self._source.malformed(entity.line, found)
@@ -224,8 +232,8 @@ class _Entities:
 
     def _optional(self, entity: Entity, attribute: str) -> Text | None:
         written = entity.attributes.get(attribute)
-        if written is None:
-            return None
+        if written is None or isinstance(written, tuple):
+            return written
         try:
             return parse(written)
         except SubstitutionError as error:
@@ -275,4 +283,5 @@ _READERS: Final[Mapping[str, Callable[[_Entities, Entity], LaunchAction]]] = {
     "node_container": _Entities.node,
     "load_composable_node": _Entities.load,
     "executable": _Entities.process,
+    "code": _Entities.unread,
 }

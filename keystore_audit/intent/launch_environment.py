@@ -13,7 +13,6 @@ from typing import Final
 from keystore_audit.intent.environment import DOMAIN, ENABLE, KEYSTORE, OVERRIDE, RMW, SECURE, STRATEGY
 from keystore_audit.intent.launch_actions import (
     AssignEnvironment,
-    Comparison,
     Condition,
     Group,
     Reference,
@@ -49,7 +48,7 @@ def replaced(
     values: Iterable[tuple[Text, Text]],
     *,
     line: int,
-    conditions: tuple[Condition | Comparison, ...],
+    conditions: tuple[Condition, ...],
     earlier: bool,
 ) -> Group:
     """All variables give way to these, or (`earlier`) to those that there were before."""
@@ -81,10 +80,6 @@ def is_itself(name: str, default: str | None) -> bool:
 def started_with(action: StartProcess, scope: Scope, source: Source) -> dict[str, str | Unknown]:
     """The values of those of `NAMES` that the launch file sets for a process; the rest come from its own start."""
     found = {name: scope.environment[name] for name in NAMES if name in scope.environment}
-    if action.earlier:
-        found = dict.fromkeys(found, Unknown(reason="an earlier environment"))
-    if action.clean:
-        found = dict.fromkeys(NAMES, "")
     for name, value in action.environment:
         variable = scope.known(name, source)
         if isinstance(variable, Unknown):

@@ -26,7 +26,6 @@ from keystore_audit.intent.launch_environment import (
     command_line,
     speaks_of,
     started_with,
-    starts_node,
 )
 from keystore_audit.intent.launch_scope import GlobalRemap, Scope
 from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
@@ -146,17 +145,13 @@ class Nodes:
             self._place(component, enclave)
 
     def process(self, action: StartProcess, scope: Scope, source: Source) -> None:
-        """A process that may be a node: of its variables those count that the file sets, or its command.
-
-        What it does not have counts for those alone that say in their command that they are of ROS 2.
-        """
+        """A process that may be a node: of its variables those count that the file sets, or its command."""
         location = source.location(action.line)
         self.unresolved(location, "A process is started here; whether it is a node, and which, is not known.")
         command = command_line(action, scope, source)
         self.speaking(location, speaks_of(before_program(action, scope, source), command))
         named = started_with(action, scope, source)
-        lacks = action.clean and starts_node(command)
-        self._sets("", command, {n: value for n, value in named.items() if value or lacks}, location)
+        self._sets("", command, {n: value for n, value in named.items() if value}, location)
 
     def speaking(self, location: Location, word: str) -> bool:
         """Note that what is not read speaks of security by this word, if there is one."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
-from keystore_audit.intent.launch_actions import Comparison, Condition, Reference, Remap, Text, Unknown, Variable
+from keystore_audit.intent.launch_actions import Condition, Reference, Remap, Text, Unknown, Variable
 from keystore_audit.intent.ros_names import ROOT, joined
 from keystore_audit.intent.source import Source, shown
 
@@ -110,7 +110,7 @@ class Scope:
             raise Unresolvable(value.reason)
         return value
 
-    def holds(self, conditions: Iterable[Condition | Comparison], source: Source) -> bool | Unknown:
+    def holds(self, conditions: Iterable[Condition], source: Source) -> bool | Unknown:
         """Whether all conditions hold, as far as it can be told."""
         doubt: Unknown | None = None
         for condition in conditions:
@@ -121,11 +121,8 @@ class Scope:
                 doubt = doubt or holds
         return True if doubt is None else doubt
 
-    def _holds(self, condition: Condition | Comparison, source: Source) -> bool | Unknown:
+    def _holds(self, condition: Condition, source: Source) -> bool | Unknown:
         try:
-            if isinstance(condition, Comparison):
-                same = self.text(condition.left, source) == self.text(condition.right, source)
-                return same is not condition.negated
             text = self.text(condition.text, source)
         except Unresolvable as error:
             return Unknown(reason=str(error))

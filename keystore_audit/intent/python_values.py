@@ -1,177 +1,132 @@
-"""What expressions in a Python launch file can stand for, as far as reading tells: the file is never run."""
+"""What expressions of a Python launch file stand for; which element of XML a class of launch is (Humble to Rolling)."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass, field, replace
-from keystore_audit.intent.launch_actions import Comparison, Condition, LaunchAction, NodeNames, Part, Text, Unknown
+from keystore_audit.intent.launch_actions import Text, Unknown
+from keystore_audit.intent.launch_entities import Entity
+from keystore_audit.intent.substitution import bounded
 
-MAX_PARTS: Final = 256
-"""Pieces of one text, and thousands of characters in it: `x + x` doubles each time."""
+_NAMED: Final = {"name": "name", "node_name": "name", "namespace": "namespace", "node_namespace": "namespace"}
+_STARTED: Final = {
+    "package": "pkg",
+    "executable": "exec",
+    "node_executable": "exec",
+    "prefix": "launch-prefix",
+} | _NAMED
+FIRST: Final = (
+    "variable_name",
+    "name",
+    "text",
+    "launch_file_path",
+    "substitutions",
+    "predicate_expression",
+    "initial_entities",
+)
+"""What the first argument of a class is called that is no element."""
 
-MAX_LENGTH: Final = 4096
-MAX_SIZE: Final = 20_000
-"""Values in one list, those in lists in it counted: as many as actions are followed."""
+SOURCES: Final = frozenset(f"{form}LaunchDescriptionSource" for form in ("Python", "XML", "YAML", "Any", "Frontend"))
+
+CLASSES: Final[Mapping[str, tuple[str, Mapping[str, str], tuple[str, ...]]]] = {
+    "DeclareLaunchArgument": ("arg", {"name": "name", "default_value": "default"}, ("name",)),
+    "SetLaunchConfiguration": ("let", {"name": "name", "value": "value"}, ("name", "value")),
+    "SetEnvironmentVariable": ("set_env", {"name": "name", "value": "value"}, ("name", "value")),
+    "AppendEnvironmentVariable": ("append_env", {"name": "name", "value": "value"}, ("name", "value")),
+    "UnsetEnvironmentVariable": ("unset_env", {"name": "name"}, ("name",)),
+    "SetRemap": ("set_remap", {"src": "from", "dst": "to"}, ("from", "to")),
+    "PushRosNamespace": ("push_ros_namespace", {"namespace": "namespace"}, ("namespace",)),
+    "PushROSNamespace": ("push_ros_namespace", {"namespace": "namespace"}, ("namespace",)),
+    "GroupAction": ("group", {"actions": ""}, ()),
+    "TimerAction": ("timer", {"period": "", "actions": ""}, ()),
+    "IncludeLaunchDescription": ("include", {"launch_description_source": "file"}, ("file",)),
+    "Node": ("node", _STARTED, ("exec",)),
+    "LifecycleNode": ("lifecycle_node", _STARTED, ("exec",)),
+    "ComposableNodeContainer": ("node_container", _STARTED, ("exec",)),
+    "ComposableNode": ("composable_node", {"plugin": "plugin"} | _NAMED, ("plugin",)),
+    "LoadComposableNodes": ("load_composable_node", {"target_container": "target"}, ("target",)),
+    "ExecuteProcess": ("executable", {"cmd": "cmd", "prefix": "launch-prefix"}, ()),
+    **dict.fromkeys(("LogInfo", "SetParameter", "SetParametersFromFile", "SetUseSimTime"), ("log", {"msg": ""}, ())),
+    **dict.fromkeys(("OnProcessExit", "OnProcessStart", "OnShutdown"), ("timer", {}, ())),
+    "RegisterEventHandler": ("timer", {"event_handler": ""}, ()),
+}
+"""By class: the element that it is, attributes by argument (in order of position), and those that it has to have."""
+
+WITHIN: Final = {"actions", "on_exit", "on_start", "on_shutdown", "event_handler", "composable_node_descriptions"}
+"""Arguments that hold elements; `on_...` those that come later."""
+
+PAIRS: Final = {"remappings": ("remap", "from", "to"), "launch_arguments": ("arg", "name", "value")} | dict.fromkeys(
+    ("additional_env", "launch_configurations"), ("env", "name", "value")
+)
+"""Arguments that hold pairs, and what each of those is."""
+
+RUN_ONLY: Final = {
+    "FindPackageShare": "find-pkg-share",
+    "FindPackagePrefix": "find-pkg-prefix",
+    "FindExecutable": "find-exec",
+    "Command": "command",
+    "PythonExpression": "eval",
+}
+"""Substitutions that only a running launch works out, as XML calls them."""
+"""Substitutions that only a running launch works out, as XML calls them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Imported:
-    """A module, class or function of another module; `path`: with dots, as it is imported from."""
+class Imported(NamedTuple):
+    """A module, class or function of another module, with dots."""
 
     path: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TextValue:
-    """A string, path or substitution. `plain`: a string to Python, which can be joined with `+`."""
+class Condition(NamedTuple):
+    """`if` or `unless`, and the text."""
 
+    word: str
     text: Text
-    plain: bool = True
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Plain:
-    """A number, a truth value or None."""
+Value = Text | list["Value"] | dict[str, "Value"] | Entity | Imported | Condition | bool | int | float | None
+"""A tuple is a text. A list may grow while statements are followed; what is part of something else may not."""
 
-    value: bool | int | float | None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Items:
-    """A list or tuple that nothing changes any longer; `size`: values in it, at every depth."""
-
-    line: int
-    items: tuple[Value, ...]
-    size: int
+LOST: Final[Text] = (Unknown(reason="what only running the file works out"),)
 
 
-@dataclass(slots=True, kw_only=True)
-class Growing:
-    """A list or launch description that a name stands for, which statements may add to.
-
-    `used`: it is part of something else already, which an addition would change. `description`: it is what
-    `generate_launch_description` may return.
-    """
-
-    items: list[Value] = field(default_factory=list)
-    used: bool = False
-    description: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pairs:
-    """A dictionary. `inherited`: with all variables that there were when launch read the file, unless it has others."""
-
-    pairs: tuple[tuple[Value, Value], ...]
-    inherited: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ActionValue:
-    """An action, and for a node that others are loaded into its name."""
-
-    action: LaunchAction
-    name: Text | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ComponentValue:
-    """A ComposableNode."""
-
-    names: NodeNames
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ConditionValue:
-    """A condition, or a substitution that compares."""
-
-    condition: Condition | Comparison
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HandlerValue:
-    """An event handler: what it starts when its event comes."""
-
-    actions: tuple[LaunchAction, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Opaque:
-    """A value that reading does not tell; `reason`: what it is, words."""
-
-    line: int
-    reason: str
-
-
-Value = (
-    Imported
-    | TextValue
-    | Plain
-    | Items
-    | Growing
-    | Pairs
-    | ActionValue
-    | ComponentValue
-    | ConditionValue
-    | HandlerValue
-    | Opaque
-)
-
-NONE: Final = Plain(value=None)
-
-
-def dictionary(value: Value) -> Value:
-    """The value, `os.environ` as the dictionary that it is."""
-    is_environ = isinstance(value, Imported) and value.path == "os.environ"
-    return Pairs(pairs=(), inherited=True) if is_environ else value
-
-
-def with_entries(held: Pairs, entries: Mapping[str, Value]) -> Pairs:
-    """A dictionary with these entries, too."""
-    return replace(held, pairs=(*held.pairs, *((TextValue(text=(key,)), value) for key, value in entries.items())))
-
-
-def frozen(value: Value, line: int) -> Value:
-    """The value as part of another: a list is taken as it is now."""
-    if not isinstance(value, Growing):
-        return value
-    value.used = True
-    return sequence(value.items, line)
-
-
-def sequence(items: Iterable[Value], line: int) -> Items | Opaque:
-    """A list of values that are parts already."""
-    found = tuple(items)
-    size = 1 + sum(item.size if isinstance(item, Items) else 1 for item in found)
-    if size > MAX_SIZE:
-        return Opaque(line=line, reason=f"a list of more than {MAX_SIZE} values")
-    return Items(line=line, items=found, size=size)
-
-
-def bounded(parts: Iterable[Part]) -> Text:
-    """A text of these pieces, strings joined; an Unknown where it is too long."""
-    found: list[Part] = []
-    for part in parts:
-        if isinstance(part, str) and found and isinstance(found[-1], str):
-            found[-1] += part
-        elif part != "":
-            found.append(part)
-    length = sum(len(part) for part in found if isinstance(part, str))
-    if len(found) > MAX_PARTS or length > MAX_LENGTH:
-        return (Unknown(reason=f"a text of more than {MAX_LENGTH} characters"),)
-    return tuple(found)
+def unknown(reason: str) -> Text:
+    """A text that only a running launch knows."""
+    return (Unknown(reason=reason),)
 
 
 def text_of(value: Value) -> Text:
-    """The text that launch makes of a value: of a list, its pieces joined."""
-    if isinstance(value, TextValue):
-        return value.text
-    if isinstance(value, Items):
-        return bounded(part for item in value.items for part in text_of(item))
-    if isinstance(value, Plain) and value.value is not None:
-        return (str(value.value),)
-    if isinstance(value, Opaque):
-        return (Unknown(reason=value.reason),)
-    return (Unknown(reason="a value that is no text"),)
+    """What launch makes of a value where it wants a text: of a list, its pieces joined."""
+    if isinstance(value, list):
+        return bounded(part for each in value for part in text_of(each))
+    if isinstance(value, tuple) and not isinstance(value, (Imported, Condition)):
+        return value
+    if isinstance(value, (bool, int, float)):
+        return (str(value),)
+    return unknown("a value that is no text")
+
+
+def path_of(parts: Iterable[Text]) -> Text:
+    """Paths below each other; one that may be absolute puts those before it away."""
+    whole: Text = ()
+    for number, text in enumerate(parts):
+        first = text[0] if text else ""
+        if number and not isinstance(first, str):
+            return unknown("a path that may be absolute")
+        whole = text if not number or str(first).startswith("/") else bounded((*whole, "/", *text))
+    return whole
+
+
+def words_of(value: Value) -> Text:
+    """A command line; what is no list may be any number of words."""
+    if not isinstance(value, list):
+        return text_of(value)
+    words = ((shlex.quote(part) if isinstance(part, str) else part for part in text_of(each)) for each in value)
+    return bounded(part for word in words for part in (*word, " "))
+
+
+def text_or_none(value: str | Text | None) -> Text:
+    """What an attribute has so far."""
+    return value if isinstance(value, tuple) else ()

@@ -6,6 +6,7 @@ by blanks, in quotes where they hold blanks; a backslash takes the meaning from 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 from keystore_audit.intent.launch_actions import Part, Reference, Text, Unknown, Variable
@@ -16,7 +17,7 @@ MAX_DEPTH: Final = 16
 MAX_SUBSTITUTIONS: Final = 256
 """Substitutions of one text: each is worked out again wherever a file is included."""
 
-_RUN: Final = {
+RUN: Final = {
     "find-pkg-share": "where a package is installed",
     "find-pkg-prefix": "where a package is installed",
     "find-exec": "where a program is installed",
@@ -25,6 +26,7 @@ _RUN: Final = {
     "eval": "the result of an expression, which is not evaluated",
     "anon": "a name with a part that is new each time",
 }
+MAX_LENGTH: Final = 4096
 _QUOTES: Final = "'\""
 
 
@@ -37,6 +39,19 @@ def parse(text: str) -> Text:
     parts, end = _Reader(text).text(0, "", 0)
     assert end == len(text)  # noqa: S101 - without a sign to stop at, it reads to the end
     return parts
+
+
+def bounded(parts: Iterable[Part]) -> Text:
+    """A text of these pieces, strings joined; an Unknown where it is too long."""
+    found: list[Part] = []
+    for part in parts:
+        if isinstance(part, str) and found and isinstance(found[-1], str):
+            found[-1] += part
+        elif part != "":
+            found.append(part)
+        if len(found) > MAX_SUBSTITUTIONS or (found and isinstance(found[-1], str) and len(found[-1]) > MAX_LENGTH):
+            return (Unknown(reason=f"a text of more than {MAX_LENGTH} characters"),)
+    return tuple(found)
 
 
 def literal(text: Text) -> str | None:
@@ -110,8 +125,8 @@ def _meaning(arguments: list[Text]) -> Part:
         return Reference(variable=Variable.ENVIRONMENT, name=arguments[1], default=_second(arguments))
     if name == "dirname" and len(arguments) == 1:
         return Reference(variable=Variable.DIRECTORY)
-    if name in _RUN:
-        return Unknown(reason=_RUN[name])
+    if name in RUN:
+        return Unknown(reason=RUN[name])
     return Unknown(reason=f"a substitution of the sort {name!r}" if name else "a substitution")
 
 

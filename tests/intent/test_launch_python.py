@@ -43,6 +43,9 @@ RUNNING = {
 }
 
 
+NOTE = "What is not read may start nodes or change their names; record the running system (--graph)."
+
+
 @pytest.mark.parametrize("where", RUNNING)
 def test_nothing_in_a_python_launch_file_runs(where: str, tmp_path: Path) -> None:
     marker = tmp_path / "marker"
@@ -144,13 +147,12 @@ def test_remappings_and_namespaces(tmp_path: Path) -> None:
     )
     intent = launch(tmp_path, text, "py")
     assert names(intent) == {
+        ("/", "/m", "/y"),
         ("/", "/a/b/n", "/a/b/y"),
         ("/", "/a/b/n", "/a/b/n/w"),
         ("/", "/a/b/n", "/a/b/tf"),
     }
-    assert [reason for _line, reason in unresolved(intent)] == [
-        "A remapping of a node depends on a value that is no list."
-    ]
+    assert intent.unresolved == ()
 
 
 def test_components(tmp_path: Path) -> None:
@@ -164,7 +166,7 @@ return LaunchDescription([box, load])"""
     intent = launch(tmp_path, text, "py")
     assert nodes(intent) == {("/box", "/box"), ("/box", "/one"), ("/box", "/two")}
     assert names(intent) == {("/box", "/two", "/b")}
-    assert ["may be nodes to be loaded" in reason for _line, reason in unresolved(intent)] == [True]
+    assert [reason for _line, reason in unresolved(intent)] == [NOTE]
 
 
 @pytest.mark.parametrize(
@@ -173,9 +175,8 @@ return LaunchDescription([box, load])"""
         ("IfCondition('true')", True, False),
         ("UnlessCondition('true')", False, False),
         ("IfCondition(LaunchConfiguration('on'))", True, False),
-        ("LaunchConfigurationEquals('on', 'false')", False, False),
-        ("IfCondition(EqualsSubstitution(LaunchConfiguration('on'), 'true'))", True, False),
-        ("UnlessCondition(EqualsSubstitution(LaunchConfiguration('on'), 'true'))", False, False),
+        ("LaunchConfigurationEquals('on', 'false')", True, True),
+        ("IfCondition(EqualsSubstitution(LaunchConfiguration('on'), 'true'))", True, True),
         ("IfCondition(EnvironmentVariable('X'))", True, True),
         ("IfCondition(PythonExpression('True'))", True, True),
         ("other()", True, True),
@@ -192,11 +193,9 @@ def test_conditions(condition: str, counted: bool, said: bool, tmp_path: Path) -
     [
         "os.path.join(os.path.dirname(__file__), 'sub', 'other.launch.py')",
         "os.path.dirname(os.path.realpath(__file__)) + '/sub/other.launch.py'",
-        "str(pathlib.Path(__file__).resolve().parent / 'sub' / 'other.launch.py')",
         "[ThisLaunchFileDir(), '/sub/other.launch.py']",
         "PathJoinSubstitution([ThisLaunchFileDir(), 'sub', 'other.launch.py'])",
         "'sub/other.launch.py'",
-        "os.path.join(os.path.dirname('sub'), 'sub', 'other.launch.py')",
     ],
 )
 def test_includes(path: str, tmp_path: Path) -> None:
@@ -219,7 +218,7 @@ def test_an_include_that_no_file_can_be_is_said(character: str, reason: str, tmp
     "path",
     [
         "[FindPackageShare('p'), '/launch/x.launch.py']",
-        "os.path.join(os.path.dirname(get_package_share_directory('p')), 'x.launch.py')",
+        "os.path.join(get_package_share_directory('p'), 'launch', 'x.launch.py')",
     ],
 )
 def test_an_include_in_a_package_is_said(path: str, tmp_path: Path) -> None:
@@ -254,6 +253,11 @@ def test_an_include_in_a_package_is_said(path: str, tmp_path: Path) -> None:
         f"class Node: pass\nreturn LaunchDescription([{PLAIN}])",
         f"os.environ['ROS_SECURITY_ENCLAVE_OVERRIDE'] = '/y'\nreturn LaunchDescription([{PLAIN}])",
         "yield LaunchDescription([])",
+        f"return LaunchDescription([TimerAction(1.0, {PLAIN}, [], {PLAIN})])",
+        f"return LaunchDescription([GroupAction([{PLAIN}], scoped=other)])",
+        f"from .launch_ros.actions import Node\nreturn LaunchDescription([{PLAIN}])",
+        f"if __name__ != '__main__':\n    other()\nreturn LaunchDescription([{PLAIN}])",
+        f"return LaunchDescription(other({PLAIN}))",
     ],
 )
 def test_what_is_not_followed_is_said(body: str, tmp_path: Path) -> None:
@@ -318,6 +322,7 @@ DEEP = {
     "groups": "x = []\n" + "x = [GroupAction(x), GroupAction(x)]\n" * 2_000,
     "nested groups": "x = GroupAction([])\n" + "x = GroupAction([x])\n" * 4_000,
     "defaults": "x = 'a'\n" + "x = LaunchConfiguration(x, default=x)\n" * 3_000 + "x = Node(executable='e', name=x)\n",
+    "what comes later": "x = []\n" + "x = Node(executable='e', on_exit=[x, x])\n" * 2_000,
     "paths": "x = 'a'\n" + "x = os.path.join(x, x)\n" * 2_000,
     "assignments": "\n".join(f"x{i} = {i}" for i in range(8_000)),
 }
@@ -356,4 +361,4 @@ def test_a_function_whose_name_means_something_else_at_last_is_not_read(afterwar
     assert nodes(launch(tmp_path, text, "py")) == {("/", "/n")}
     intent = launch(tmp_path, f"{text}\n{afterwards}\n", "py")
     assert nodes(intent) == set()
-    assert any("No function generate_launch_description" in reason for _line, reason in unresolved(intent))
+    assert [reason for _line, reason in unresolved(intent)] == [NOTE]
