@@ -25,6 +25,7 @@ lint: .venv/dev.stamp
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/lint-imports
+	$(BIN)/python tools/house.py
 
 types: .venv/dev.stamp
 	$(BIN)/mypy

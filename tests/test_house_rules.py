@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -10,7 +11,11 @@ from pathlib import Path
 
 import pytest
 
+from tools import house
+
 MAX_LINES = 400
+ROOT = Path(__file__).resolve().parent.parent
+SHARED_HOUSE = ROOT.parent / "shared" / "tools" / "house"
 # Written in pieces, else this file would hold what it looks for. Packages are named; where they come from is the
 # business of whoever installs them.
 REGISTRY_HOSTS = tuple(
@@ -108,3 +113,27 @@ def test_the_lock_pins_and_hashes_everything_and_names_no_source(repository: Pat
         for entry in entries:
             assert re.match(r"[a-z0-9-]+==[0-9][^ ]* (; .+? )? *--hash=sha256:[0-9a-f]{64}", entry), entry
             assert "://" not in entry
+
+
+@pytest.mark.skipif(not SHARED_HOUSE.exists(), reason="what it is compared with stands beside the project alone")
+@pytest.mark.parametrize("top", ["keystore_audit", "tests"])
+def test_the_house_is_measured_as_agreed(top: str) -> None:
+    told = subprocess.run(
+        [sys.executable, SHARED_HOUSE, "--json"], cwd=ROOT, capture_output=True, check=True, text=True
+    )
+    agreed = json.loads(told.stdout)["total"][top]
+    assert house.figures(top) == {what: agreed[what] for what in house.figures(top)}
+
+
+@pytest.mark.parametrize(("limit", "code"), [(0, 1), (1, 0)])
+def test_a_house_above_its_limit_is_an_error(
+    limit: int, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "one.py").write_text('"""Text."""\nimport os\nx: int = 1\n', "utf-8")
+    (tmp_path / "house.toml").write_text(
+        f"[tests]\nmodules = 1\nnodes = {5 * limit}\nclasses = 0\nimports = 0\ncircles = 0\nvendors = 0\n", "utf-8"
+    )
+    monkeypatch.setattr(house, "ROOT", tmp_path)
+    monkeypatch.setattr(house, "LIMITS", tmp_path / "house.toml")
+    assert house.main() == code
