@@ -17,6 +17,9 @@ from collections.abc import Iterable
 from datetime import datetime, timezone
 from typing import Final
 
+MAX_EXPRESSION: Final = 60
+"""Characters of an expression in a sentence."""
+
 MAX_COMMENT_LENGTH: Final = 200
 """Characters of one name in an Alloy comment: enough for a path and a subject, and a model stays readable."""
 

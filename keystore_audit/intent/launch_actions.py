@@ -5,9 +5,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import Enum
+from typing import Final
 
 from keystore_audit.dataclass import dataclass
+
+MAX_TEXT: Final = 4096
+"""Characters of a text that is worked out: names and paths are shorter, and `$(var x)$(var x)` doubles each time."""
+
+MAX_PARTS: Final = 256
+"""Pieces of one text: `x + x` doubles each time."""
 
 
 class Variable(str, Enum):
@@ -37,6 +45,19 @@ class Unknown:
 Part = str | Reference | Unknown
 Text = tuple[Part, ...]
 """A text in pieces, which join without anything between them."""
+
+
+def bounded(parts: Iterable[Part]) -> Text:
+    """A text of these pieces, strings joined; an Unknown where it is too long."""
+    found: list[Part] = []
+    for part in parts:
+        if isinstance(part, str) and found and isinstance(found[-1], str):
+            found[-1] += part
+        elif part != "":
+            found.append(part)
+        if len(found) > MAX_PARTS or (found and isinstance(found[-1], str) and len(found[-1]) > MAX_TEXT):
+            return (Unknown(reason=f"a text of more than {MAX_TEXT} characters"),)
+    return tuple(found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -117,7 +117,7 @@ class _Entities:
         """A `<rep_env>`, or a `<reset_env>` or `<pop_env>`, which bring earlier variables back."""
         return replaced(self._values(entity.called("env")), **self._where(entity), earlier=entity.kind != "rep_env")
 
-    def unread(self, entity: Entity) -> LaunchAction:
+    def code(self, entity: Entity) -> LaunchAction:
         """What stands for code that is not read."""
         said = "what is not read may start nodes or change their names; record the running system (--graph)"
         return Unread(line=entity.line, reason=said)
@@ -283,5 +283,5 @@ _READERS: Final[Mapping[str, Callable[[_Entities, Entity], LaunchAction]]] = {
     "node_container": _Entities.node,
     "load_composable_node": _Entities.load,
     "executable": _Entities.process,
-    "code": _Entities.unread,
+    "code": _Entities.code,
 }

@@ -35,8 +35,6 @@ _SPEAKING: Final = re.compile(
 )
 """Variables of security, of the middleware and of its configuration, and the option `--enclave`."""
 
-_NODE: Final = re.compile(r"\bros2\s|--ros-args|/opt/ros/")
-
 
 def speaks_of(*texts: str) -> str:
     """The first word of security that stands in the texts; empty where there is none."""
@@ -62,11 +60,6 @@ def command_line(action: StartProcess, scope: Scope, source: Source) -> str:
     """What is run; `$` stands for what cannot be told."""
     known = (scope.known((part,), source) for word in action.command for part in (*word, " "))
     return "".join(each if isinstance(each, str) else "$" for each in known)
-
-
-def starts_node(command: str) -> bool:
-    """Whether what is run says that it is of ROS 2."""
-    return _NODE.search(command) is not None
 
 
 def is_itself(name: str, default: str | None) -> bool:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, TypeVar
 
 from keystore_audit.dataclass import replace
-from keystore_audit.intent.launch_actions import LaunchAction, Reference, Text, Variable
+from keystore_audit.intent.launch_actions import LaunchAction, Reference, Text, Variable, bounded
 from keystore_audit.intent.launch_entities import Entity, actions
 from keystore_audit.intent.python_environment import names_in, speaking
 from keystore_audit.intent.python_values import (
@@ -30,12 +30,11 @@ from keystore_audit.intent.python_values import (
     Value,
     path_of,
     text_of,
-    text_or_none,
     unknown,
     words_of,
 )
 from keystore_audit.intent.source import Source
-from keystore_audit.intent.substitution import RUN, bounded
+from keystore_audit.intent.substitution import RUN
 
 MAX_CHARACTERS: Final = 1 << 17
 """Length of a launch file in Python, the largest are a fifth: CPython's parser before 3.11 does not bound the depth."""
@@ -98,7 +97,7 @@ class _Reader:
             "__file__": (Reference(variable=Variable.DIRECTORY), f"/{posixpath.basename(source.real)}")
         }
         self._weights: dict[int, tuple[object, int, int]] = {}
-        self._parts: set[int] = set()
+        self._parts: dict[int, Value] = {}  # with the values, so that no other gets the number of one that is gone
         functions = [each for each in ast.walk(module) if isinstance(each, (*_DEFINED, ast.Lambda))]
         apart = [each for each in functions if getattr(each, "name", "") != ENTRY]
         self._elsewhere = {name for each in apart for name in names_in(each)}
@@ -259,7 +258,7 @@ class _Reader:
 
     def _part(self, value: Value) -> Value:
         """The value as part of another: a list that grows afterwards is not followed."""
-        self._parts.add(id(value))
+        self._parts[id(value)] = value
         return value
 
     def _weigh(self, node: ast.AST, value: _Held, parts: Iterable[Value]) -> _Held:
@@ -276,9 +275,7 @@ class _Reader:
         if isinstance(node.func, ast.Attribute) and node.func.attr == "items" and not node.args:
             return self._value(node.func.value, depth + 1)
         function = self._value(node.func, depth + 1)
-        spread = [each for each in node.args if isinstance(each, ast.Starred)] or any(
-            keyword.arg is None for keyword in node.keywords
-        )
+        spread = any(isinstance(each, ast.Starred) for each in node.args) or any(not each.arg for each in node.keywords)
         if not isinstance(function, Imported) or spread:
             return self._opaque(node, "the result of a function, which is not called")
         package, name = function.path.partition(".")[0], function.path.rpartition(".")[2]
@@ -346,7 +343,7 @@ class _Reader:
             elif argument in ("arguments", "ros_arguments"):
                 known = argument == "arguments" and isinstance(value, list)
                 name = "args" if known else "ros_args"
-                attributes[name] = (*text_or_none(attributes.get(name)), " ", *words_of(value))
+                attributes[name] = (*attributes.get(name, ()), " ", *words_of(value))
             elif argument in ("scoped", "forwarding"):
                 attributes[argument] = "false" if value is False else "true"
                 children += [] if isinstance(value, bool) else [self._note(node)]
@@ -360,7 +357,6 @@ class _Reader:
 
     def _pairs(self, node: ast.Call, argument: str, value: Value) -> Iterator[Entity]:
         kind, one, other = PAIRS[argument]
-        kind = "keep" if argument == "launch_configurations" else kind
         pairs: list[tuple[Value, Value]] = [(LOST, LOST)]
         if isinstance(value, dict):
             pairs = [((key,), entry) for key, entry in value.items()]

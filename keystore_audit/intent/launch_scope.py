@@ -6,12 +6,9 @@ from collections.abc import Iterable
 from typing import Final
 
 from keystore_audit.dataclass import dataclass, field
-from keystore_audit.intent.launch_actions import Condition, Reference, Remap, Text, Unknown, Variable
+from keystore_audit.intent.launch_actions import MAX_TEXT, Condition, Reference, Remap, Text, Unknown, Variable
 from keystore_audit.intent.ros_names import ROOT, joined
 from keystore_audit.intent.source import Source, shown
-
-MAX_TEXT: Final = 4096
-"""Characters of a text that is worked out: names and paths are shorter, and `$(var x)$(var x)` doubles each time."""
 
 MAX_DEPTH: Final = 64
 """Defaults within defaults."""

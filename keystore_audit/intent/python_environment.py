@@ -21,13 +21,12 @@ _READING: Final = frozenset({"copy", "get", "items", "keys", "values"})
 _GIVING: Final = frozenset({"additional_env", "env"})
 """Arguments that give variables to a process."""
 
-
 _SETTERS: Final = frozenset({"AppendEnvironmentVariable", "SetEnvironmentVariable", "UnsetEnvironmentVariable"})
 """Actions whose first argument is the name of a variable."""
 
 
 def speaking(module: ast.Module, unread: Iterable[ast.AST]) -> tuple[Unread, ...]:
-    """What speaks of security in what is not `unread`, and in what that takes from elsewhere in the file: one place."""
+    """What speaks of security in what is `unread`, and in what that takes from elsewhere in the file: one place."""
     parents = {child: node for node in ast.walk(module) for child in ast.iter_child_nodes(node)}
     without = _with_origins(module, unread)
     found = []

@@ -6,9 +6,8 @@ import shlex
 from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
-from keystore_audit.intent.launch_actions import Text, Unknown
+from keystore_audit.intent.launch_actions import Text, Unknown, bounded
 from keystore_audit.intent.launch_entities import Entity
-from keystore_audit.intent.substitution import bounded
 
 _NAMED: Final = {"name": "name", "node_name": "name", "namespace": "namespace", "node_namespace": "namespace"}
 _STARTED: Final = {
@@ -57,9 +56,12 @@ CLASSES: Final[Mapping[str, tuple[str, Mapping[str, str], tuple[str, ...]]]] = {
 WITHIN: Final = {"actions", "on_exit", "on_start", "on_shutdown", "event_handler", "composable_node_descriptions"}
 """Arguments that hold elements; `on_...` those that come later."""
 
-PAIRS: Final = {"remappings": ("remap", "from", "to"), "launch_arguments": ("arg", "name", "value")} | dict.fromkeys(
-    ("additional_env", "launch_configurations"), ("env", "name", "value")
-)
+PAIRS: Final = {
+    "remappings": ("remap", "from", "to"),
+    "launch_arguments": ("arg", "name", "value"),
+    "launch_configurations": ("keep", "name", "value"),
+    "additional_env": ("env", "name", "value"),
+}
 """Arguments that hold pairs, and what each of those is."""
 
 RUN_ONLY: Final = {
@@ -69,7 +71,6 @@ RUN_ONLY: Final = {
     "Command": "command",
     "PythonExpression": "eval",
 }
-"""Substitutions that only a running launch works out, as XML calls them."""
 """Substitutions that only a running launch works out, as XML calls them."""
 
 
@@ -125,8 +126,3 @@ def words_of(value: Value) -> Text:
         return text_of(value)
     words = ((shlex.quote(part) if isinstance(part, str) else part for part in text_of(each)) for each in value)
     return bounded(part for word in words for part in (*word, " "))
-
-
-def text_or_none(value: str | Text | None) -> Text:
-    """What an attribute has so far."""
-    return value if isinstance(value, tuple) else ()

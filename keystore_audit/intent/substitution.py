@@ -6,7 +6,6 @@ by blanks, in quotes where they hold blanks; a backslash takes the meaning from 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Final
 
 from keystore_audit.intent.launch_actions import Part, Reference, Text, Unknown, Variable
@@ -26,7 +25,6 @@ RUN: Final = {
     "eval": "the result of an expression, which is not evaluated",
     "anon": "a name with a part that is new each time",
 }
-MAX_LENGTH: Final = 4096
 _QUOTES: Final = "'\""
 
 
@@ -39,19 +37,6 @@ def parse(text: str) -> Text:
     parts, end = _Reader(text).text(0, "", 0)
     assert end == len(text)  # noqa: S101 - without a sign to stop at, it reads to the end
     return parts
-
-
-def bounded(parts: Iterable[Part]) -> Text:
-    """A text of these pieces, strings joined; an Unknown where it is too long."""
-    found: list[Part] = []
-    for part in parts:
-        if isinstance(part, str) and found and isinstance(found[-1], str):
-            found[-1] += part
-        elif part != "":
-            found.append(part)
-        if len(found) > MAX_SUBSTITUTIONS or (found and isinstance(found[-1], str) and len(found[-1]) > MAX_LENGTH):
-            return (Unknown(reason=f"a text of more than {MAX_LENGTH} characters"),)
-    return tuple(found)
 
 
 def literal(text: Text) -> str | None:

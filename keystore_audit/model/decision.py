@@ -24,10 +24,7 @@ from keystore_audit.model.formal.permission import allowing
 from keystore_audit.model.matching.expression import Matcher, any_matches, naming, parse
 from keystore_audit.model.profiles import Access, Local, Profile
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding, is_controlled
-from keystore_audit.text import shorten
-
-MAX_EXPRESSION: Final = 60
-"""Characters of an expression in a sentence."""
+from keystore_audit.text import MAX_EXPRESSION, shorten
 
 DONE: Final = {
     Operation.PUBLISH: ("publish", "publishing"),

@@ -9,10 +9,9 @@ from keystore_audit.assumptions import holds_if
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn, Layer
 from keystore_audit.report import diff_words as words
 from keystore_audit.report.paragraph import unbroken
-from keystore_audit.text import instant, shorten, terminal
+from keystore_audit.text import MAX_EXPRESSION, instant, shorten, terminal
 
 MAX_UNREAD: Final = 10
-MAX_EXPRESSION: Final = 60
 
 
 def text(comparison: Comparison, fail_on: FailOn) -> str:

@@ -13,9 +13,8 @@ from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
 from keystore_audit.report.flow_json import assumptions
 from keystore_audit.report.paragraph import profiles, rests_on, unbroken, worst_first
-from keystore_audit.text import shorten, terminal
+from keystore_audit.text import MAX_EXPRESSION, shorten, terminal
 
-MAX_EXPRESSION: Final = 60
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}
 _ASSUMED: Final = {
     Attacker.HONEST: "nobody attacks; nodes may pass on whatever they read",
