@@ -8,14 +8,20 @@ from __future__ import annotations
 
 import argparse
 import io
+import json
 import os
 import sys
 import tempfile
+from collections.abc import Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from typing import Any, Final
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT))
+
+ACTS: Final = ("publish", "subscribe", "relay")
+NAMES: Final = ("rt/chatter", "rt/turtle1/cmd_vel", "rq/turtlesim/get_parametersRequest", "rt/rosout", "unheard")
 
 from tools.samples import catalogue  # noqa: E402
 from tools.samples.expectation import SAMPLES, with_engine  # noqa: E402
@@ -25,8 +31,6 @@ from tools.samples.story import read_description  # noqa: E402
 
 def answers(sample: Path, target: Path, engine: str) -> None:
     """Write what each command says of a copy of the sample, with its modes and at its instant; exit codes first."""
-    from keystore_audit.cli.program import run
-
     about = read_description(sample)
     copy = Path("keys")
     copy_with_modes(sample, copy, int(about["key_mode"], 8))
@@ -40,6 +44,29 @@ def answers(sample: Path, target: Path, engine: str) -> None:
         copy_with_modes(beside, Path("good"), int(read_description(beside)["key_mode"], 8))
         asked["diff.json"] = ["diff", "-f", "json", *instant, "good", str(copy)]
     target.mkdir(parents=True)
+    _write(target, asked)
+    _write(target, questions(json.loads((target / "audit.json").read_text().partition("\n")[2]), instant, copy))
+
+
+def questions(report: Any, instant: Sequence[str], copy: Path) -> dict[str, Sequence[str]]:
+    """The commands that ask about single enclaves: rights of every enclave, a flow, a compromise."""
+    enclaves = [each["path"] for each in report.get("enclaves", ())]
+    if not enclaves:
+        return {}
+    batch = Path("batch.tsv")
+    asked = [f"{each}\t{act}\t{name}" for each in enclaves for act in ACTS for name in NAMES]
+    batch.write_text("\n".join(asked) + "\n", encoding="utf-8", errors="surrogateescape")
+    first, last = enclaves[0], enclaves[-1]
+    return {
+        "can.jsonl": ["can", "--batch", str(batch), *instant, str(copy)],
+        "flow.json": ["flow", "-f", "json", *instant, str(copy), first, last],
+        "compromise.json": ["flow", "-f", "json", *instant, str(copy), "--from-compromised", first],
+    }
+
+
+def _write(target: Path, asked: dict[str, Sequence[str]]) -> None:
+    from keystore_audit.cli.program import run
+
     for name, words in asked.items():
         written = io.TextIOWrapper(io.BytesIO(), "utf-8")
         with redirect_stdout(written), redirect_stderr(written):
