@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
 
 
 class Assumption(str, Enum):
@@ -103,16 +103,14 @@ _WORDS: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Declaration:
+class Declaration(Struct, frozen=True, kw_only=True):
     """That somebody takes it upon himself: settings say who, and why."""
 
     owner: str
     reason: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Needed:
+class Needed(Struct, frozen=True, kw_only=True):
     """An assumption of an answer. `needed_by`: ids of the properties that hold under it alone. `unchecked`: names of
     the implementations that do not see to it, where others do. `declared`: None where it is made by default.
     """

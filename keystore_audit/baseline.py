@@ -7,7 +7,9 @@ from collections.abc import Iterable, Iterator
 from datetime import date
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.model.profiles import DEFAULT
@@ -27,8 +29,7 @@ MAX_NOTE: Final = 300
 """Characters of what is noted of a finding."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Created:
+class Created(Struct, frozen=True, kw_only=True):
     """A new baseline: its text, how many findings it accepts, and how many of those found nobody may accept.
 
     `complete`: whether the audit could decide everything.
@@ -40,8 +41,7 @@ class Created:
     complete: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pruned:
+class Pruned(Struct, frozen=True, kw_only=True):
     """A baseline without what no longer does anything: its text, how many entries it keeps, and those it loses.
 
     `complete`: whether the audit could decide everything. Where it could not, entries that nothing matches are kept,

@@ -8,8 +8,10 @@ from datetime import datetime
 from functools import cached_property
 from zoneinfo import ZoneInfo
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import EVERY, Assumption
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.policy import Policy
@@ -32,8 +34,7 @@ from keystore_audit.model.profiles import Profile
 from keystore_audit.properties import Status
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Intended:
+class Intended(Struct, frozen=True, kw_only=True):
     """What somebody asked of the keystores: a policy, graphs and launch files, properties of the settings."""
 
     policy: Policy | None = None

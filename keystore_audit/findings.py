@@ -12,7 +12,8 @@ from enum import Enum
 from itertools import chain, repeat, starmap
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.remedy import Remedy
 
 MAX_PLACES: Final = 50
@@ -48,8 +49,7 @@ SEVERITIES: Final = tuple(severity.value for severity in Severity)
 """Their names, the worst first."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Location:
+class Location(Struct, frozen=True, kw_only=True):
     """A place in a file of the keystore, or (`beside`) in one that the user named: a policy, a graph, settings.
 
     `path` is relative to the keystore, links resolved, POSIX, percent-encoded where it is not
@@ -72,8 +72,7 @@ MAX_OWNER: Final = 200
 """Characters of what a suppression says."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Suppression:
+class Suppression(Struct, frozen=True, kw_only=True):
     """Why, until when and by whom a finding is accepted, and which file says so."""
 
     reason: str
@@ -82,8 +81,7 @@ class Suppression:
     source: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Finding(Struct, frozen=True, kw_only=True):
     """One defect of the keystore, or of the audit itself (KA9).
 
     `locations` has the primary place first. `profiles` are the canonical variants it holds for
@@ -144,8 +142,7 @@ class Row(NamedTuple):
     results: Sequence[tuple[Result, int]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcomes:
+class Outcomes(Struct, frozen=True, kw_only=True):
     """The answers of every rule about every subject: 80,000 for a thousand enclaves, nearly all alike."""
 
     rows: tuple[Row, ...]

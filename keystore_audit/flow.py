@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from datetime import datetime
 from zoneinfo import ZoneInfo
 
+from msgspec import Struct
+
 from keystore_audit.assumptions import EVERY, Assumption
-from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.agreement import EngineAnswers, combine_claims
 from keystore_audit.engine.conditions import with_conditions
 from keystore_audit.engine.engines import Engines, run_engines
@@ -28,8 +29,7 @@ from keystore_audit.properties.result import AssertedResult, EngineRun, EngineSt
 from keystore_audit.settings.claims import place
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlowQuestion:
+class FlowQuestion(Struct, frozen=True, kw_only=True):
     """From where to where, as places are written in settings; `through`: globs on enclaves that do not count.
 
     `attackers`: None for each under whom there can be a flow at all.
@@ -42,8 +42,7 @@ class FlowQuestion:
     include_ambient: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlowAnswer:
+class FlowAnswer(Struct, frozen=True, kw_only=True):
     """Whether there is a flow, by attacker: a result is VIOLATED where there is one for certain.
 
     `doubts`: places of what could not be read, which an unknown answer depends on; none where no answer is unknown.

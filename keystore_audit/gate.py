@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import Assumption, Needed
-from keystore_audit.dataclass import replace
 from keystore_audit.engine.horizon import Horizon
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Finding, Result, Severity

@@ -8,12 +8,12 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import UsageError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GivenFile:
+class GivenFile(Struct, frozen=True, kw_only=True):
     """A file that was read. `path` as it was given or found, or below that; `sha256` of its bytes, in hexadecimal."""
 
     path: str

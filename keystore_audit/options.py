@@ -7,8 +7,10 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
+from msgspec import Struct, field
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import Assumption
-from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.findings import Severity
 
 if TYPE_CHECKING:
@@ -68,8 +70,7 @@ class Progress(Protocol):
         """So many enclaves are read."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
+class Options(Struct, frozen=True, kw_only=True):
     """What an audit is asked (interface contract: docs/reference.md).
 
     `at` is aware UTC; `fail_on` None: never. `launch_arguments`: values of arguments of the launch files. `overview`:
@@ -92,8 +93,8 @@ class Options:
     fail_on: Severity | None = Severity.HIGH
     expires_within: timedelta = DEFAULT_NOTICE
     deployed: bool = False
-    select: tuple[str, ...] = field(default=())
-    ignore: tuple[str, ...] = field(default=())
+    select: tuple[str, ...] = ()
+    ignore: tuple[str, ...] = ()
     authorities: Authorities | None = None
     """Those that settings or options declare."""
     settings: Settings | None = None

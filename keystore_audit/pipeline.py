@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace
+
 from keystore_audit import __version__
 from keystore_audit.assumptions import EVERY, Assumption
-from keystore_audit.dataclass import replace
 from keystore_audit.engine.agreement import EngineAnswers, combine, combine_claims, combine_determinism
 from keystore_audit.engine.conditions import with_conditions, without
 from keystore_audit.engine.engines import Engines, run_engines

@@ -10,7 +10,9 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.text import some
 
 MAX_PATHS: Final = 3
@@ -59,8 +61,7 @@ _SAID: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class Step(Struct, frozen=True, kw_only=True):
     """A sentence and, where a script can do it, the act. `paths`: the files it writes, as in `Location.path`; none in a
     remedy that is about no keystore, and where the keystore has not the layout that sros2 makes since Foxy.
     """
@@ -75,8 +76,7 @@ class Step:
         return replace(self, text=named, paths=paths)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Remedy:
+class Remedy(Struct, frozen=True, kw_only=True):
     """What to do, in this order."""
 
     kind: Kind

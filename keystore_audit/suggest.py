@@ -8,7 +8,8 @@ from datetime import datetime, timedelta, timezone
 from typing import Final
 from zoneinfo import ZoneInfo
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.keystore.certificate import Certificate
@@ -33,8 +34,7 @@ DAY: Final = timedelta(days=1)
 FIRST: Final = datetime.min.replace(tzinfo=timezone.utc)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Suggestion:
+class Suggestion(Struct, frozen=True, kw_only=True):
     """The least policy for the enclaves of a keystore.
 
     `unknown`: paths of enclaves that the keystore does not have. `doubts`: sentences about what may be missing.

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import datetime, timedelta
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.engine.horizon import Horizon
 from keystore_audit.findings import Location, Severity, Suppression

@@ -12,7 +12,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, Final
@@ -64,7 +64,7 @@ def questions(report: Any, instant: Sequence[str], copy: Path) -> dict[str, Sequ
     }
 
 
-def _write(target: Path, asked: dict[str, Sequence[str]]) -> None:
+def _write(target: Path, asked: Mapping[str, Sequence[str]]) -> None:
     from keystore_audit.cli.program import run
 
     for name, words in asked.items():

@@ -10,13 +10,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from msgspec import Struct, field
 
 from keystore_audit import __version__, formats
 from keystore_audit.cli import EXIT_INTERRUPTED, delivery, output, places
 from keystore_audit.cli.interrupts import interrupts_later
 from keystore_audit.cli.program import fault
 from keystore_audit.cli.progress import FleetWatch
-from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit
 from keystore_audit.report.summary import Row, Summary, render_json, render_text, row, without_report
 from keystore_audit.text import some
@@ -44,8 +44,7 @@ MAX_NAMED: Final = 3
 """Older reports that are named; the others are counted."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Make:
+class Make(Struct, frozen=True, kw_only=True):
     """What is made of a report where it is made; goes to other processes.
 
     `formats`: of the reports that have a file of their own, shown as `kept`; `shown`: the text on standard output is
@@ -73,8 +72,7 @@ class Make:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Made:
+class Made(Struct, frozen=True, kw_only=True):
     """What `Make` makes."""
 
     row: Row
@@ -112,8 +110,7 @@ def run(named: Sequence[str], given: Mapping[str, Any], chosen: Callable[[Sequen
     return _Run(found=found, given=given, options=options, reports=reports, several=several).carried_out()
 
 
-@dataclass(slots=True)
-class _Run:
+class _Run(Struct):
     """A run as it goes on. `texts`: what standard output still waits for, since its order is that of the keystores."""
 
     found: Found

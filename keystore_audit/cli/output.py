@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Final
 
 import click
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.formats import FORMATS
 from keystore_audit.given import real_path
 from keystore_audit.opening import check_system, flags
@@ -28,8 +28,7 @@ TABLES: Final = "parquet"
 """What is no report but tables, which take rows of many keystores."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Target:
+class Target(Struct, frozen=True, kw_only=True):
     """A report in `format` for the file `path`, or (`each`) a file for each keystore in the directory `path`.
 
     `folder`: the directory that was named, links of which are followed; those below it are not. None: the file's own.

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from msgspec.structs import replace
 
 from keystore_audit.cli.output import Target
-from keystore_audit.dataclass import replace
 from keystore_audit.errors import UsageError
 from keystore_audit.text import meant
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from msgspec.structs import replace
 
 from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
@@ -99,7 +100,6 @@ def _chosen(suggestion: Suggestion, path: str | None) -> tuple[EnclavePolicy, ..
 def _write_policy(
     keystore: str, suggestion: Suggestion, enclaves: tuple[EnclavePolicy, ...], place: Path | None
 ) -> None:
-    from keystore_audit.dataclass import replace
     from keystore_audit.report.policy_xml import policy_xml
 
     _write(keystore, POLICY, policy_xml(replace(suggestion.policy, enclaves=enclaves)), place)

@@ -6,8 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import WORLD
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_case import plainest
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
@@ -28,8 +30,7 @@ Tell = Callable[[int, Answer], Counterexample]
 """Says what an answer about the system of this number means."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EngineAnswers:
+class EngineAnswers(Struct, frozen=True, kw_only=True):
     """What one engine said of each system, parallel to the systems asked."""
 
     engine: str

@@ -11,7 +11,8 @@ from functools import partial
 from itertools import islice, product
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.engine.kept import KeptFlows
 from keystore_audit.engine.native_claims import Claims, claims_at
 from keystore_audit.model.formal.claim import ATTACKERS, ClaimAtom, ClaimKind, Place

@@ -6,7 +6,8 @@ the explanation is poorer, the verdict the same.
 
 from __future__ import annotations
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.system import (
@@ -19,8 +20,7 @@ from keystore_audit.model.formal.system import (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Right:
+class Right(Struct, frozen=True, kw_only=True):
     """A right that `document` gives; `location`: the rule that allows it, or the grant that does by default.
 
     `by_pattern`: it is one to be in a partition that is a pattern, which the channel's matches.

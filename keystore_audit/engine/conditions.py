@@ -8,8 +8,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import CONDITIONS, WORLD, Assumption
-from keystore_audit.dataclass import replace
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.profiles import VARIANTS

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.engine import causes
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
@@ -23,8 +24,7 @@ from keystore_audit.properties.counterexample import Step
 from keystore_audit.properties.property import Role, Witness
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
+class Case(Struct, frozen=True, kw_only=True):
     """A witness, with the atoms that it names."""
 
     system: System

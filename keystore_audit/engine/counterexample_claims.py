@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.engine import causes
 from keystore_audit.engine.counterexample_case import Case, step_at
 from keystore_audit.engine.counterexample_rights import Way, as_anybody, way

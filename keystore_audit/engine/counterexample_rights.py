@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.engine import causes
 from keystore_audit.engine import counterexample_identities as identities
 from keystore_audit.engine.counterexample_case import Case
@@ -15,8 +17,7 @@ from keystore_audit.properties.counterexample import Step
 from keystore_audit.properties.property import Role
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Way:
+class Way(Struct, frozen=True, kw_only=True):
     """Why an enclave can, in words that follow a colon (empty: by a grant of the permissions CA), and the lines."""
 
     why: str

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.ci import in_ci
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.agreement import EngineAnswers
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
@@ -14,8 +16,7 @@ from keystore_audit.properties.property import Answer, Status
 from keystore_audit.properties.result import EngineRun, EngineStatus
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Engines:
+class Engines(Struct, frozen=True, kw_only=True):
     """Who decides. `choice`: both, alloy, native, or auto: both, and native alone where Alloy cannot be had at all.
 
     `jar`: of Alloy, None: the one installed; `offline`: it is never fetched. `timeout`: of the solver, in seconds.

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import datetime
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
@@ -29,8 +30,7 @@ _LOCAL = {DateReading.FASTDDS: "Fast DDS", DateReading.OPENDDS: "OpenDDS"}
 """Who reads dates of grants in the zone of the robot."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Horizon:
+class Horizon(Struct, frozen=True, kw_only=True):
     """The first later instant at which a verdict or a usability changes, and what changes; None: never."""
 
     instant: datetime | None

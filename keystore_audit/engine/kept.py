@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.engine.counterexample_claims import UNDER, by_right, hop_ways, route, then_at
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place

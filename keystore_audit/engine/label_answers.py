@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.model.claims.claims import Claim, LabelPair
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, LabelResult, ProfileResult, PropertyResult

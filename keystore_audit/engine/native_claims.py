@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.model.formal.abilities import Abilities
 from keystore_audit.model.formal.attacker import RealmView, realm_views
 from keystore_audit.model.formal.bit_sets import bits, members, union

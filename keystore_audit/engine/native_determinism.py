@@ -12,7 +12,8 @@ from functools import lru_cache
 from itertools import product
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom, Scheduler
 from keystore_audit.properties.property import Acts, Answer, Round, Status
 
@@ -37,8 +38,7 @@ class _Step(NamedTuple):
     after: Content
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Explored:
+class Explored(Struct, frozen=True, kw_only=True):
     """`rounds`: a shortest pair of runs with a difference, in the last round; empty where there is none.
 
     `depth`: rounds after which no new pair of states comes, or the difference does. `shows`: something is ever seen.

@@ -9,7 +9,8 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.engine import causes
 from keystore_audit.engine.breaches import told
 from keystore_audit.findings import Location

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable
 from typing import Protocol, TypeVar
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lost:
+class Lost(Struct, frozen=True, kw_only=True):
     """A task that has no result, and never will: whoever was at it has ended. `reason`: a sentence."""
 
     reason: str

@@ -14,7 +14,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.fleet.executor import Lost
 
 if TYPE_CHECKING:
@@ -70,8 +71,7 @@ class Processes:
                     worker.stop()
 
 
-@dataclass(slots=True)
-class _Worker:
+class _Worker(Struct):
     """A process and what it is at."""
 
     process: ForkServerProcess

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 
-from keystore_audit.dataclass import dataclass, field, replace
+from msgspec import Struct, field
+from msgspec.structs import replace
+
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, UsageError
 from keystore_audit.fleet.executor import Executor, Lost
 from keystore_audit.fleet.shared import Identities
@@ -19,8 +21,7 @@ COMPARING = "reading identities"
 AUDITING = "auditing"
 
 
-@dataclass(slots=True)
-class Fleet:
+class Fleet(Struct):
     """The keystores of a run. `tasks` have no `beside` yet; `identities` are there once the audits have begun.
 
     `compared`: identities are read, which a single keystore needs only for tables.

@@ -6,7 +6,8 @@ import os
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.layout import Role, keeps_enclaves_apart, starts_by_itself
 
 _ENCLAVES: Final = "enclaves"
@@ -22,8 +23,7 @@ _FILES: Final = frozenset(
 """Files of an enclave, or of the root of a keystore before Foxy."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
+class Found(Struct, frozen=True, kw_only=True):
     """What is below a directory, in order of path; paths begin with the directory as it was given.
 
     `keystores`: each to be audited. `unseen`: what was not looked into, with the reason: directories that cannot be

@@ -11,8 +11,9 @@ from itertools import count
 from threading import Lock
 from typing import Any, Final
 
+from msgspec import Struct, field
+
 from keystore_audit import __version__
-from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import EXIT_INCOMPLETE, AuditError
 from keystore_audit.keystore.identity import Beside, Compared, read_identities
 from keystore_audit.options import Options
@@ -27,8 +28,7 @@ _ALONE = Lock()
 """Taken for an audit: threads of one process would take turns anyway, and warnings are set for all of them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class Task(Struct, frozen=True, kw_only=True):
     """A keystore to be audited.
 
     `beside`: what is known of the other keystores, None where there are none. `make`: what to make of the report where
@@ -44,8 +44,7 @@ class Task:
     version: str = field(default_factory=lambda: __version__)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Audited:
+class Audited(Struct, frozen=True, kw_only=True):
     """What became of a task: what was `made` of the report, or (then it is None) the `error`, raw text.
 
     `exit_code`: the keystore's own, or that of the error.
@@ -56,8 +55,7 @@ class Audited:
     error: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Known:
+class Known(Struct, frozen=True, kw_only=True):
     """What is compared of the directory `place`, links resolved, and the subjects that grants name there; `error`: why
     there may be more, a sentence.
     """

@@ -17,7 +17,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile, read_given
@@ -71,16 +72,14 @@ _ANOTHER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*=")
 """How another assignment begins, behind which a command may still follow."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Setting:
+class Setting(Struct, frozen=True, kw_only=True):
     """The value of a variable, and the line that sets it last."""
 
     value: str
     location: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Environment:
+class Environment(Struct, frozen=True, kw_only=True):
     """The variables of `VARIABLES` that the `file` sets."""
 
     file: GivenFile

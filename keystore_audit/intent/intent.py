@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from enum import Enum
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
 
@@ -28,8 +29,7 @@ class Origin(str, Enum):
     LAUNCH = "launch"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IntendedNode:
+class IntendedNode(Struct, frozen=True, kw_only=True):
     """A node that is to run in the enclave (its path); `name` is its fully qualified ROS name."""
 
     enclave: str
@@ -37,8 +37,7 @@ class IntendedNode:
     location: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IntendedRight:
+class IntendedRight(Struct, frozen=True, kw_only=True):
     """What a node does, or (`allow` False, policies alone) must not do.
 
     `name`: fully qualified ROS name; in a policy it may be an expression with wildcards. `node`: the fully qualified
@@ -54,8 +53,7 @@ class IntendedRight:
     location: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UsedName:
+class UsedName(Struct, frozen=True, kw_only=True):
     """A name that a node uses while the file does not say how: a remapping in a launch file."""
 
     enclave: str
@@ -64,8 +62,7 @@ class UsedName:
     location: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unresolved:
+class Unresolved(Struct, frozen=True, kw_only=True):
     """Something in the file that could not be worked out, so that rights may be missing from the intent.
 
     `reason`: a sentence.
@@ -75,8 +72,7 @@ class Unresolved:
     reason: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SetVariable:
+class SetVariable(Struct, frozen=True, kw_only=True):
     """A variable that a launch file sets for a process, and that decides whether there is security in it.
 
     `value` is None where it cannot be told. `node` is empty where the program chooses the name. `started`: what runs
@@ -90,8 +86,7 @@ class SetVariable:
     started: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Intent:
+class Intent(Struct, frozen=True, kw_only=True):
     """What one file, with all that it includes, says.
 
     `files`: it and those it includes, in the order in which they were read. `enclaves`: every path it names, with the

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
 
 MAX_TEXT: Final = 4096
 """Characters of a text that is worked out: names and paths are shorter, and `$(var x)$(var x)` doubles each time."""
@@ -26,8 +26,7 @@ class Variable(str, Enum):
     DIRECTORY = "directory of the launch file"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reference:
+class Reference(Struct, frozen=True, kw_only=True):
     """A substitution that may be worked out: `name` of an argument or variable, `default` where there is one."""
 
     variable: Variable
@@ -35,8 +34,7 @@ class Reference:
     default: Text | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unknown:
+class Unknown(Struct, frozen=True, kw_only=True):
     """A piece of text that only a running launch knows; `reason`: why, words such as "the result of a command"."""
 
     reason: str
@@ -60,55 +58,48 @@ def bounded(parts: Iterable[Part]) -> Text:
     return tuple(found)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
+class Condition(Struct, frozen=True, kw_only=True):
     """An action happens where `text` is true, or with `negated` where it is false."""
 
     text: Text
     negated: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LaunchAction:
+class LaunchAction(Struct, frozen=True, kw_only=True):
     """One element of a launch description; `line`: where it begins. All of `conditions` have to hold."""
 
     line: int
     conditions: tuple[Condition, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Declare(LaunchAction):
+class Declare(LaunchAction, frozen=True, kw_only=True):
     """An argument of the file, which the caller may set; without default the caller has to."""
 
     name: Text
     default: Text | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Assign(LaunchAction):
+class Assign(LaunchAction, frozen=True, kw_only=True):
     """An argument gets a value, whatever it had; None: it is taken away."""
 
     name: Text
     value: Text | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AssignEnvironment(LaunchAction):
+class AssignEnvironment(LaunchAction, frozen=True, kw_only=True):
     """An environment variable gets a value; None: it is taken away."""
 
     name: Text
     value: Text | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PushNamespace(LaunchAction):
+class PushNamespace(LaunchAction, frozen=True, kw_only=True):
     """Nodes behind it, to the end of the group, are in this namespace."""
 
     namespace: Text
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Remap:
+class Remap(Struct, frozen=True, kw_only=True):
     """A node that would use `source` uses `target`."""
 
     line: int
@@ -116,15 +107,13 @@ class Remap:
     target: Text
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SetRemap(LaunchAction):
+class SetRemap(LaunchAction, frozen=True, kw_only=True):
     """The remapping holds for all nodes behind it, to the end of the group."""
 
     remap: Remap
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Group(LaunchAction):
+class Group(LaunchAction, frozen=True, kw_only=True):
     """Actions together; what they set ends with the group if it is `scoped`.
 
     `forwarding` False: nothing set before reaches into it but `given`, arguments by name. `later`: they come when a
@@ -138,8 +127,7 @@ class Group(LaunchAction):
     given: tuple[tuple[Text, Text], ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Include(LaunchAction):
+class Include(LaunchAction, frozen=True, kw_only=True):
     """Another launch file, with values for its arguments; what it sets stays set."""
 
     path: Text
@@ -154,8 +142,7 @@ class NodeKind(str, Enum):
     CONTAINER = "container"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NodeNames:
+class NodeNames(Struct, frozen=True, kw_only=True):
     """Names of a node, in a process of its own or in another's. `name` None: the program chooses."""
 
     line: int
@@ -165,8 +152,7 @@ class NodeNames:
     conditions: tuple[Condition, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StartProcess(LaunchAction):
+class StartProcess(LaunchAction, frozen=True, kw_only=True):
     """A process, of which it is not known whether it is a node.
 
     `environment`: beside what there was. `prefix`: what stands before the program, None: what is set for all.
@@ -178,8 +164,7 @@ class StartProcess(LaunchAction):
     prefix: Text | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StartNode(StartProcess):
+class StartNode(StartProcess, frozen=True, kw_only=True):
     """A process with a node; `components` are loaded into it.
 
     `arguments`: the words of its command line; `ros_arguments`: those that come behind `--ros-args`.
@@ -192,16 +177,14 @@ class StartNode(StartProcess):
     components: tuple[NodeNames, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LoadComponents(LaunchAction):
+class LoadComponents(LaunchAction, frozen=True, kw_only=True):
     """Nodes that are loaded into a process that runs already: the container called `target`."""
 
     target: Text
     components: tuple[NodeNames, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unread(LaunchAction):
+class Unread(LaunchAction, frozen=True, kw_only=True):
     """Something that may start nodes or change what others are; `reason` says what it is, words.
 
     `speaks`: a word of security that stands in it (`launch_environment.speaks_of`); empty: none.

@@ -9,7 +9,8 @@ import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.intent.launch_actions import (
     Assign,
     AssignEnvironment,
@@ -36,8 +37,7 @@ from keystore_audit.intent.source import Source, shown
 from keystore_audit.intent.substitution import SubstitutionError, parse
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Entity:
+class Entity(Struct, frozen=True, kw_only=True):
     """An element with its attributes, as written or, in Python, as read, and the elements in it.
 
     `kind`: its name, `-` written as `_`.

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
@@ -59,8 +60,7 @@ _OFFERS: Final = {
 """What a node of the kind does for certain, below its own name."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Node:
+class _Node(Struct, frozen=True, kw_only=True):
     """A node whose names are worked out. `name` None: the program chooses."""
 
     name: str | Unknown | None
@@ -84,8 +84,7 @@ class _Node:
         return expanded(name, node=self.name if isinstance(self.name, str) else "", namespace=self.namespace)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Load:
+class _Load(Struct, frozen=True, kw_only=True):
     """Components that wait for the container to be known: all of the launch can name it."""
 
     target: str | Unknown

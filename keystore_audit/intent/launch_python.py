@@ -13,7 +13,8 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, TypeVar
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.intent.launch_actions import LaunchAction, Reference, Text, Variable, bounded
 from keystore_audit.intent.launch_entities import Entity, actions
 from keystore_audit.intent.python_environment import names_in, speaking

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct, field
+
 from keystore_audit.intent.launch_actions import MAX_TEXT, Condition, Reference, Remap, Text, Unknown, Variable
 from keystore_audit.intent.ros_names import ROOT, joined
 from keystore_audit.intent.source import Source, shown
@@ -21,8 +22,7 @@ class Unresolvable(Exception):
     """A text that cannot be worked out; the message says what it depends on, words."""
 
 
-@dataclass(slots=True, kw_only=True)
-class GlobalRemap:
+class GlobalRemap(Struct, kw_only=True):
     """A remapping for all nodes of a scope; `users`: nodes that started under it, as (enclave, node, name used)."""
 
     line: int
@@ -32,8 +32,7 @@ class GlobalRemap:
     users: list[tuple[str, str, str]] = field(default_factory=list)
 
 
-@dataclass(slots=True, kw_only=True)
-class Scope:
+class Scope(Struct, kw_only=True):
     """All that is set at one point. An Unknown stands where something is set and cannot be told."""
 
     arguments: dict[str, str | Unknown]

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.intent.launch_entities import Entity
 from keystore_audit.intent.source import Source, shown
 
@@ -23,8 +24,7 @@ MAX_DEPTH: Final = 32
 """Lists and maps within each other: each group takes three."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Tree:
+class _Tree(Struct, frozen=True, kw_only=True):
     """A scalar, a list or a map (as pairs), with its line."""
 
     line: int

@@ -11,7 +11,8 @@ from bisect import bisect_right
 from collections.abc import Mapping
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.defect import Malformed
 
 MAX_DEPTH: Final = 32
@@ -31,8 +32,7 @@ _BEGINNING: Final = re.compile(r'[\[{"0-9-]|true|false|null')
 _WORD: Final = re.compile(r"[A-Za-z]{1,10}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Value:
+class Value(Struct, frozen=True, kw_only=True):
     """A value with the line it begins at; what is inside an array or object are Values again."""
 
     line: int

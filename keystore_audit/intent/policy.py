@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import Any, Final
 
 from lxml import etree
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
@@ -38,8 +38,7 @@ _PRINTABLE: Final = re.compile(r"[!-~]+")
 _YAML: Final = re.compile(r"(?:\s*#[^\n]*\n|\s)*(?:---|[\w-]+\s*:)", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Profiles:
+class Profiles(Struct, frozen=True, kw_only=True):
     """A `<profiles>` of an enclave (0.1.0: a `<profile>`), of which sros2 makes one grant.
 
     `lost`: why no implementation asks that grant, a sentence ("" if it counts): of several grants with one subject the
@@ -53,8 +52,7 @@ class Profiles:
     lost: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Policy:
+class Policy(Struct, frozen=True, kw_only=True):
     """A policy with all that it includes, in order. `path`: as the user gave it."""
 
     path: str

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.intent.launch_actions import Unknown
 
 Word = str | Unknown
@@ -30,8 +31,7 @@ _WITH_VALUE: Final[Mapping[str, str]] = {
 _SCHEMES: Final = ("rostopic://", "rosservice://")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rule:
+class Rule(Struct, frozen=True, kw_only=True):
     """A remapping as written, `source:=target`; `node`: the only node that it is for, "" for all of the process."""
 
     node: str
@@ -39,8 +39,7 @@ class Rule:
     target: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RosArguments:
+class RosArguments(Struct, frozen=True, kw_only=True):
     """What the command line says to ROS. `enclave` None: nothing; an Unknown: something that cannot be told."""
 
     enclave: Word | None

@@ -7,7 +7,8 @@ import posixpath
 from pathlib import Path
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import NothingToAudit, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
@@ -22,8 +23,7 @@ MAX_DETAIL: Final = 480
 """Characters of what a parser says."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class Source(Struct, frozen=True, kw_only=True):
     """The text of one file.
 
     `file`: its path as the user gave it, or below what the user gave, percent-encoded. `real`: where it is, absolute,

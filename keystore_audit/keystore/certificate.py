@@ -9,8 +9,8 @@ from typing import Final
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass, field
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.crl import REVOCATION_LIST_LABEL, RevocationList, read_revocation_list
 from keystore_audit.keystore.defect import Defect, Kind
@@ -65,8 +65,7 @@ _KEY_USAGES: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Certificate:
+class Certificate(Struct, frozen=True, kw_only=True, eq=False):
     """One certificate of a PEM file (RFC 7468), found at `line` of `path`; `sha256` says whether two are the same.
 
     `subject` and `issuer` are RFC 4514 strings as untrusted text, `issuer_der`/`subject_der` the DER names
@@ -79,10 +78,10 @@ class Certificate:
     sha256: str
     subject: str
     issuer: str
-    subject_name: x509.Name = field(repr=False)
-    issuer_name: x509.Name = field(repr=False)
-    subject_der: bytes = field(repr=False)
-    issuer_der: bytes = field(repr=False)
+    subject_name: x509.Name
+    issuer_name: x509.Name
+    subject_der: bytes
+    issuer_der: bytes
     serial: int
     not_before: datetime
     not_after: datetime
@@ -105,11 +104,10 @@ class Certificate:
     names, policies and resources, and those whose content OpenSSL calls invalid."""
     algorithms_agree: bool
     """Whether both statements of the signature algorithm are the same bytes (RFC 5280, 4.1.1.2)."""
-    parsed: x509.Certificate = field(repr=False)
+    parsed: x509.Certificate
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CertificateFile:
+class CertificateFile(Struct, frozen=True, kw_only=True, eq=False):
     """A file of certificates in file order, with revocation lists that stand in it (Fast DDS reads both).
 
     Compared by identity, as all files: one that several enclaves share is read once.

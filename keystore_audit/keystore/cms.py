@@ -13,8 +13,8 @@ from typing import Annotated, Final
 from cryptography import x509
 from cryptography.hazmat import asn1
 from cryptography.hazmat.asn1 import TLV, Explicit, GeneralizedTime, Implicit, SetOf, UTCTime
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass, field
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.der import children, content_of
 from keystore_audit.keystore.signature_algorithm import (
@@ -59,30 +59,28 @@ class CmsError(ValueError):
         self.detail = detail
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SignerInfo:
+class SignerInfo(Struct, frozen=True, kw_only=True):
     """One SignerInfo (RFC 5652, 5.3).
 
     `digest` as in `smime.Signature`. `message_digest` and `signed` (the DER of the signed attributes) are None where
     there are no signed attributes: the signature then covers the content.
     """
 
-    issuer_der: bytes = field(repr=False)
+    issuer_der: bytes
     serial: int
     digest: str
     message_digest: bytes | None
-    signed: bytes | None = field(repr=False)
+    signed: bytes | None
     signing_time: datetime | None
     scheme: Scheme
-    signature: bytes = field(repr=False)
+    signature: bytes
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SignedData:
+class SignedData(Struct, frozen=True, kw_only=True):
     """A SignedData: the content inside it if any, the certificates in it as DER, and what is out of order."""
 
-    content: bytes | None = field(repr=False)
-    certificates: tuple[bytes, ...] = field(repr=False)
+    content: bytes | None
+    certificates: tuple[bytes, ...]
     signers: tuple[SignerInfo, ...]
     problems: Problems
 

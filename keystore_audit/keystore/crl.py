@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass, field
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts
 from keystore_audit.keystore.distinguished_name import same_name
@@ -35,8 +35,7 @@ _PROCESSED_IN_ENTRY: Final = frozenset({"2.5.29.29"})  # certificateIssuer (x_cr
 _Extension = TypeVar("_Extension", bound=x509.ExtensionType)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RevocationList:
+class RevocationList(Struct, frozen=True, kw_only=True, eq=False):
     """One CRL found at `line` of `path`; `revoked` holds serial numbers of its own issuer. Compared by identity.
 
     `unknown_critical`: critical extensions, of the list or of an entry, that OpenSSL does not process.
@@ -47,8 +46,8 @@ class RevocationList:
     path: str
     line: int
     issuer: str
-    issuer_name: x509.Name = field(repr=False)
-    issuer_der: bytes = field(repr=False)
+    issuer_name: x509.Name
+    issuer_der: bytes
     this_update: datetime
     next_update: datetime | None
     revoked: frozenset[int]
@@ -61,12 +60,11 @@ class RevocationList:
     delta: bool
     """Whether it tells changes alone, of a list that is elsewhere (RFC 5280, 5.2.4)."""
     algorithms_agree: bool
-    signed_part: bytes = field(repr=False)
-    parsed: x509.CertificateRevocationList = field(repr=False)
+    signed_part: bytes
+    parsed: x509.CertificateRevocationList
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CrlFile:
+class CrlFile(Struct, frozen=True, kw_only=True, eq=False):
     """`crl.pem` of an enclave."""
 
     file: File

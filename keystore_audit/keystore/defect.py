@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from enum import Enum
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
 
 
 class Kind(str, Enum):
@@ -76,8 +76,7 @@ _OPAQUE = frozenset(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Defect:
+class Defect(Struct, frozen=True, kw_only=True):
     """One defect: `detail` says what was expected and what was there, in a sentence for people.
 
     `path` and `line` as in `findings.Location`. `detail` may quote untrusted text; whoever prints it escapes.

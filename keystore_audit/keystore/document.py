@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final, TypeVar
 
 from lxml import etree
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.defect import Defect, Kind, first_opaque
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml, source_line
@@ -61,16 +61,14 @@ _TOPICS: Final = ("topic", "topic_expression")
 """Elements that crash implementations when they are empty (measured: Cyclone DDS 0.10.2, Fast DDS 2.9.1)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Text:
+class Text(Struct, frozen=True, kw_only=True):
     """The text of an element and the line of the .p7s file where it stands (None: opaque message)."""
 
     text: str
     line: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DomainRange:
+class DomainRange(Struct, frozen=True, kw_only=True):
     """An `<id>` (both bounds equal) or an `<id_range>`; an absent bound is None. What that means is the profile's."""
 
     low: int | None

@@ -5,7 +5,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field, replace
+from msgspec import Struct
+from msgspec.structs import replace
 
 
 class Status(str, Enum):
@@ -31,8 +32,7 @@ UNREAD_BUT_THERE: Final = frozenset({Status.PRESENT, Status.UNREADABLE, Status.T
 """A key that nobody could read is in the tree all the same; one outside, by a link, is not."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class File:
+class File(Struct, frozen=True, kw_only=True):
     """What is at `path`: a path relative to the keystore, POSIX, percent-encoded (`text.percent_path`).
 
     `resolved` is the relative path of the regular file whose bytes these are, links resolved (None unless
@@ -47,7 +47,7 @@ class File:
     resolved: str | None
     status: Status
     detail: str = ""
-    content: bytes | None = field(default=None, repr=False)
+    content: bytes | None = None
     sha256: str | None = None
     mode: int | None = None
     group: int | None = None
@@ -86,8 +86,7 @@ class EntryKind(str, Enum):
     SPECIAL = "special"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Entry:
+class Entry(Struct, frozen=True, kw_only=True):
     """An entry of a directory; `target` is what a link says, byte for byte."""
 
     name: bytes
@@ -95,8 +94,7 @@ class Entry:
     target: bytes | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Listing:
+class Listing(Struct, frozen=True, kw_only=True):
     """A directory and its entries by name; no entries unless the status of `directory` is DIRECTORY."""
 
     directory: File

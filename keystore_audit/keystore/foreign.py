@@ -9,7 +9,8 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.descent import display
 from keystore_audit.keystore.files import EntryKind, File
 from keystore_audit.keystore.layout import ENCLAVE_NAMES, Layout, LayoutKind
@@ -27,8 +28,7 @@ _BEFORE_FOXY: Final = re.compile(
 _FOLDERS: Final = frozenset({".", "public", "private", "enclaves"})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeclaredFiles:
+class DeclaredFiles(Struct, frozen=True, kw_only=True):
     """What users say of the files of a keystore.
 
     `foreign`: patterns of paths of which no finding is made. `accepted`: SHA-256, in hexadecimal, of files that were
@@ -50,8 +50,7 @@ class DeclaredFiles:
 NOTHING_DECLARED: Final = DeclaredFiles()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Foreign:
+class Foreign(Struct, frozen=True, kw_only=True):
     """A foreign file, or a directory in which nothing was found; `top`: the topmost directory around it in which all is
     foreign, itself where there is none.
     """

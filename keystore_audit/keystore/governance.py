@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from enum import Enum
 
 from lxml import etree
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.document import Document, DomainRange, Text, elements
@@ -46,8 +46,7 @@ class ProtectionKind(str, Enum):
         return ProtectionKind(self.value.removesuffix("_WITH_ORIGIN_AUTHENTICATION"))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TopicRule:
+class TopicRule(Struct, frozen=True, kw_only=True):
     """A `<topic_rule>`. `lines` maps each element name to its line."""
 
     expression: Text
@@ -61,8 +60,7 @@ class TopicRule:
     lines: Mapping[str, int | None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DomainRule:
+class DomainRule(Struct, frozen=True, kw_only=True):
     """A `<domain_rule>`. `lines` maps each element name to its line."""
 
     domains: tuple[DomainRange, ...]
@@ -76,16 +74,14 @@ class DomainRule:
     lines: Mapping[str, int | None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Governance:
+class Governance(Struct, frozen=True, kw_only=True):
     """The typed document, rules in document order."""
 
     domain_rules: tuple[DomainRule, ...]
     line: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GovernanceFile:
+class GovernanceFile(Struct, frozen=True, kw_only=True, eq=False):
     """A signed governance document; `governance` is None where the content has no single meaning."""
 
     signed: SignedDocument

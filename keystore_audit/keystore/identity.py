@@ -9,7 +9,8 @@ from datetime import datetime
 from itertools import islice
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.digest import records
 from keystore_audit.keystore.files import File, Status
@@ -27,8 +28,7 @@ MAX_NAMED: Final = 10_000
 _SUBJECT_NAME: Final = re.compile(rb"<subject_name\s*>([^<]{1,1024})<")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Identity:
+class Identity(Struct, frozen=True, kw_only=True):
     """An enclave's identity in the keystore `root` (the path as the user gave it), small enough to keep thousands.
 
     `enclave`: its ROS name, untrusted text; `path` and `line`: where its certificate is. `key`: its public key, as
@@ -54,8 +54,7 @@ class Identity:
         return f"{self.root.rstrip('/')}/{self.path}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LooseKey:
+class LooseKey(Struct, frozen=True, kw_only=True):
     """A private key in a file of no enclave in the keystore `root`, as in `Identity`: the public half, and the path."""
 
     root: str
@@ -68,8 +67,7 @@ class LooseKey:
         return f"{self.root.rstrip('/')}/{self.path}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Compared:
+class Compared(Struct, frozen=True, kw_only=True):
     """What of a keystore is compared with others."""
 
     identities: tuple[Identity, ...] = ()
@@ -78,8 +76,7 @@ class Compared:
     """Of certificates and documents in the places of enclaves and authorities."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Beside:
+class Beside(Struct, frozen=True, kw_only=True):
     """What a run over several keystores knows when it comes to one of them.
 
     `shared`: identities of the others, at least those whose key or subject is found in this one too, and those that

@@ -16,8 +16,8 @@ from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.hazmat.primitives.asymmetric.utils import Prehashed, decode_dss_signature, encode_dss_signature
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore import weak_numbers
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.crl import RevocationList
@@ -39,8 +39,7 @@ _DIGESTS: Final[dict[int, hashes.HashAlgorithm]] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class Place(Struct, frozen=True, kw_only=True):
     """Where a key or signature stands; `root`: the keystore, as the user gave it."""
 
     root: str
@@ -48,8 +47,7 @@ class Place:
     line: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PublicKey:
+class PublicKey(Struct, frozen=True, kw_only=True):
     """A public key: `key` as `Certificate.key`; a modulus and an exponent, or a curve's name and two coordinates."""
 
     key: str
@@ -58,8 +56,7 @@ class PublicKey:
     place: Place
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Signed:
+class Signed(Struct, frozen=True, kw_only=True):
     """An ECDSA signature over what has the digest `hashed`; whether anybody's key made it is not said."""
 
     r: int
@@ -68,8 +65,7 @@ class Signed:
     place: Place
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Material:
+class Material(Struct, frozen=True, kw_only=True):
     """Public keys and ECDSA signatures, each once: the same key in several certificates, the same signature copied."""
 
     keys: tuple[PublicKey, ...] = ()
@@ -80,8 +76,7 @@ class Material:
         return Material(keys=self.keys + other.keys, signed=self.signed + other.signed)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Weakness:
+class Weakness(Struct, frozen=True, kw_only=True):
     """A fact of one key, or of several: what makes them weak, in words behind "The key", and where they stand."""
 
     fact: str

@@ -8,8 +8,9 @@ from itertools import chain
 from typing import Final, TypeVar
 
 from cryptography.x509.oid import NameOID
+from msgspec import Struct
+from msgspec.structs import replace
 
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect
@@ -30,8 +31,7 @@ MAX_FURTHER_KEYS: Final = 64
 """Files with private keys in odd places that are parsed: of the rest it is not said whose key they hold."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Enclave:
+class Enclave(Struct, frozen=True, kw_only=True, eq=False):
     """One enclave, compared by identity: each reading is None where its file is not PRESENT (see `files.files`)."""
 
     files: EnclaveFiles
@@ -64,8 +64,7 @@ class Enclave:
         return file.certificates if file is not None else ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Keystore:
+class Keystore(Struct, frozen=True, kw_only=True, eq=False):
     """Everything read below `root` (the path as the user gave it).
 
     A file shared by several enclaves, by links to one path, is read once: the same object stands in each.

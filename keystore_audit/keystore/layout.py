@@ -7,7 +7,8 @@ from collections.abc import Set as AbstractSet
 from enum import Enum
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.descent import Place, display
 from keystore_audit.keystore.files import EntryKind, File, Listing, Status
@@ -37,8 +38,7 @@ class Role(str, Enum):
     CRL = "crl"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnclaveFiles:
+class EnclaveFiles(Struct, frozen=True, kw_only=True):
     """The files of one enclave.
 
     `path` is its ROS name as untrusted text (percent-encoded like a file's path where directories name it),
@@ -73,8 +73,7 @@ class Nested(NamedTuple):
     startable: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
+class Layout(Struct, frozen=True, kw_only=True):
     """A keystore's directory as discovered.
 
     `authorities`: CA certificate files outside enclaves (`public/*.cert.pem`, a flat root's `ca.cert.pem`).

@@ -12,7 +12,8 @@ import re
 from itertools import pairwise
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct
+
 from keystore_audit.keystore.defect import Kind
 
 MAX_LINE: Final = 1023
@@ -69,30 +70,27 @@ class MimeError(ValueError):
         self.detail = detail
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unsigned:
+class Unsigned(Struct, frozen=True, kw_only=True):
     """Text that no signature covers and that the writers of real messages do not write."""
 
     line: int
     detail: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Message:
+class Message(Struct, frozen=True, kw_only=True):
     """A signed message: `entity` is what a detached signature covers, in canonical form (None: opaque message).
 
     `entity_line` and `signature_line` are lines of the file, `signature` is the decoded CMS structure.
     """
 
-    entity: bytes | None = field(repr=False)
+    entity: bytes | None
     entity_line: int
-    signature: bytes = field(repr=False)
+    signature: bytes
     signature_line: int
     unsigned: tuple[Unsigned, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Header:
+class _Header(Struct, frozen=True, kw_only=True):
     """A MIME header: fields by lower-case name, the offset after its blank line, and what is odd in it."""
 
     fields: dict[bytes, _Field]
@@ -100,8 +98,7 @@ class _Header:
     odd: tuple[Unsigned, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Field:
+class _Field(Struct, frozen=True, kw_only=True):
     value: bytes | None
     parameters: dict[bytes, bytes | None]
     line: int

@@ -12,7 +12,8 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct
+
 from keystore_audit.keystore.der import first_element
 
 MAX_BLOCKS: Final = 1_000
@@ -50,13 +51,12 @@ DUMP_OF_REVOCATION_LIST: Final = (
 """Lines at the margin in what `openssl x509 -text` and `openssl crl -text` write before a block."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Block:
+class Block(Struct, frozen=True, kw_only=True):
     """A PEM block that begins at `line`; `der` is None for an encrypted traditional key."""
 
     label: str
     line: int
-    der: bytes | None = field(repr=False)
+    der: bytes | None
 
     @property
     def is_private_key(self) -> bool:
@@ -69,12 +69,11 @@ class Block:
         return self.der is None or self.label == "ENCRYPTED PRIVATE KEY"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Text:
+class Text(Struct, frozen=True, kw_only=True):
     """Text outside of blocks that begins at `line`."""
 
     line: int
-    text: bytes = field(repr=False)
+    text: bytes
 
     def is_dump(self, margin: tuple[bytes, ...]) -> bool:
         """Whether it is openssl's readable form: the first of `margin`, then any of it or indented lines."""
@@ -85,16 +84,14 @@ class Text:
         return written[:1] == [margin[0]] and all(line.startswith(b"    ") or line in margin for line in written)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Problem:
+class Problem(Struct, frozen=True, kw_only=True):
     """Why no block could be read at `line`, in words that quote nothing."""
 
     line: int
     detail: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pem:
+class Pem(Struct, frozen=True, kw_only=True):
     """A file's blocks and problems in file order, and the text outside of them."""
 
     parts: tuple[Block | Problem, ...]

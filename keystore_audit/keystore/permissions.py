@@ -8,8 +8,8 @@ from enum import Enum
 from typing import Final
 
 from lxml import etree
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.document import Document, DomainRange, Text, elements, joined
@@ -32,8 +32,7 @@ class Operation(str, Enum):
 _OPERATIONS: Final = {operation.value: operation for operation in Operation}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Criterion:
+class Criterion(Struct, frozen=True, kw_only=True):
     """A `<publish>`, `<subscribe>` or `<relay>`. No `<partitions>` element: `partitions` is None."""
 
     operation: Operation
@@ -43,8 +42,7 @@ class Criterion:
     line: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rule:
+class Rule(Struct, frozen=True, kw_only=True):
     """An `<allow_rule>` or `<deny_rule>`."""
 
     allow: bool
@@ -53,8 +51,7 @@ class Rule:
     line: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Grant:
+class Grant(Struct, frozen=True, kw_only=True):
     """A `<grant>`. Dates are the text of the document: vendors read them differently (`model/validity.py`)."""
 
     name: str
@@ -81,16 +78,14 @@ class Grant:
         return (text for criterion in self.allowed if criterion.operation is operation for text in criterion.topics)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Permissions:
+class Permissions(Struct, frozen=True, kw_only=True):
     """The typed document, grants in document order."""
 
     grants: tuple[Grant, ...]
     line: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PermissionsFile:
+class PermissionsFile(Struct, frozen=True, kw_only=True, eq=False):
     """A signed permissions document; `permissions` is None where the content has no single meaning."""
 
     signed: SignedDocument

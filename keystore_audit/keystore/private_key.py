@@ -11,8 +11,9 @@ from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.types import PublicKeyTypes
 from cryptography.hazmat.primitives.serialization import load_der_private_key
 from cryptography.utils import CryptographyDeprecationWarning
+from msgspec import Struct
+from msgspec.structs import replace
 
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import first_element
@@ -36,8 +37,7 @@ MAX_HELD_KEYS: Final = 1_000
 """Private keys of one file of no enclave that are looked at; whose the rest are is not known."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OtherKey:
+class OtherKey(Struct, frozen=True, kw_only=True):
     """A further private key in the file of one: no run time reads it, and whoever has the file has it.
 
     `key` as in `PrivateKey`.
@@ -47,8 +47,7 @@ class OtherKey:
     key: str | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PrivateKey:
+class PrivateKey(Struct, frozen=True, kw_only=True):
     """A private key file. `file.content` is None: the bytes stay here.
 
     `key` identifies the public half as `Certificate.key` does, None where it could not be read. `others`: keys behind
@@ -94,8 +93,7 @@ def read_private_key(file: File) -> PrivateKey:
     return replace(first, defects=first.defects + second, others=further) if further else first
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeldKeys:
+class HeldKeys(Struct, frozen=True, kw_only=True):
     """Whose private keys a file holds. `keys` as in `PrivateKey`, each once.
 
     `locked`: there is one that could not be read: with a password, or in another form.

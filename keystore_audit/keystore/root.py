@@ -9,7 +9,8 @@ from types import TracebackType
 from typing import Any, Final
 from urllib.parse import unquote_to_bytes
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.descent import (
     MAX_DEPTH,

@@ -13,8 +13,8 @@ from cryptography.hazmat.asn1 import TLV, Explicit
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, padding, rsa
 from cryptography.hazmat.primitives.asymmetric.types import PublicKeyTypes
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.defect import Kind
 
 DIGESTS: Final[Mapping[str, hashes.HashAlgorithm]] = {
@@ -79,8 +79,7 @@ Problems = tuple[tuple[Kind, str], ...]
 """What is out of order: a kind and a sentence each."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Digest:
+class Digest(Struct, frozen=True, kw_only=True):
     """A digest algorithm: its name, the dotted identifier of one that we do not know."""
 
     name: str
@@ -88,8 +87,7 @@ class Digest:
     problems: Problems
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Scheme:
+class Scheme(Struct, frozen=True, kw_only=True):
     """What a signature algorithm demands: the kind of key (None: we know no such algorithm), padding and digest."""
 
     family: str | None

@@ -11,8 +11,9 @@ from typing import Final, overload
 
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.x509.oid import PublicKeyAlgorithmOID
+from msgspec import Struct
+from msgspec.structs import replace
 
-from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.keystore.certificate import Certificate, read_certificates
 from keystore_audit.keystore.cms import CmsError, SignedData, SignerInfo, has_string_values, read_signed_data
 from keystore_audit.keystore.defect import Defect, Kind
@@ -29,8 +30,7 @@ documents. What an unnamed key verifies explains a refusal and changes no verdic
 _HASH: Final = {name: getattr(hashlib, name) for name in DIGESTS}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Signature:
+class Signature(Struct, frozen=True, kw_only=True):
     """One SignerInfo of a CMS SignedData (RFC 5652 5.3), and whose key made it.
 
     `named`: candidates whose issuer and serial number the signer identifier names.
@@ -39,7 +39,7 @@ class Signature:
     digest of the content; None where there are no signed attributes (the signature covers the content itself).
     """
 
-    issuer_der: bytes = field(repr=False)
+    issuer_der: bytes
     serial: int
     digest: str
     """`sha256`, `sha1`, … or the dotted identifier of an unknown one."""
@@ -48,13 +48,12 @@ class Signature:
     verified_by: tuple[Certificate, ...]
     signing_time: datetime | None
     """Asserted by the signer (RFC 5652 11.3): a hint, never trusted."""
-    value: bytes = field(default=b"", repr=False)
-    hashed: bytes = field(default=b"", repr=False)
+    value: bytes = b""
+    hashed: bytes = b""
     """The signature itself, and the digest of what it covers; empty where that is of an unknown kind."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class SignedDocument:
+class SignedDocument(Struct, frozen=True, kw_only=True, eq=False):
     """`governance.p7s` or `permissions.p7s` as read; compared by identity, so that verdicts can be kept by document.
 
     `content` is the signed XML as OpenSSL hands it to a DDS implementation: canonical CRLF line ends, without the
@@ -64,7 +63,7 @@ class SignedDocument:
     """
 
     file: File
-    content: bytes | None = field(repr=False)
+    content: bytes | None
     first_line: int | None
     embedded: tuple[Certificate, ...]
     signatures: tuple[Signature, ...]

@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import GovernanceFile, read_governance
@@ -22,8 +24,7 @@ _GOVERNANCE_ONLY: Final = b"domain_access_rules"
 """The element that every governance document has and no permissions document."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Stray:
+class Stray(Struct, frozen=True, kw_only=True, eq=False):
     """A signed message that no enclave carries as its own; `document` is None where it could not be read."""
 
     file: File

@@ -10,7 +10,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field, replace
+from msgspec import Struct, field
+from msgspec.structs import replace
+
 from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import first_element
@@ -25,16 +27,14 @@ MAX_BYTES: Final = 4 * 1024 * 1024
 """Of files with certificates outside enclaves that are parsed: 5,000 certificates, a quarter of a second."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class StrayIdentity:
+class StrayIdentity(Struct, frozen=True, kw_only=True, eq=False):
     """A certificate that no enclave has as its own, and the place of the private key that belongs to it."""
 
     certificate: Certificate
     key: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StrayIdentities:
+class StrayIdentities(Struct, frozen=True, kw_only=True):
     """Those of a keystore, by place but for what stands in files that are read as what they are, which come first.
 
     `copies`: certificates of enclaves whose key lies in a file of no enclave as well, with this as their path.
@@ -57,8 +57,7 @@ class StrayIdentities:
         return tuple(StrayIdentity(certificate=each, key=key) for key in keys for each in self.keyless)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Carried:
+class Carried(Struct, frozen=True, kw_only=True):
     """What the files of enclaves and authorities hold: it is read where they are.
 
     `identities`: the certificates of enclaves. `authorities`: those that vouch or sign. `others`: whatever else stands

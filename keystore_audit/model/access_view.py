@@ -7,8 +7,10 @@ from datetime import datetime
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
+from msgspec import Struct
+from msgspec.structs import astuple, replace
+
 from keystore_audit.assumptions import EVERY, Assumption
-from keystore_audit.dataclass import dataclass, fields, replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.document import DomainRange, Text
@@ -36,8 +38,7 @@ _COUNTING: Final = frozenset("?[")
 """What takes one character, or one octet."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadDocument:
+class ReadDocument(Struct, frozen=True, kw_only=True):
     """A document as an implementation reads it.
 
     `refusal`: why it takes the document for none. `doubt`: why it is unknown what the document says, and the line. With
@@ -93,7 +94,7 @@ class AccessViews:
         row = self._rows.get(access)
         if row is None:
             reduced = self._reduced(access)
-            row = self._kept.setdefault(tuple(getattr(reduced, each.name) for each in fields(reduced)), reduced)
+            row = self._kept.setdefault(astuple(reduced), reduced)
             self._rows[access] = self._rows[row] = row
         return row
 

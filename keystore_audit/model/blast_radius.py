@@ -12,7 +12,8 @@ from datetime import datetime
 from functools import cached_property
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
@@ -51,8 +52,7 @@ ANY_NAME: Final = Named(topic=ANY_TOPIC, partition="", ros=True, several=True, e
 """All topics of a domain that no governance covers."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BlastRadius:
+class BlastRadius(Struct, frozen=True, kw_only=True):
     """What the holder of keys can do. Sets of channels are bit sets; enclaves go by their paths.
 
     `written`: topics that peers take its samples on by right. `forged`: others, on which it passes for a writer.
@@ -255,8 +255,7 @@ def ground(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ranked:
+class Ranked(Struct, frozen=True, kw_only=True):
     """The blast radius of the enclave `path` in numbers.
 
     Topics are DDS topic names that documents tell apart; `endless`: a class of names that has no end is among those
@@ -279,8 +278,7 @@ class Ranked:
         return (self.enclaves_reached, self.enclaves_reached_alone, self.passes_for, topics, self.topics_read)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ranking:
+class Ranking(Struct, frozen=True, kw_only=True):
     """Every enclave that has a path, the largest blast radius first, equal ones by path, under these profiles.
 
     What could not be read counts as able to do anything.

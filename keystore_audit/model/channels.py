@@ -12,7 +12,8 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct, field
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.columns import Cell, Column, Columns, Shape, Table
@@ -53,8 +54,7 @@ Point = tuple[str, str]
 """A topic name and a partition name."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Channels:
+class Channels(Struct, frozen=True, kw_only=True, eq=False):
     """The classes, and what each region matches.
 
     `regions`: the channels of each, in every governed domain class. `in_domain`: by domain class, its channels.

@@ -9,7 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence, Set
 from itertools import product
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.matching.atoms import TopicClass
 
@@ -36,8 +37,7 @@ class Cell(NamedTuple):
     infinite: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(Struct, frozen=True):
     """One merged set of (topic class, partition class) pairs: the shapes that hold it, and its witness."""
 
     hits: tuple[int, ...]

@@ -11,7 +11,8 @@ from datetime import datetime
 from functools import cached_property, partial
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.keystore.keystore import Enclave
@@ -33,8 +34,7 @@ DONE: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Decision:
+class Decision(Struct, frozen=True, kw_only=True):
     """Whether a topic and an endpoint can be created, why (a sentence), and the line that says so."""
 
     allow: bool
@@ -42,8 +42,7 @@ class Decision:
     location: Location | None
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
+class Step(Struct, frozen=True):
     """Decides about `channels`, unless an earlier step did. `explain`: why and where, of a name where one is asked."""
 
     channels: int

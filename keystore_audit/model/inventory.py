@@ -7,7 +7,8 @@ from datetime import datetime
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.governance import GovernanceFile
@@ -41,8 +42,7 @@ MAX_ISSUER_CHECKS: Final = 50_000
 keystore need 20,000."""
 
 
-@dataclass(frozen=True, slots=True)
-class Document:
+class Document(Struct, frozen=True):
     """A document of the keystore by its place; `file` is None where it could not be read at all."""
 
     place: str
@@ -243,8 +243,7 @@ def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certifi
             yield enclave, tuple(others)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AtLarge:
+class AtLarge(Struct, frozen=True, kw_only=True, eq=False):
     """An identity outside the enclaves, and that the identity CA of some enclave vouches for: `authorities`.
 
     Itself is among those where it stands in such a file and may be taken there (`stands_alone`).

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct, field
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 
@@ -16,8 +17,7 @@ if TYPE_CHECKING:  # `can` has no part in either
     from keystore_audit.model.ros.patterns import RosPatterns
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Usability:
+class Usability(Struct, frozen=True, kw_only=True):
     """Whether a participant of the enclave would be created in some domain; None: cannot be told.
 
     Each reason is a sentence.
@@ -27,8 +27,7 @@ class Usability:
     reasons: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Doubt:
+class Doubt(Struct, frozen=True, kw_only=True):
     """Something that could not be read, so that it counts as able to do anything.
 
     `enclave`: the enclave's path, None where it concerns several or an unnamed one. `profiles`: those that may act on
@@ -41,8 +40,7 @@ class Doubt:
     profiles: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UngovernedTopics:
+class UngovernedTopics(Struct, frozen=True, kw_only=True):
     """Topics of a governed domain that no topic rule matches; `witness` is one, `domains` for people.
 
     `profiles`: those that read it so; empty: all.
@@ -54,8 +52,7 @@ class UngovernedTopics:
     profiles: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Example:
+class Example(Struct, frozen=True, kw_only=True):
     """One right that some of the chosen profiles give and others do not.
 
     `decided`: they decide about their own endpoints; False: they decide about what they accept from a peer.
@@ -72,8 +69,7 @@ class Example:
     denying: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Divergence:
+class Divergence(Struct, frozen=True, kw_only=True):
     """Chosen profiles do different things with one line of a document.
 
     `location`: the line that decides differently, `other`: the one that decides where it does not. `escalates`:
@@ -96,8 +92,7 @@ class Divergence:
     deviating: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Meaning:
+class Meaning(Struct, frozen=True, kw_only=True):
     """The normalised model of a keystore at one instant.
 
     `systems`: one for each kind of implementation among the chosen profiles and each reading (only MAY where

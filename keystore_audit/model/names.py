@@ -10,7 +10,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.ros_names import FULL_NAME, is_ros_name
 from keystore_audit.keystore.permissions import Operation
@@ -84,8 +85,7 @@ class RosKind(str, Enum):
     DISCOVERY = "discovery"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RosName:
+class RosName(Struct, frozen=True, kw_only=True):
     """What one DDS topic is to ROS 2.
 
     `name`: fully qualified (for `ros_discovery_info`, which has none, that itself). `part`: which of the DDS topics of

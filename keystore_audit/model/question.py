@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 
@@ -20,8 +22,7 @@ class Ruling(str, Enum):
     UNKNOWN = "unknown"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Question:
+class Question(Struct, frozen=True, kw_only=True):
     """May the enclave (its path) do this on a DDS topic, in a domain of 0..232 and a partition ("": the default)?"""
 
     enclave: str
@@ -31,8 +32,7 @@ class Question:
     partition: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Half:
+class Half(Struct, frozen=True, kw_only=True):
     """What is answered of one of the DDS topics of a service or an action."""
 
     operation: Operation
@@ -44,8 +44,7 @@ class Half:
         return f"{self.operation.value} {self.topic}"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class Answer(Struct, frozen=True, kw_only=True):
     """Of one profile.
 
     `usable`: whether a participant is created in the domain. `decision`: whether its own implementation lets it; deny

@@ -10,7 +10,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.governance import DomainRule, Governance, TopicRule
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Permissions, Rule
@@ -39,16 +40,14 @@ DEFAULT_PARTITION = ("",)
 """The expressions of a criterion without `<partitions>`: the empty name alone."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadTopicRule:
+class ReadTopicRule(Struct, frozen=True, kw_only=True):
     """A `<topic_rule>` with the topics that its expression matches, in every partition."""
 
     region: Region
     rule: TopicRule
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadDomainRule:
+class ReadDomainRule(Struct, frozen=True, kw_only=True):
     """A `<domain_rule>` with the domain ids that it covers."""
 
     domains: tuple[Interval, ...]
@@ -56,8 +55,7 @@ class ReadDomainRule:
     rule: DomainRule
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadRule:
+class ReadRule(Struct, frozen=True, kw_only=True):
     """A rule of a grant: what it decides for each operation, in its domains.
 
     `of_peers`: it decides about peers, not about an implementation's own endpoints.
@@ -92,8 +90,7 @@ class ReadRule:
         return _everywhere(tuple(self.texts(*DIRECTIONS)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ReadGrant:
+class ReadGrant(Struct, frozen=True, kw_only=True):
     """A `<grant>` with its validity (aware UTC) and what holds where no rule of it matches."""
 
     not_before: datetime

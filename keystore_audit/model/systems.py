@@ -9,8 +9,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import WORLD, Assumption
-from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign

@@ -13,7 +13,8 @@ from enum import Enum
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, Protocol
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.local_time import mktime, standard_offset
 
 if TYPE_CHECKING:  # most audits are told no zone
@@ -80,8 +81,7 @@ class DateReading(str, Enum):
     """As XSD, against a clock that shows UTC as if it were local time. In force to the end of the second not_after."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Dated:
+class Dated(Struct, frozen=True, kw_only=True):
     """An instant that an implementation takes a date for: aware UTC.
 
     It hangs on what we do not know where `earliest` and `latest` differ; `instant` is then what it would be in UTC, or

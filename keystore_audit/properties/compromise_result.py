@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from datetime import datetime
 from enum import Enum
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.model.blast_radius import BlastRadius, Ground
 from keystore_audit.properties.property import Status
@@ -20,16 +21,14 @@ class Stolen(str, Enum):
     PERMISSIONS_CA = "permissions-ca"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProfileRadius:
+class ProfileRadius(Struct, frozen=True, kw_only=True):
     """The blast radius under one profile. `certain`: nothing of it depends on what could not be read."""
 
     radius: BlastRadius
     certain: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class KeyAnswer:
+class KeyAnswer(Struct, frozen=True, kw_only=True):
     """Of one key. `name`: the enclave's path, or the subject of the authority; `location`: of its certificate.
 
     `with_an_enclave`: (permissions CA) of who holds the key of an enclave as well, whichever it is; else None.
@@ -42,8 +41,7 @@ class KeyAnswer:
     with_an_enclave: Mapping[str, ProfileRadius] | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CompromiseAnswer:
+class CompromiseAnswer(Struct, frozen=True, kw_only=True):
     """What each key opens that `who` means: none where no such authority could be read.
 
     `enclaves`: how many there are. `doubts`: places of what could not be read, which an uncertain answer depends on.

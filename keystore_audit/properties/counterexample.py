@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
+class Step(Struct, frozen=True, kw_only=True):
     """One thing that makes the counterexample possible, and the line that says so.
 
     `channel`: what is meant, in words (`domain 0, topic rt/chatter`); `witness`: a concrete DDS topic name
@@ -22,8 +21,7 @@ class Step:
     expression: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Counterexample:
+class Counterexample(Struct, frozen=True, kw_only=True):
     """`text` is one sentence for people; untrusted names in it are not escaped yet."""
 
     text: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import Enum
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
 
 
 class Role(str, Enum):
@@ -26,8 +26,7 @@ class Role(str, Enum):
     """Likewise."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Property:
+class Property(Struct, frozen=True, kw_only=True):
     """One question.
 
     `id` is also the name of its KA7 rule; `roles` the quantified variables of its assertion, outermost first;
@@ -58,8 +57,7 @@ Witness = Mapping[Role, int]
 """A counterexample: the index of the atom that plays each role."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Hop:
+class Hop(Struct, frozen=True, kw_only=True):
     """One step of a flow: a participant hands a sample of the channel to the next.
 
     Enclaves by index; None: the outsider, or, at the first and last hop, that the flow begins or ends at the channel.
@@ -72,8 +70,7 @@ class Hop:
     instant: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Acts:
+class Acts(Struct, frozen=True, kw_only=True):
     """What one of two runs does in a round (`model.formal.behaviour`).
 
     `sent`: by writer, which of two values it publishes, None for nothing. `taken`: the slots that forwards emptied.
@@ -83,16 +80,14 @@ class Acts:
     taken: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Round:
+class Round(Struct, frozen=True, kw_only=True):
     """The same round of two runs that are compared."""
 
     one: Acts
     other: Acts
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class Answer(Struct, frozen=True, kw_only=True):
     """One engine's answer about one system. `witnesses` is empty exactly where a property holds.
 
     An engine may give one witness or several, the most telling first; UNKNOWN only of determinism: within one reading

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import Final, NamedTuple
 
+from msgspec import Struct
+
 from keystore_audit.assumptions import Assumption
-from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location, Severity
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property, Status
@@ -31,8 +32,7 @@ class EngineStatus(str, Enum):
     NOT_RUN = "not_run"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EngineRun:
+class EngineRun(Struct, frozen=True, kw_only=True):
     """An engine and how it fared.
 
     `required`: it was asked for by name, or was started, so that its failure counts. `atoms`: the size of the largest
@@ -47,8 +47,7 @@ class EngineRun:
     atoms: tuple[int, int] | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProfileResult:
+class ProfileResult(Struct, frozen=True, kw_only=True):
     """The answer under one profile.
 
     UNKNOWN unless every engine that ran gives the same answer in both readings. `needs`: what has to be so for it to
@@ -73,8 +72,7 @@ class Place(NamedTuple):
         return line is None or self.first <= line <= (line if self.last is None else self.last)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Breach:
+class Breach(Struct, frozen=True, kw_only=True):
     """What violates a property under some profiles: a name that tells it from others, and where it stands."""
 
     name: str
@@ -82,8 +80,7 @@ class Breach:
     profiles: frozenset[str]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PropertyResult:
+class PropertyResult(Struct, frozen=True, kw_only=True):
     """A property and its answer under each chosen profile (canonical names).
 
     `violations`: what violates it; of many, some. `vacuous`: what it speaks of does not exist, as some implementation
@@ -119,8 +116,7 @@ class PropertyResult:
         return ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UserResult(PropertyResult):
+class UserResult(PropertyResult, frozen=True, kw_only=True):
     """A property that a user asserts, and its answers. `location`: where it is asserted, beside the keystore.
 
     `meaning`: what is asserted, apart from its name and its words. `reason`: why it is unknown, where there is more to
@@ -135,8 +131,7 @@ class UserResult(PropertyResult):
     breaches: tuple[str, ...] | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AssertedResult(UserResult):
+class AssertedResult(UserResult, frozen=True, kw_only=True):
     """One that the settings assert. `forgers`: where only some may publish a topic, who could pass for one of them with
     the keys they hold, ANYBODY last. `also_named`: by subject_name of a grant there, a subject that nobody here has and
     that Cyclone DDS takes it for; both None of other properties.
@@ -165,8 +160,7 @@ class AssertedResult(UserResult):
         return f"Could pass for a permitted publisher: {'; '.join(told)}." if told else ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AlloyResult(UserResult):
+class AlloyResult(UserResult, frozen=True, kw_only=True):
     """One that a user asserts in Alloy, decided by Alloy alone; `location` is that of the command."""
 
     @property
@@ -175,8 +169,7 @@ class AlloyResult(UserResult):
         return "It holds of nothing: there is nothing that its `all` ranges over (vacuous)." if self.vacuous else ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LabelResult(UserResult):
+class LabelResult(UserResult, frozen=True, kw_only=True):
     """Whether what is labelled `source` stays away from what is labelled `target`; `location`: of the lattice."""
 
     source: str

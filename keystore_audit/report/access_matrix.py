@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.tables.access_rows import Row
 from keystore_audit.model.tables.access_table import Group
 from keystore_audit.report.access_words import SHORT, full_name, namespace, protection_words, rights, worth_showing
@@ -21,8 +22,7 @@ GAP: Final = 1
 INDENT: Final = 2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Matrix:
+class Matrix(Struct, frozen=True, kw_only=True):
     """`columns`: (number, paths of the enclaves that are alike). `rows`: those in which any of them may do something,
     by what protects them. `started`: by number, whether the enclaves start.
     """

@@ -9,8 +9,9 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from msgspec import Struct
+
 from keystore_audit.assumptions import Assumption, holds_if
-from keystore_audit.dataclass import dataclass
 from keystore_audit.grouped import grouped
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.tables.access_table import AccessTable, Group
@@ -36,8 +37,7 @@ MAX_ROOT: Final = 50
 """Characters of the keystore's path in the title."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Sheet:
+class _Sheet(Struct, frozen=True, kw_only=True):
     """Lines of at most `width` columns."""
 
     width: int

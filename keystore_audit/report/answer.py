@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Final
 
+from msgspec import Struct
+
 from keystore_audit.assumptions import Needed, holds_if
-from keystore_audit.dataclass import dataclass
 from keystore_audit.model.domains import Interval, describe
 from keystore_audit.model.question import Answer, Ruling
 from keystore_audit.report.content import answered_if
@@ -16,8 +17,7 @@ from keystore_audit.report.paragraph import by_answer, profiles, wrapped
 from keystore_audit.text import instant, terminal
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
+class Asked(Struct, frozen=True, kw_only=True):
     """The question in the user's words; `dds_names`: (operation, topic) of each DDS channel that it takes.
 
     `at`: when (aware UTC). `governed`: the domains that the enclave's governance covers, where the user named none.

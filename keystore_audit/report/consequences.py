@@ -6,7 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import OF_THE_AUDIT, Finding, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.properties.property import Status
@@ -24,8 +25,7 @@ def within(sentence: str) -> str:
     return sentence[:1].lower() + sentence[1:] if _COMMON_WORD.match(sentence) else sentence
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cause:
+class Cause(Struct, frozen=True, kw_only=True):
     """What is fixed at once: `finding`, with `others` that say the same of other subjects.
 
     `follow`: findings that go with it. `stay`: findings that follow from it and from more, which must be fixed too.

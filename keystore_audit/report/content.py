@@ -7,8 +7,10 @@ from datetime import datetime
 from enum import Enum
 from typing import TYPE_CHECKING, Final
 
+from msgspec import Struct, field
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import CONDITIONS, Assumption, Needed, holds_if
-from keystore_audit.dataclass import dataclass, field, replace
 from keystore_audit.findings import Finding, Outcomes, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.meaning import Usability
@@ -89,8 +91,7 @@ STATUSES: Final = (Status.UNKNOWN, Status.VIOLATED, Status.HOLDS)
 """Of properties, the worst first too."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnclaveEntry:
+class EnclaveEntry(Struct, frozen=True, kw_only=True):
     """An enclave in the report; `subject` is its certificate's, None where unreadable.
 
     `profiles` by canonical name.
@@ -102,8 +103,7 @@ class EnclaveEntry:
     profiles: Mapping[str, Usability]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Anchor:
+class Anchor(Struct, frozen=True, kw_only=True):
     """A trusted authority; `sha256` of the certificate and `key` of its public key (SubjectPublicKeyInfo)."""
 
     subject: str
@@ -112,8 +112,7 @@ class Anchor:
     key: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Anchors:
+class Anchors(Struct, frozen=True, kw_only=True):
     """Who is trusted in a role (`identity` or `permissions`): the fingerprints `declared`, and which of the authorities
     of the CA files have them; where none are declared, the one found.
     """
@@ -123,8 +122,7 @@ class Anchors:
     here: tuple[Anchor, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Checked:
+class Checked(Struct, frozen=True, kw_only=True):
     """What was looked at, and what was not: the last lines of a report.
 
     Counts of what was read; `rules`: how many rules ran; `not_checked`: sentences.
@@ -137,8 +135,7 @@ class Checked:
     not_checked: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NoReport:
+class NoReport(Struct, frozen=True, kw_only=True):
     """A keystore, or a directory that may hold some, of which there is no report, beside others that have one.
 
     `reason`: why, raw text. `exit_code`: what it alone makes the run exit with, never 0.
@@ -149,8 +146,7 @@ class NoReport:
     exit_code: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
+class Report(Struct, frozen=True, kw_only=True):
     """One audited keystore (interface contract: docs/reference.md, `schemas/report.schema.json`).
 
     `at` and `safe_until` are aware UTC; `safe_until` is the first later instant at which a verdict or

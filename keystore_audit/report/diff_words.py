@@ -6,8 +6,9 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import CONDITIONS, Needed
-from keystore_audit.dataclass import replace
 from keystore_audit.keystore.document import MAX_DOMAIN
 from keystore_audit.model.comparison.change import (
     Aspect,

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any, Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.report.content import Report, Verdict
@@ -33,8 +34,7 @@ Reason = tuple[str, str, Severity]
 """Code, name and severity of findings that fail the gate."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class Row(Struct, frozen=True, kw_only=True):
     """What is kept of one keystore.
 
     `verdict` None: there is no report, and `error` says why. `failing`: what fails the gate, each code once, worst
@@ -54,8 +54,7 @@ class Row:
     weakened: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Summary:
+class Summary(Struct, frozen=True, kw_only=True):
     """A run over many keystores, in the order in which they were named.
 
     `not_audited`: those that an interrupt left out. `unseen`: what was not looked into, with the reason. `reports`:

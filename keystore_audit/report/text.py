@@ -10,8 +10,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import CONDITIONS
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Finding, Outcomes, Result, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.model.meaning import Usability
@@ -62,8 +64,7 @@ _VERDICT_STYLE: Final = {
 _WARNING_STYLE: Final = "bold yellow"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class View:
+class View(Struct, frozen=True, kw_only=True):
     """How to show a report; nothing here changes what it says.
 
     `width` in columns. `min_severity` hides findings below it, and the report says how many. `quiet`: the

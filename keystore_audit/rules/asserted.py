@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.findings import Severity
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.result import AlloyResult, AssertedResult, LabelResult, UserResult

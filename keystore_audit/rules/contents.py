@@ -17,7 +17,6 @@ from itertools import chain
 from operator import attrgetter
 from typing import Any, Final
 
-from keystore_audit.dataclass import fields
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.crl import CrlFile, RevocationList
@@ -64,9 +63,9 @@ def told(value: Any) -> str:
 @cache
 def _said_by(kind: type[Any]) -> Callable[[object], Iterable[object]] | None:
     """What reads the fields of a typed part that say something; None for what has no fields."""
-    if not hasattr(kind, "__dataclass_fields__"):
+    if not hasattr(kind, "__struct_fields__"):
         return None
-    names = [part.name for part in fields(kind) if part.name not in _LEFT_OUT]
+    names = [name for name in kind.__struct_fields__ if name not in _LEFT_OUT]
     return attrgetter(*names) if len(names) > 1 else lambda value: [getattr(value, name) for name in names]
 
 

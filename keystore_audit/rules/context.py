@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterable
 from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, TypeVar
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.intent.environment import Environment
 from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -31,8 +32,7 @@ def given(value: _T | None) -> _T:
     return value
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Context:
+class Context(Struct, frozen=True, kw_only=True):
     """The evidence, its meaning, the engines' answers and the options of this audit.
 
     `at` is the audit instant (aware UTC), `expires_within` the notice for coming expiry, `deployed` whether

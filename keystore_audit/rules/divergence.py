@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Keystore

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.model.trust.verdicts import Acceptance

@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule

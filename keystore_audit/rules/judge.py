@@ -11,7 +11,8 @@ from functools import cache
 from itertools import chain
 from typing import Any, Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import (
     MAX_PLACES,
     OF_PROPERTIES,
@@ -51,8 +52,7 @@ _Marked = tuple[Rule[Any], Violation, str]
 """What was found, with its fingerprint."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Judgement:
+class Judgement(Struct, frozen=True, kw_only=True):
     """Findings, worst first, and the outcome of every rule on every subject that it is about."""
 
     findings: tuple[Finding, ...]

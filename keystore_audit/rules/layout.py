@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from itertools import zip_longest
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.intent.ros_names import is_path

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.intent.environment import DOMAIN, ENABLE, RMW, SECURE, STRATEGY

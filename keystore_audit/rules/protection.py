@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
 from keystore_audit.model.profiles import VARIANTS

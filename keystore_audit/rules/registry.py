@@ -7,7 +7,8 @@ from inspect import cleandoc
 from types import FunctionType
 from typing import Any, Final, Generic, TypeVar, cast
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct
+
 from keystore_audit.findings import Location, Severity
 from keystore_audit.remedy import Remedy
 from keystore_audit.rules.context import Context
@@ -15,8 +16,7 @@ from keystore_audit.rules.context import Context
 S = TypeVar("S")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Violation:
+class Violation(Struct, frozen=True, kw_only=True):
     """What a rule found wrong with its subject.
 
     `locations`: all, the primary place first. `severity`: where it depends on profile or option, else the rule's.
@@ -45,8 +45,7 @@ class Violation:
     properties: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rule(Generic[S]):
+class Rule(Struct, Generic[S], frozen=True, kw_only=True):
     """A registered rule. `explains`: ids of properties whose violation this rule's findings are a cause of.
 
     `stops`: what it finds may be why an enclave does not start.
@@ -61,8 +60,8 @@ class Rule(Generic[S]):
     docstring: str
     explains: frozenset[str] = frozenset()
     stops: bool = False
-    check: Callable[[S, Context], Iterator[Violation]] = field(repr=False)
-    applies: Callable[[S, Context], bool] | None = field(default=None, repr=False)
+    check: Callable[[S, Context], Iterator[Violation]]
+    applies: Callable[[S, Context], bool] | None = None
     """Whether the subject has what the rule is about; None: it always has."""
 
     @property

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, TypeVar
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -25,8 +26,7 @@ from keystore_audit.rules.context import Context
 _Document = TypeVar("_Document", GovernanceFile, PermissionsFile)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CertificateUse:
+class CertificateUse(Struct, frozen=True, kw_only=True):
     """A certificate file that enclaves carry, and every role in which they do.
 
     Roles are IDENTITY_CA, CERTIFICATE and PERMISSIONS_CA; several where one authority serves for both.
@@ -47,8 +47,7 @@ class CertificateUse:
         return self.certificates.certificates if self.authority else self.certificates.certificates[:1]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RevocationUse:
+class RevocationUse(Struct, frozen=True, kw_only=True):
     """Revocation lists that enclaves carry: a `crl.pem`, or lists inside an identity CA file (`in_ca_file`).
 
     Of a `crl.pem` run times read the first list; lists in a CA file are read by Fast DDS alone.
@@ -68,8 +67,7 @@ class RevocationUse:
         return self.lists if self.in_ca_file else self.lists[:1]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SignedUse:
+class SignedUse(Struct, frozen=True, kw_only=True):
     """A signed document and the enclaves whose verdict on it counts.
 
     What its signatures are worth is worked out once: `envelope` apart from who signed, `may_be_taken` whether some
@@ -111,23 +109,20 @@ class SignedUse:
         return tuple({c.sha256: c for _enclave, file in self.judging for c in file.certificates}.values())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DocumentUse(SignedUse):
+class DocumentUse(SignedUse, frozen=True, kw_only=True):
     """A signed document and the enclaves that carry it (several, where it is linked)."""
 
     document: GovernanceFile | PermissionsFile
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StrayUse(SignedUse):
+class StrayUse(SignedUse, frozen=True, kw_only=True):
     """Permissions that no enclave carries and that a peer may take.
 
     `enclaves`: of those that may take it, two for each permissions CA file.
     """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GovernanceUse(DocumentUse):
+class GovernanceUse(DocumentUse, frozen=True, kw_only=True):
     """A governance document."""
 
     document: GovernanceFile
@@ -138,8 +133,7 @@ class GovernanceUse(DocumentUse):
         return self.may_be_taken and self.document.governance is not None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PermissionsUse(DocumentUse):
+class PermissionsUse(DocumentUse, frozen=True, kw_only=True):
     """A permissions document."""
 
     document: PermissionsFile
@@ -160,16 +154,14 @@ def speaks(use: GovernanceUse | PermissionsUse, _context: Context) -> bool:
     return use.speaks
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Refusal:
+class Refusal(Struct, frozen=True, kw_only=True):
     """An enclave that does not start under chosen profiles, `profiles` by reason, and of which no rule has said why."""
 
     enclave: Enclave
     profiles: Mapping[tuple[str, ...], tuple[str, ...]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Crash:
+class Crash(Struct, frozen=True, kw_only=True):
     """A rule that raised `exception` on `subject`: the type's name alone, since messages may quote what was read."""
 
     rule: str

@@ -6,8 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
+from msgspec import Struct, field
+
 from keystore_audit.assumptions import Assumption, Declaration
-from keystore_audit.dataclass import dataclass, field
 from keystore_audit.errors import UsageError
 from keystore_audit.given import GivenFile
 from keystore_audit.keystore.foreign import DeclaredFiles
@@ -36,8 +37,7 @@ MOST_DAYS: Final = 3650
 """Of `max_suppression_days`: ten years, after which nobody knows why."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Settings:
+class Settings(Struct, frozen=True, kw_only=True):
     """What a settings file says.
 
     `claims`: all that it asserts, what `labels` and single writers come to among it.
@@ -69,8 +69,7 @@ class Settings:
         return (*self.claims, *self.declared.claims)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Baseline:
+class Baseline(Struct, frozen=True, kw_only=True):
     """Findings that were accepted one by one."""
 
     file: GivenFile

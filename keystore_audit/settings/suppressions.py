@@ -11,7 +11,9 @@ from datetime import date, datetime, time, timedelta, timezone
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import MAX_PLACES, OF_PROPERTIES, OF_THE_AUDIT, Finding, Location, Severity, Suppression
 from keystore_audit.model.matching.expression import Matcher, parse
@@ -23,8 +25,7 @@ MAX_DAYS: Final = 180
 ALL: Final = "*"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Acceptance:
+class Acceptance(Struct, frozen=True, kw_only=True):
     """Findings that somebody accepts: of the rule `code`, and at a place or with a fingerprint.
 
     `where`: globs on enclave paths (they begin with /) or on paths in the keystore, or `*` for all findings of the
@@ -69,8 +70,7 @@ class Fate(str, Enum):
     UNUSED = "unused"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Use:
+class Use(Struct, frozen=True, kw_only=True):
     """An acceptance and the findings that it speaks of; `why`: of one that is not used, why, in words."""
 
     acceptance: Acceptance
@@ -79,8 +79,7 @@ class Use:
     why: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FileOfUses:
+class FileOfUses(Struct, frozen=True, kw_only=True):
     """What became of the acceptances of one file."""
 
     path: str

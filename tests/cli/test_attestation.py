@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.cli.program import run
-from keystore_audit.dataclass import replace
 from keystore_audit.keystore.traces import MAX_HASHED
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit

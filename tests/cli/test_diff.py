@@ -6,13 +6,13 @@ import json
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.cli.program import run
 from keystore_audit.diff import compare_keystores

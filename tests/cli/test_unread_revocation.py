@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
+from msgspec import Struct
 
 from tests.cli.keystores import AT, answer
 from tests.keystore.builder import crl
@@ -28,8 +28,7 @@ LIST = crl(authority("identityCA"), (100,)).public_bytes(Encoding.PEM)
 """Takes /talker back."""
 
 
-@dataclass(frozen=True)
-class Asked:
+class Asked(Struct, frozen=True):
     """A question, and the exit code where the file has no list, the list, and one that nobody can read."""
 
     words: tuple[str, ...]

@@ -10,13 +10,13 @@ import os
 import re
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import jpype
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit import resources
 from keystore_audit.engine.alloy import claims, install

@@ -7,8 +7,9 @@ on is counted out here, participant by participant, with Python sets.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
+
+from msgspec import Struct
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import RealmView
@@ -22,8 +23,7 @@ OUTSIDER = -1
 """The participant without a key, beside the indices of enclaves."""
 
 
-@dataclass(frozen=True)
-class Powers:
+class Powers(Struct, frozen=True, dict=True):
     """Sets of channels of an enclave in a realm."""
 
     writes: frozenset[int]

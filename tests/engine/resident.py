@@ -6,16 +6,14 @@ is read. What a process of its own adds (limits, signals, an environment) is ask
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import jpype
+from msgspec import Struct
 
 from keystore_audit.engine.alloy.process import ARGUMENTS, OUTPUT_DIRECTORY, AnalyzerProcess
 from tests.engine.alloy_batch import start_jvm
 
 
-@dataclass(frozen=True, slots=True)
-class _Ended:
+class _Ended(Struct, frozen=True):
     """What the program asks of its child."""
 
     status: int

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import random
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta, timezone
 from itertools import product
+
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.findings import Location
@@ -38,8 +40,7 @@ INSTANTS = 5
 STRONG = ProtectionKind.ENCRYPT_WITH_ORIGIN_AUTHENTICATION
 
 
-@dataclass
-class Builder:
+class Builder(Struct):
     """A system in the making: each method adds an atom and returns its index."""
 
     pins_signer: bool = True

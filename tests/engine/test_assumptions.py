@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.assumptions import CONDITIONS, EVERY, Assumption
 from keystore_audit.engine.alloy.facts import CONSISTENCY, MAIN, commands, facts

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import random
 from collections.abc import Collection
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.engine.alloy.atoms import GROUP
 from keystore_audit.engine.alloy.facts import fact_modules, facts

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
+from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
@@ -36,8 +37,7 @@ from tests.engine.systems import (
 OUTSIDER = -1
 
 
-@dataclass
-class Definitions:
+class Definitions(Struct):
     """What docs/model.md calls by these names, one set at a time; participants are indices, or OUTSIDER."""
 
     system: System

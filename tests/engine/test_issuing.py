@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
+
+from msgspec.structs import replace
 
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.native import NativeEngine

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import random
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.engine.kept import KeptFlows, Stage
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place

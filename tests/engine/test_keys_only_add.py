@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import product
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.model.formal.attacker import realm_views

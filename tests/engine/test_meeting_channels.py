@@ -5,10 +5,10 @@ from __future__ import annotations
 import fnmatch
 import itertools
 import random
-from dataclasses import replace
 from datetime import datetime, timezone
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.engine import causes
 from keystore_audit.engine.alloy.merging import merge

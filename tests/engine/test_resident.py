@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, commands, facts
 from keystore_audit.engine.alloy.install import Engine

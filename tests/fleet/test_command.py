@@ -18,8 +18,8 @@ from typing import Any
 
 import psutil
 import pytest
+from msgspec.structs import replace
 
-from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.report.content import Verdict
 from keystore_audit.report.summary import Row, Summary, render_text, without_report

@@ -7,11 +7,11 @@ import shutil
 import socket
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import Struct
 
 from tests.hostile.client import AT, Guard, Server
 from tests.hostile.store import ANY, OUTSIDE, Base, Case, Store, build, secrets_of, steering
@@ -20,8 +20,7 @@ MEMORY = 200 << 20
 """Bytes above the baseline that a hostile keystore may cost (issue 4)."""
 
 
-@dataclass(frozen=True)
-class Audit:
+class Audit(Struct, frozen=True):
     """What came of auditing one keystore by the command line."""
 
     exit: int

@@ -7,7 +7,6 @@ import os
 import re
 import shutil
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -16,6 +15,7 @@ from _pytest.mark import ParameterSet
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from msgspec import Struct
 
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, signed_document, sros2
 
@@ -29,8 +29,7 @@ OUTSIDE = b"CANARY-OUTSIDE-3f9c1d77"
 """What stands in the files beside the keystore: it may appear in no output."""
 
 
-@dataclass(frozen=True)
-class Base:
+class Base(Struct, frozen=True):
     """The healthy keystore at `root`, and the authorities, whose private keys are not in it."""
 
     root: Path
@@ -62,8 +61,7 @@ def _read(root: Path, key: str, certificate: str) -> Signed:
     return Signed(private, x509.load_pem_x509_certificate((root / certificate).read_bytes()))
 
 
-@dataclass(frozen=True)
-class Store:
+class Store(Struct, frozen=True):
     """A copy of the healthy keystore to be spoiled, with a neighbour that nobody may open."""
 
     base: Base
@@ -120,8 +118,7 @@ class Store:
 ANY: Final = -1
 
 
-@dataclass(frozen=True)
-class Finds:
+class Finds(Struct, frozen=True):
     """A finding that there must be: its code, its file, and a text that stands on its line (None: no line)."""
 
     code: str
@@ -140,8 +137,7 @@ class Finds:
         return content.count(b"\n", 0, offset) + 1
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(Struct, frozen=True):
     """One line of the catalogue: how the keystore is spoiled, and what an audit has to say."""
 
     name: str
@@ -156,7 +152,7 @@ class Case:
     """Whether what is wrong concerns the other enclave too."""
     fault: str = ""
     """Why the audit is known to fail on it."""
-    secrets: tuple[bytes, ...] = field(default=(), repr=False)
+    secrets: tuple[bytes, ...] = ()
 
 
 def secrets_of(base: Base) -> Iterator[bytes]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import Struct, field
 
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import Intent
@@ -21,8 +21,7 @@ LAUNCH = Path(__file__).parent.parent.parent / "sample_keystores" / "launch"
 OVERRIDE = "ROS_SECURITY_ENCLAVE_OVERRIDE"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Text:
+class Text(Struct, frozen=True, kw_only=True):
     """A text, and behind it perhaps the value of an argument."""
 
     plain: str
@@ -35,8 +34,7 @@ class Text:
         return f"[{self.plain!r}, LaunchConfiguration({self.argument!r})]" if self.argument else repr(self.plain)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Step:
+class Step(Struct, frozen=True, kw_only=True):
     """One action; `what` is node, group, push, let or override."""
 
     what: str
@@ -49,8 +47,7 @@ class Step:
     steps: tuple[Step, ...] = ()
 
 
-@dataclass(kw_only=True)
-class State:
+class State(Struct, kw_only=True):
     """What is set."""
 
     namespace: str = ""

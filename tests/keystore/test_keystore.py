@@ -8,11 +8,12 @@ import shutil
 import subprocess
 import sys
 import warnings
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
+from msgspec import Struct
+from msgspec.structs import astuple
 
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.defect import Kind
@@ -218,9 +219,8 @@ def test_no_key_byte_is_left_in_the_evidence(tmp_path: Path) -> None:
     seen: list[object] = []
 
     def visit(value: object) -> None:
-        if is_dataclass(value) and not isinstance(value, type):
-            for each in fields(value):
-                visit(getattr(value, each.name))
+        if isinstance(value, Struct):
+            visit(astuple(value))
         elif isinstance(value, dict):
             visit(tuple(value.values()))
         elif isinstance(value, tuple | list | frozenset):

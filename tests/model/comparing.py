@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from functools import lru_cache
 from pathlib import Path
 
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison.change import Comparison
@@ -112,8 +113,7 @@ def _revoked(issuer: Signed, serials: tuple[int, ...], end: datetime) -> bytes:
     return crl(issuer, serials, end=end).public_bytes(Encoding.PEM)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Member:
+class Member(Struct, frozen=True, kw_only=True):
     """An enclave: what its permissions say, and what is special about its identity."""
 
     permissions: str
@@ -129,8 +129,7 @@ class Member:
     tampered: bool = False
 
 
-@dataclass(frozen=True, kw_only=True)
-class Store:
+class Store(Struct, frozen=True, kw_only=True):
     """A keystore of two authorities. `strays`: documents; `files`: whatever lies there, or in place of what is said."""
 
     members: Mapping[str, Member]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import datetime, timezone
 from typing import NamedTuple
+
+from msgspec.structs import replace
 
 from tests.model.comparing import (
     Member,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import Direction, FailOn, Layer

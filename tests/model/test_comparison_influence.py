@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from keystore_audit.model.comparison.change import Comparison, Direction, Influenced, Layer
 from keystore_audit.model.formal.bit_sets import members

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ from cryptography.hazmat.primitives.serialization import (
     NoEncryption,
     PrivateFormat,
 )
+from msgspec.structs import replace
 
 from keystore_audit.model.comparison.change import Comparison, Direction, FailOn
 from tests.model.comparing import authority, compared, key

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison.change import Comparison, FailOn

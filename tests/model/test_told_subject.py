@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.model.stolen_key import holding
 from keystore_audit.model.subjects.told import grants_naming, meaning

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
+from msgspec.structs import replace
 
 from keystore_audit import toml
-from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import Reading
@@ -57,8 +56,7 @@ def builder_of(store: Path, at: datetime) -> tuple[SystemBuilder, Callable[[str]
     return builder, kind
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WithSwitch(Access):
+class WithSwitch(Access, frozen=True, kw_only=True, eq=False):
     """A switch that nobody has told when a document gives an occasion for it."""
 
     ignores_deny_rules: bool
@@ -67,7 +65,7 @@ class WithSwitch(Access):
 def test_a_switch_that_nobody_thought_of_is_never_the_specifications() -> None:
     """Rows were rebuilt from the specification's, field by field, and `can` said DENY where a new profile allows."""
     accesses = AccessViews((), datetime(2026, 11, 24, tzinfo=UTC), None)
-    own = {each.name: getattr(VARIANTS["fastdds-2.14"].access, each.name) for each in fields(Access)}
+    own = {name: getattr(VARIANTS["fastdds-2.14"].access, name) for name in Access.__struct_fields__}
     ignoring, obeying = (accesses.row(WithSwitch(ignores_deny_rules=which, **own)) for which in (True, False))
     assert [row.ignores_deny_rules for row in (ignoring, obeying)] == [True, False]  # type: ignore[attr-defined]
     assert ignoring is not obeying

@@ -11,10 +11,10 @@ import sys
 import sysconfig
 import tarfile
 import zipfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from msgspec import Struct
 
 # One worker builds and installs once for all tests of this file.
 pytestmark = [pytest.mark.packaging, pytest.mark.slow, pytest.mark.xdist_group("packaging")]
@@ -39,8 +39,7 @@ except errors.AuditError as error:
 """
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Distributions:
+class Distributions(Struct, frozen=True, kw_only=True):
     """What was built: the source distribution, the wheel from it, and the wheel straight from the tree."""
 
     sdist: Path
@@ -48,8 +47,7 @@ class Distributions:
     from_tree: Path
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Environment:
+class Environment(Struct, frozen=True, kw_only=True):
     """An environment with the project installed; `package` is where its modules have to come from."""
 
     bin: Path

@@ -14,11 +14,12 @@ import subprocess
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
+
+from msgspec import Struct
 
 SECONDS = 240
 """After which a browser that hangs is ended; two busy cores load a page in three."""
@@ -46,8 +47,7 @@ _OWN = (".google.com", ".googleapis.com")
 """Hosts that Chromium looks for of its own accord, whatever page is loaded, and does not find here."""
 
 
-@dataclass(frozen=True)
-class Loaded:
+class Loaded(Struct, frozen=True):
     """What came of loading a page. `console`: what was said there. `asked`: the paths that the server was asked for.
 
     `elsewhere`: addresses of other hosts that something asked for.

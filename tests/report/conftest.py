@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from datetime import datetime, timezone
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.assumptions import Assumption, Needed
 from keystore_audit.findings import Finding, Location, Outcomes, Result, Row, Severity, Suppression, fingerprint

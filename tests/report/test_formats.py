@@ -15,8 +15,8 @@ from in_toto_attestation.predicates.test_result.v0 import test_result_pb2
 from in_toto_attestation.v1 import statement_pb2
 from in_toto_attestation.v1.statement import Statement
 from junitparser import Error, Failure, JUnitXml, Skipped
+from msgspec.structs import replace
 
-from keystore_audit.dataclass import replace
 from keystore_audit.findings import Location, Outcome, Result, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.properties import Status

@@ -6,12 +6,12 @@ import gzip
 import json
 import random
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Severity, Suppression
 from keystore_audit.properties.counterexample import Counterexample, Step

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
+
+from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import Keystore
 from tests.rules.evidence import (

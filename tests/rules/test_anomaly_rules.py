@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.keystore.governance import ProtectionKind

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from msgspec.structs import replace
 
-from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
+
+from msgspec.structs import replace
 
 from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.findings import Location, Severity

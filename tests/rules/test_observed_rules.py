@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.intent.intent import Intent

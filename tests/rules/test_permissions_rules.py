@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from keystore_audit.dataclass import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.permissions import Grant

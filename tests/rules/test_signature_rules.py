@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind

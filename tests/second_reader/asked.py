@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
+
+from msgspec import Struct
 
 from keystore_audit.engine.alloy.facts import facts
 from keystore_audit.errors import NothingToAudit
@@ -18,8 +19,7 @@ from keystore_audit.model.profiles import resolve
 from keystore_audit.model.systems import SystemBuilder
 
 
-@dataclass(frozen=True)
-class Asked:
+class Asked(Struct, frozen=True):
     """A keystore as it is read, its systems with their texts for Alloy, and the SHA-256 of their certificates."""
 
     keystore: Keystore

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 from urllib.parse import unquote
+
+from msgspec import Struct, field
 
 from tests.second_reader import openssl
 from tests.second_reader.documents import DomainRule, Grant, instant
@@ -45,16 +46,15 @@ def compare(listing: Listing, systems: Sequence[Any], digests: Sequence[str], at
     return list(found)
 
 
-@dataclass
-class _System:
+class _System(Struct):
     listing: Listing
     system: Any
     digests: Sequence[str]
     at: datetime
     way: Implementation
     seen: Seen
-    held: list[Certificate | None] = field(init=False)
-    by_name: dict[str, list[Enclave]] = field(init=False)
+    held: list[Certificate | None] = field(default_factory=list)
+    by_name: dict[str, list[Enclave]] = field(default_factory=dict)
 
     def differences(self) -> Iterator[str]:
         """Every one."""

@@ -7,10 +7,11 @@ vendors differ on it (facts, x509-pkcs7-xml 4.1).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from functools import cache
 from xml.parsers import expat
+
+from msgspec import Struct, field
 
 Ids = tuple[tuple[int | None, int | None], ...]
 """Ranges by their bounds; a lone id is both."""
@@ -20,8 +21,7 @@ class Odd(Exception):
     """The document has no single meaning."""
 
 
-@dataclass(frozen=True, eq=False)
-class Criterion:
+class Criterion(Struct, frozen=True, eq=False):
     """`kind`: publish, subscribe or relay. `partitions`: None where none are listed."""
 
     kind: str
@@ -29,8 +29,7 @@ class Criterion:
     partitions: tuple[str, ...] | None
 
 
-@dataclass(frozen=True, eq=False)
-class Rule:
+class Rule(Struct, frozen=True, eq=False):
     """An allow or deny rule."""
 
     allow: bool
@@ -38,8 +37,7 @@ class Rule:
     criteria: tuple[Criterion, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class Grant:
+class Grant(Struct, frozen=True, eq=False):
     """A grant; dates as they are written."""
 
     subject: str
@@ -49,8 +47,7 @@ class Grant:
     rules: tuple[Rule, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class TopicRule:
+class TopicRule(Struct, frozen=True, eq=False):
     """Of a governance: `flags` are discovery, liveliness, read and write; `kinds` metadata and data."""
 
     expression: str
@@ -58,8 +55,7 @@ class TopicRule:
     kinds: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class DomainRule:
+class DomainRule(Struct, frozen=True, eq=False):
     """Of a governance: `flags` are unauthenticated and join; `kinds` discovery, liveliness and rtps."""
 
     ids: Ids
@@ -68,8 +64,7 @@ class DomainRule:
     topic_rules: tuple[TopicRule, ...]
 
 
-@dataclass
-class _Node:
+class _Node(Struct):
     name: str
     text: list[str] = field(default_factory=list)
     below: list[_Node] = field(default_factory=list)

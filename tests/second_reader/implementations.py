@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
 from functools import cache
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from tests.second_reader.documents import Criterion, DomainRule, Grant, Ids, Rule, TopicRule
 from tests.second_reader.openssl import Certificate
@@ -19,8 +21,7 @@ _NOESCAPE = 2
 HIGHEST = 232
 
 
-@dataclass(frozen=True, eq=False)
-class Implementation:
+class Implementation(Struct, frozen=True, eq=False):
     """What one implementation does.
 
     `partitions`: of a criterion (`own`), the same with a denial without any for the default one alone (`default`), or

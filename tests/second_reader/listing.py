@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property, partial
 from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from tests.second_reader import openssl
 from tests.second_reader.documents import DomainRule, Grant, governance_in, permissions_in
@@ -18,8 +20,7 @@ from tests.second_reader.openssl import Certificate
 from tests.second_reader.walk import EnclaveFolder, Tree
 
 
-@dataclass(frozen=True)
-class Enclave:
+class Enclave(Struct, frozen=True, dict=True):
     """An enclave: its first certificate, what its CA files hold, its documents as they lie there."""
 
     folder: EnclaveFolder

@@ -12,10 +12,11 @@ import hashlib
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from functools import cache, lru_cache
 from typing import Any
+
+from msgspec import Struct
 
 _NO_CHECK_TIME = 0x200000
 _PARTIAL_CHAIN = 0x80000
@@ -81,14 +82,13 @@ def _pointer(value: int | None) -> ctypes.c_void_p:
     return ctypes.c_void_p(value)
 
 
-@dataclass(frozen=True, eq=False)
-class Certificate:
+class Certificate(Struct, frozen=True, eq=False):
     """A certificate, one object for each DER. `key`: the SHA-256 of the SubjectPublicKeyInfo.
 
     `may_issue`: X509_check_ca admits it, and no unknown critical extension. `may_sign`: fit for S/MIME signing.
     """
 
-    handle: ctypes.c_void_p = field(repr=False)
+    handle: ctypes.c_void_p
     sha256: str
     subject: str
     escaped: str
@@ -101,11 +101,10 @@ class Certificate:
     names_itself: bool
 
 
-@dataclass(frozen=True)
-class Message:
+class Message(Struct, frozen=True):
     """A signed message: `embedded` certificates, in order."""
 
-    content: bytes = field(repr=False)
+    content: bytes
     embedded: tuple[Certificate, ...]
 
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import os
 from base64 import b64encode
-from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
+
+from msgspec import Struct, field
 
 from tests.second_reader import material as m
 
@@ -17,8 +18,7 @@ UNREAD = frozenset({"outside link", "pkcs11", "locked key"})
 """Features by which something stays unknown: elsewhere no atom may be opaque."""
 
 
-@dataclass
-class Store:
+class Store(Struct):
     """What lies where. Contents are bytes, links are texts."""
 
     files: dict[str, bytes | str] = field(default_factory=dict)

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit import toml
-from keystore_audit.dataclass import replace
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.formal.system import System
 from tests.conftest import libcrypto

@@ -10,9 +10,10 @@ import os
 import re
 import stat
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+
+from msgspec import Struct
 
 MAX_LINKS = 40
 MAX_BYTES = 4 * 1024 * 1024
@@ -42,15 +43,14 @@ _OF_FLAT_ROOT = re.compile(
 _AUTHORITY = re.compile(r"((identity_|permissions_)?ca)\.(cert|key)\.pem")
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(Struct, frozen=True, dict=True):
     """What a name leads to: `place`, where links end, None where there is nothing that was read.
 
     `unread`: something is there, and it was not read: it leaves the keystore, is no regular file, or too large.
     """
 
     place: str | None
-    content: bytes | None = field(repr=False)
+    content: bytes | None
     unread: bool = False
 
     @property
@@ -62,8 +62,7 @@ class Entry:
 MISSING = Entry(None, None)
 
 
-@dataclass(frozen=True)
-class EnclaveFolder:
+class EnclaveFolder(Struct, frozen=True, dict=True):
     """An enclave by its ROS name and the folder in which a run time looks; `p11`: roles with such a file beside."""
 
     name: str

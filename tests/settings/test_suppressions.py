@@ -6,12 +6,12 @@ import hashlib
 import html
 import json
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from junitparser import JUnitXml
+from msgspec.structs import replace
 
 from keystore_audit.formats import FORMATS
 from keystore_audit.text import markdown

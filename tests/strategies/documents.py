@@ -7,12 +7,13 @@ generated does not follow from the schemas that it tests.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Final
 
 from hypothesis import strategies as st
 from lxml import etree
+from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.keystore.xsd import Grammar
 
@@ -21,8 +22,7 @@ Draw = st.DrawFn
 _SCHEMA_INSTANCE: Final = "http://www.w3.org/2001/XMLSchema-instance"
 
 
-@dataclass(frozen=True)
-class Tree:
+class Tree(Struct, frozen=True):
     """One element. Text stands before the children; what is valid has only one of them."""
 
     tag: str

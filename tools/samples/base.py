@@ -6,7 +6,7 @@ else; where somebody reads, that readers can forge (KA724, as under sros2's own 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from .certificates import Certificate
 from .documents import DISCOVERY, DomainRule, Governance, Grant, Permissions, Rule, TopicRule
@@ -49,12 +49,12 @@ TWO = replace(ONE, enclaves=(TALKER, LISTENER))
 
 def talker(**fields: object) -> Enclave:
     """The talker's enclave with `fields` replaced."""
-    return replace(TALKER, **fields)  # type: ignore[arg-type]
+    return replace(TALKER, **fields)
 
 
 def listener(**fields: object) -> Enclave:
     """The listener's enclave with `fields` replaced."""
-    return replace(LISTENER, **fields)  # type: ignore[arg-type]
+    return replace(LISTENER, **fields)
 
 
 def with_talker(**fields: object) -> Store:
@@ -69,7 +69,7 @@ def with_listener(**fields: object) -> Store:
 
 def with_grant(**fields: object) -> Store:
     """ONE with `fields` of the talker's grant replaced."""
-    grant = replace(TALKER_GRANT, **fields)  # type: ignore[arg-type]
+    grant = replace(TALKER_GRANT, **fields)
     return with_talker(permissions=Permissions(grants=(grant,)))
 
 
@@ -85,4 +85,4 @@ def governed(store: Store, *rules: DomainRule) -> Store:
 
 def domain(*topics: TopicRule, **fields: object) -> DomainRule:
     """The stock domain rule with `fields` replaced, and `topics` before its rule for every topic."""
-    return replace(DomainRule(), topics=(*topics, TopicRule()), **fields)  # type: ignore[arg-type]
+    return replace(DomainRule(), topics=(*topics, TopicRule()), **fields)

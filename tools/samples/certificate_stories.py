@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Iterator
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from .base import IDENTITY_CA, ONE, TALKER_CERTIFICATE, with_talker
 from .certificates import day

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import cache
 
@@ -14,6 +13,7 @@ from asn1crypto.keys import PublicKeyInfo  # type: ignore[import-untyped]
 from asn1crypto.pem import armor  # type: ignore[import-untyped]
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
+from msgspec import Struct
 
 from .keys import Key
 
@@ -37,8 +37,7 @@ DIGESTS: dict[str, hashes.HashAlgorithm] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Certificate:
+class Certificate(Struct, frozen=True, kw_only=True):
     """A certificate to be issued. The defaults are those of an identity that sros2 issues.
 
     `subject` is the common name (empty: none), `also` further (type, value) pairs. `issuer` None: self-signed.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import cache
 
 from asn1crypto import cms, x509  # type: ignore[import-untyped]
 from asn1crypto.algos import DigestAlgorithm, SignedDigestAlgorithm  # type: ignore[import-untyped]
+from msgspec import Struct
 
 from .certificates import Certificate, sign
 from .keys import Key
@@ -16,16 +16,14 @@ from .keys import Key
 SIGNED_AT = datetime(2020, 1, 1, tzinfo=timezone.utc)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Signer:
+class Signer(Struct, frozen=True, kw_only=True):
     """Who signs: `certificate` is named; `key` signs, where that is not the certificate's."""
 
     certificate: Certificate
     key: Key | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SignedData:
+class SignedData(Struct, frozen=True, kw_only=True):
     """How a message is signed.
 
     The defaults are sros2's: one signer, its certificate embedded, signed attributes.

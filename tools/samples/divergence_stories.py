@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from .base import LISTENER_GRANT, ONE, QUIET, TALKER, TWO, governed, listener, with_grant, with_rules
 from .documents import DISCOVERY, Criterion, Permissions, Rule, TopicRule
@@ -25,7 +26,7 @@ def stories() -> Iterator[Story]:
 
 def _in(store: Store, *domains: int, **fields: object) -> Store:
     """The keystore with its governance for these domains."""
-    return governed(store, replace(QUIET, domains=domains, **fields))  # type: ignore[arg-type]
+    return governed(store, replace(QUIET, domains=domains, **fields))
 
 
 def _for(domains: tuple[int, ...], *rules: Rule) -> tuple[Rule, ...]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 SCHEMA = "http://www.omg.org/spec/DDS-SECURITY/{}/omg_shared_ca_{}.xsd"
 DDS = '<dds xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" xsi:noNamespaceSchemaLocation="{}">'
@@ -18,8 +19,7 @@ Domain = int | tuple[int | None, int | None]
 """An `<id>`, or an `<id_range>` with its min and max, each of which may be absent."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TopicRule:
+class TopicRule(Struct, frozen=True, kw_only=True):
     """A `<topic_rule>`; the defaults are those of sros2's governance."""
 
     expression: str = "*"
@@ -31,8 +31,7 @@ class TopicRule:
     data: str = "ENCRYPT"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DomainRule:
+class DomainRule(Struct, frozen=True, kw_only=True):
     """A `<domain_rule>`; the defaults are those of sros2's governance."""
 
     domains: tuple[Domain, ...] = (0,)
@@ -44,8 +43,7 @@ class DomainRule:
     topics: tuple[TopicRule, ...] = (TopicRule(),)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Governance:
+class Governance(Struct, frozen=True, kw_only=True):
     """A governance document. `indent` is 4 in sros2's own file, whose domain ids stand in by only 2."""
 
     rules: tuple[DomainRule, ...] = (DomainRule(),)
@@ -88,8 +86,7 @@ class Governance:
         yield 4, "</topic_rule>"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Criterion:
+class Criterion(Struct, frozen=True, kw_only=True):
     """A `<publish>`, `<subscribe>` or `<relay>`."""
 
     topics: tuple[str, ...]
@@ -97,8 +94,7 @@ class Criterion:
     data_tag: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rule:
+class Rule(Struct, frozen=True, kw_only=True):
     """An `<allow_rule>`, or with `allow` False a `<deny_rule>`.
 
     Topics given as plain strings make one criterion.
@@ -115,8 +111,7 @@ DISCOVERY = Rule(publish=("ros_discovery_info",), subscribe=("ros_discovery_info
 """What sros2 adds for run times that announce the graph on a topic of its own."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Grant:
+class Grant(Struct, frozen=True, kw_only=True):
     """A `<grant>` for `subject` (None: CN= and the path); dates as they stand in the document."""
 
     path: str
@@ -127,8 +122,7 @@ class Grant:
     default: str = "DENY"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Permissions:
+class Permissions(Struct, frozen=True, kw_only=True):
     """A permissions document."""
 
     grants: tuple[Grant, ...]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from .base import ONE, QUIET, TWO, governed, with_listener
 from .documents import DomainRule, Governance, TopicRule, edited

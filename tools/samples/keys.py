@@ -6,7 +6,6 @@ A key that anybody can derive from its label protects nothing: this is for sampl
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from functools import cache
 
 from asn1crypto.algos import EncryptionAlgorithm, Pbkdf2Salt  # type: ignore[import-untyped]
@@ -17,6 +16,7 @@ from cryptography.hazmat.primitives import padding
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
+from msgspec import Struct
 
 _CURVES: dict[str, tuple[ec.EllipticCurve, int]] = {
     # The order of each group (SEC 2 version 2, 2.4.2, 2.5.1 and 2.3.2): a private key is 1 .. order - 1.
@@ -29,8 +29,7 @@ _CURVES: dict[str, tuple[ec.EllipticCurve, int]] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Key:
+class Key(Struct, frozen=True, kw_only=True):
     """An EC key pair named by `label`; the same label and curve always give the same key."""
 
     label: str

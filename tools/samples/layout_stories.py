@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from .base import IDENTITY_CA, ONE, TALKER_GRANT, with_talker
 from .certificates import Certificate

@@ -9,9 +9,10 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
+
+from msgspec.structs import replace
 
 from . import policy
 from .base import IDENTITY_CA, ONE, PERMISSIONS_CA, TALKER_CERTIFICATE, TALKER_GRANT, talker, with_talker

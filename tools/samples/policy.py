@@ -6,7 +6,8 @@ What `ros2 security generate_artifacts` makes of a policy is compared with this 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from .documents import DISCOVERY, NOT_AFTER, NOT_BEFORE, Grant, Rule
 
@@ -22,8 +23,7 @@ PARAMETER_SERVICES = (
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Node:
+class Node(Struct, frozen=True, kw_only=True):
     """A `<profile>` of a policy: what one node may do, by ROS names (absolute, relative, or private: `~`)."""
 
     name: str

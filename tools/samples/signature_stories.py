@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from .base import ONE, PERMISSIONS_CA, TALKER_CERTIFICATE, with_talker
 from .certificates import day
@@ -32,7 +33,7 @@ def _sealed(seal: Seal) -> Store:
 
 def _signed(**fields: object) -> Seal:
     """Signed by the permissions CA with `fields` of the SignedData replaced."""
-    return Message(signature=replace(SignedData(signers=(CA_SIGNER,)), **fields)).smime  # type: ignore[arg-type]
+    return Message(signature=replace(SignedData(signers=(CA_SIGNER,)), **fields)).smime
 
 
 def _signers() -> Iterator[Story]:

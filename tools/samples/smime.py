@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import hashlib
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from .certificates import Certificate
 from .cms import SignedData, Signer
@@ -13,8 +14,7 @@ PREAMBLE = b"This is an S/MIME signed message"
 TEXT_PLAIN = b"Content-Type: text/plain\r\n\r\n"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Message:
+class Message(Struct, frozen=True, kw_only=True):
     """How a document becomes a `.p7s`.
 
     `text` False leaves out the inner `Content-Type: text/plain` header, as `openssl smime -sign` without

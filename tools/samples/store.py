@@ -5,8 +5,9 @@ from __future__ import annotations
 import posixpath
 import shutil
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
+
+from msgspec import Struct, field
 
 from .certificates import Certificate
 from .documents import Governance, Permissions
@@ -17,8 +18,7 @@ Seal = Callable[[bytes], bytes]
 """Makes the `.p7s` of a document."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Link:
+class Link(Struct, frozen=True, kw_only=True):
     """A symbolic link."""
 
     target: str
@@ -35,8 +35,7 @@ Changes = Mapping[str, Entry | None]
 """What replaces, or with None removes, a file."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Enclave:
+class Enclave(Struct, frozen=True, kw_only=True):
     """An enclave. `key` None: the certificate's. `seal` None: the permissions CA signs.
 
     `changes` are by file name.
@@ -50,8 +49,7 @@ class Enclave:
     changes: Changes = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Store:
+class Store(Struct, frozen=True, kw_only=True):
     """A keystore in the layout of Foxy and later.
 
     One certificate for both CA roles makes `ca.cert.pem` with links to it, as sros2 does. `private_keys`:

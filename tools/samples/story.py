@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from msgspec import Struct
 
 from keystore_audit import toml
 from keystore_audit.rules import BY_CODE
@@ -17,8 +18,7 @@ AT = "2026-11-21T12:00:00Z"
 """The audit instant unless a story says otherwise: the stock samples were made three weeks before."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Story:
+class Story(Struct, frozen=True, kw_only=True):
     """One sample keystore.
 
     `directory` is relative to `sample_keystores/`; `text` says what is built, what is wrong or right, and why
@@ -29,7 +29,7 @@ class Story:
 
     directory: str
     text: str
-    tree: Tree = field(repr=False)
+    tree: Tree
     at: str = AT
     options: tuple[str, ...] = ()
     rule: str | None = None

@@ -12,8 +12,10 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import Final
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit import text
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.model.formal.system import ChannelAtom, System
 from keystore_audit.properties.property import Role
 
@@ -39,8 +41,7 @@ ROLE_LETTERS: Final = {
 _ANSWER: Final = re.compile(r"(?:[\w$]+/)*([A-Z]{1,2})(\d{1,9})(?:_[A-Za-z0-9_]*)?\$0", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Atom:
+class Atom(Struct, frozen=True, kw_only=True):
     """`name`: the identifier; `label` and `place`: raw text of what it stands for and where that is.
 
     `sig`: the one below that of its sort that it belongs to; empty for none.
@@ -57,8 +58,7 @@ class Atom:
         return ": ".join(dict.fromkeys(filter(None, (self.label, self.place))))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sort:
+class Sort(Struct, frozen=True, kw_only=True):
     """All atoms of one sig, by index."""
 
     sig: str
@@ -69,8 +69,7 @@ class Sort:
         return self.atoms[index].name
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Atoms:
+class Atoms(Struct, frozen=True, kw_only=True):
     """The atoms of one system, by sig."""
 
     certificates: Sort

@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit import text
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.relations import Relations, function
 from keystore_audit.engine.alloy.solution import Command
@@ -49,8 +51,7 @@ _ROLES: Final = {
 """The variables of a check; of `encrypted` by attacker."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Places:
+class Places(Struct, frozen=True, kw_only=True):
     """The functions of one claim, by name, as they are used in commands."""
 
     source: str
@@ -65,7 +66,7 @@ class Places:
     @classmethod
     def of(cls, number: int) -> Places:
         """The names for the claim of this index."""
-        return cls(**{name: f"{name}_{number}" for name in cls.__slots__})
+        return cls(**{name: f"{name}_{number}" for name in cls.__struct_fields__})
 
 
 def pair_places(claim: ClaimAtom, number: int) -> list[Places]:

@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Final
 
 from lxml import etree
+from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit import text
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy.jobs import run
 from keystore_audit.engine.alloy.process import Analyzer, Job
 from keystore_audit.engine.alloy.runner import module_texts
@@ -41,8 +42,7 @@ PERHAPS: Final = "DeterministicWhateverOthersDo"
 """The check with those that perhaps differ as well."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Case:
+class _Case(Struct, frozen=True, kw_only=True):
     """A behaviour that is small enough to be asked about in `steps` rounds."""
 
     behaviour: Behaviour

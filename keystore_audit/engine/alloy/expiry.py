@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.engine.alloy import claims, moments
 from keystore_audit.model.formal.claim import ClaimKind
 from keystore_audit.model.formal.system import System

@@ -14,7 +14,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import EngineFailed, EngineMissing
 
 GROUP_ID: Final = "org.alloytools"
@@ -42,8 +43,7 @@ _INSTALL_HINT: Final = (
 _OTHER_FILE: Final = f"Give the jar of {GROUP_ID}:{ARTIFACT_ID} {VERSION}, or run `keystore-audit engine install`."
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Engine:
+class Engine(Struct, frozen=True, kw_only=True):
     """The Alloy Analyzer: the `java` program, the `jar`, which `checked_copy` checks, and the pinned `version`."""
 
     java: Path

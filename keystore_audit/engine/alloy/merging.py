@@ -12,7 +12,9 @@ from __future__ import annotations
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field, replace
+from msgspec import Struct, field
+from msgspec.structs import replace
+
 from keystore_audit.engine.alloy.mentions import mentions, surroundings
 from keystore_audit.engine.alloy.moments import redated
 from keystore_audit.engine.alloy.twins import find_twins
@@ -24,8 +26,7 @@ KEPT: Final = 3
 """Enclaves that remain of those that are alike: no property, and no hop of a flow, is about more than three of them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Merged:
+class Merged(Struct, frozen=True, kw_only=True):
     """`system`: what remains. The others: by index there, the index in the system that it was made of."""
 
     system: System
@@ -103,8 +104,7 @@ def _few_instants(system: System) -> System:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Spare:
+class _Spare(Struct, frozen=True, kw_only=True):
     """What can be left out. `alike`: by channel that is left out, the one that remains in its place."""
 
     certificates: frozenset[int] = frozenset()

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable, Iterator
 from datetime import timedelta
 from typing import Final, TypeVar
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, System
 
 MAX_MOMENTS: Final = 16

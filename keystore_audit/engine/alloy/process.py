@@ -14,7 +14,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.engine.alloy.install import checked_copy
 from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.errors import EngineFailed, EngineMissing, EngineTimeout
@@ -55,8 +56,7 @@ _INHERITED: Final = ("PATH", "LANG", "LC_ALL", "SYSTEMROOT")
 """All that the child gets of the environment: no JAVA_TOOL_OPTIONS, no class path, no home directory."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Analyzer:
+class Analyzer(Struct, frozen=True, kw_only=True):
     """`timeout`: seconds of wall clock for each process; `memory_mb`: MiB of Java heap of each."""
 
     java: Path
@@ -65,8 +65,7 @@ class Analyzer:
     memory_mb: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
+class Job(Struct, frozen=True, kw_only=True):
     """What one process does. `files`: name to text; `main`: the one with `commands`; `atoms`: size of the model."""
 
     files: Mapping[str, str]
@@ -75,8 +74,7 @@ class Job:
     atoms: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Output:
+class Output(Struct, frozen=True, kw_only=True):
     """How a run ended: `status` as in `subprocess` (negative: the signal).
 
     `diagnostics`: its stderr, where the verdicts are; `messages`: its stdout, where the JVM itself complains.

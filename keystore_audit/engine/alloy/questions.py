@@ -15,7 +15,9 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field, replace
+from msgspec import Struct, field
+from msgspec.structs import replace
+
 from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.facts import CONSISTENCY, EXERCISED
@@ -38,8 +40,7 @@ _EXCLUDED: Final = re.compile(r"(\w+) not in ([^|]+)")
 _WORD: Final = re.compile(r"\w+", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Joint:
+class Joint(Struct, frozen=True, kw_only=True):
     """A command that stands for `members`: where it has an instance, each of them has one or has none, as said there.
 
     `witnessed`: of those members whose witness its instance holds, the roles, which there are called `member_role`.
@@ -51,8 +52,7 @@ class Joint:
     witnessed: Mapping[str, Sequence[Role]] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Questions:
+class Questions(Struct, frozen=True, kw_only=True):
     """A main file: `text`, with `commands` in this order. `joints`: those of them that stand for others."""
 
     text: str
@@ -71,8 +71,7 @@ class Questions:
         return outcomes, tuple(open_)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Single:
+class _Single(Struct, frozen=True, kw_only=True):
     """A question by a command of its own: `text` of the command, `condition` that it runs or checks.
 
     `roles`: the variables of a check, whose values are its witness. `occurs`: whether an instance is expected; where

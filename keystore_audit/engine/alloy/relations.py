@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct, field
+
 from keystore_audit.engine.alloy.atoms import Sort
 
 NAMED_SET: Final = 40
@@ -27,16 +28,14 @@ LINES: Final = "\n\t+ "
 """Rows stand on lines of their own, so that two models can be compared line by line."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class Row(Struct, frozen=True, kw_only=True):
     """Some tuples of a relation, `left -> right`; `weight`: how many its type has."""
 
     expression: str
     weight: int
 
 
-@dataclass(slots=True)
-class Relations:
+class Relations(Struct):
     """Writes functions. `private`: the helper functions that were needed so far and are not taken yet."""
 
     private: list[str] = field(default_factory=list)

@@ -6,8 +6,10 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit import resources
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy import claims, moments, paths
 from keystore_audit.engine.alloy.facts import (
     CONSISTENCY,
@@ -39,8 +41,7 @@ Expected = Sequence[Mapping[str, Status]]
 """By system: what another engine says of properties and claims, by id (`questions`)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Decision:
+class Decision(Struct, frozen=True, kw_only=True):
     """All that the Analyzer says of one system.
 
     `answers` by property id and claim id. `idle`: families (keys of `facts.EXERCISED`, `claims.EXERCISED`) that had
@@ -86,8 +87,7 @@ def examine(
     return tuple(replace(each, answers={**each.answers, **more}) for each, more in zip(found, told, strict=True))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Case:
+class _Case(Struct, frozen=True, kw_only=True):
     """One state of the system of this number, merged.
 
     `moment`: twice the index of the audit instant, or a later one (`moments.later`), at which only claims are asked
@@ -150,8 +150,7 @@ def _over_time(number: int, cases: Sequence[_Case], decisions: Sequence[Decision
     return replace(decisions[number], answers=answers)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Outcome:
+class _Outcome(Struct, frozen=True, kw_only=True):
     """What one process found: which commands have an instance, and the witnesses of those that have roles."""
 
     found: Mapping[str, bool]

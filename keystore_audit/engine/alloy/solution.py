@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from lxml import etree
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.alloy.atoms import index_of
 from keystore_audit.errors import EngineFailed
 from keystore_audit.properties.property import Role, Witness
@@ -24,8 +24,7 @@ _ERROR: Final = re.compile(r"(\w+ error) in (?:.*[/\\])?([^/\\]+?) at line (\d+)
 _TOO_OLD: Final = ("UnsupportedClassVersionError", "Unrecognized option", "Unrecognized VM option")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Command:
+class Command(Struct, frozen=True, kw_only=True):
     """A command of the main file: `kind` is check or run."""
 
     kind: str

@@ -13,7 +13,8 @@ from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.engine.alloy.mentions import Order, Said, surroundings
 from keystore_audit.model.formal.system import EnclaveAtom, System
 
@@ -24,8 +25,7 @@ OWN: Final = -1
 """Stands for one's own certificate."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Twins:
+class Twins(Struct, frozen=True, kw_only=True):
     """`classes`: enclaves that are alike, by index, each class in order. `own_channels`: by enclave."""
 
     classes: Sequence[Sequence[int]]

@@ -14,8 +14,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
+from msgspec import Struct
+
 from keystore_audit import resources
-from keystore_audit.dataclass import dataclass
 from keystore_audit.engine.alloy.user_tokens import NO_NUMBERS, Token, Wrong, tokens
 from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY
 from keystore_audit.errors import UsageError
@@ -65,8 +66,7 @@ _DECLARED: Final = re.compile(r"^(?:\w+ )*?(?:fun|pred|assert|sig) ([\w, \n]+)",
 _HUMP: Final = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|[^A-Za-z0-9]+", re.ASCII)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
+class Asked(Struct, frozen=True, kw_only=True):
     """A command of a user's file. `kind`: check or run. `instance`: whether it is meant to have one.
 
     `id`: of the property that it is, unique in the file. `location`: where it stands.
@@ -81,8 +81,7 @@ class Asked:
     location: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UserFile:
+class UserFile(Struct, frozen=True, kw_only=True):
     """A `file` of properties in Alloy. `text`: what the Analyzer is given, ASCII, the
     run `CONSISTENT` at its end; `places`: its names for enclaves and topics.
     """

@@ -12,8 +12,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.ci import in_ci
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.engine.alloy import application, claims, install
 from keystore_audit.engine.alloy.facts import MODULES, fact_modules
 from keystore_audit.engine.alloy.jobs import run
@@ -44,8 +46,7 @@ _COMPLAINT: Final = re.compile(
 _WARNINGS: Final = re.compile(r"^Warnings?$", re.MULTILINE)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Told:
+class Told(Struct, frozen=True, kw_only=True):
     """The answer to one command in one system; `example` only where it is VIOLATED, `reason` where it is UNKNOWN.
 
     `vacuous`: nothing is in the range of a check that HOLDS.

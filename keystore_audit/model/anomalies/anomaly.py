@@ -5,7 +5,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.permissions import Operation
 
 
@@ -47,8 +48,7 @@ class Point(NamedTuple):
     domain: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RuleAnomaly:
+class RuleAnomaly(Struct, frozen=True, kw_only=True):
     """An anomaly among ordered rules, by their numbers.
 
     `rule`: the one it is about; `other`: the one that decides in its place, makes it redundant or contradicts it.
@@ -64,8 +64,7 @@ class RuleAnomaly:
     point: Point | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Anomaly:
+class Anomaly(Struct, frozen=True, kw_only=True):
     """An anomaly of a document.
 
     `allow`: whether the rule allows (True of a governance). `subject`: whom the grant names. `line`, `other`: of what

@@ -12,7 +12,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import count
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.matching.atoms import classify
 from keystore_audit.model.matching.expression import Matcher, Pattern, parse
@@ -44,8 +45,7 @@ class NameClass(NamedTuple):
     witness: str
 
 
-@dataclass(slots=True)
-class Effort:
+class Effort(Struct):
     """What may still be spent on one keystore's anomalies. `documents`: how many it has."""
 
     states: int

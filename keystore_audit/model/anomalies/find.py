@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore
@@ -35,8 +37,7 @@ from keystore_audit.model.semantics import ReadGrant
 _ORDER = {kind: number for number, kind in enumerate(AnomalyKind)}
 
 
-@dataclass(frozen=True, slots=True)
-class _Reading:
+class _Reading(Struct, frozen=True):
     """One way to read a document, and the profiles that read it so."""
 
     document: ReadDocument

@@ -11,7 +11,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.document import MAX_DOMAIN
@@ -215,8 +216,7 @@ _Listed = dict[bool, dict[tuple[Operation, tuple[Interval, ...]], int]]
 """By what rules decide, operation and domains, the topics that they list."""
 
 
-@dataclass(slots=True)
-class _Fired:
+class _Fired(Struct):
     """A rule with the cells that it is about and those that it decides."""
 
     number: int

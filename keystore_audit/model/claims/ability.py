@@ -9,7 +9,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Enclave, Keystore

@@ -9,7 +9,9 @@ from functools import cached_property
 from hashlib import sha256
 from typing import TYPE_CHECKING, Final, Protocol
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
@@ -41,8 +43,7 @@ RESTING_ON_SUBJECTS: Final = frozenset({ClaimKind.ONLY_PUBLISH, ClaimKind.ENCRYP
 """Kinds of claims that ask whom grants name that is no enclave here."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LabelPair:
+class LabelPair(Struct, frozen=True, kw_only=True):
     """Two labels between which nothing may flow. `id`: of all claims that say so; `labelling`: where they come from."""
 
     id: str
@@ -67,8 +68,7 @@ class Marked(Protocol):
         """Where its globs stand."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Claim:
+class Claim(Struct, frozen=True, kw_only=True):
     """A property that a user asserts, or a question about a flow.
 
     `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.

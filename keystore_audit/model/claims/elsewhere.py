@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, Reading, RealmAtom, System
 from keystore_audit.model.subjects.told import Meaning, grants_naming, meaning

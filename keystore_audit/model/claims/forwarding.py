@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.claims.forwards import Declared, Determinism, Forward
@@ -32,8 +34,7 @@ from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import AMBIENT
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Plan:
+class _Plan(Struct, frozen=True, kw_only=True):
     """What is asked about in one domain; `holders`: by slot, whose it is."""
 
     domain: int

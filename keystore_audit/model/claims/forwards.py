@@ -6,7 +6,9 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
@@ -22,8 +24,7 @@ UNREAD: Final = "it depends on what could not be read"
 """Why a claim is undecided where the readings of a system differ."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Forward:
+class Forward(Struct, frozen=True, kw_only=True):
     """A node of an enclave publishes on each of `targets` what it got of `sources` (DDS topics), as it came.
 
     `sources` in the order of their priority. An enclave with forwards does nothing else. `location`, `place`: where it
@@ -39,8 +40,7 @@ class Forward:
     marks: Marks = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Determinism:
+class Determinism(Struct, frozen=True, kw_only=True):
     """That two runs show the same on `low` (DDS topics), whatever comes from `high`, if all other inputs are the same.
 
     `forwards`: those on which what is on `low` depends. The rest is as in `claims.Claim`.
@@ -65,8 +65,7 @@ class Determinism:
         return json.dumps(["deterministic", sorted(self.low), high, self.include_ambient, forwards])
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Declared:
+class Declared(Struct, frozen=True, kw_only=True):
     """The forwards that are declared, and what is claimed of them."""
 
     forwards: tuple[Forward, ...] = ()

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import UsageError
 from keystore_audit.model.channels import ReadRegion
 from keystore_audit.model.matching.expression import Matcher, parse
@@ -13,8 +14,7 @@ from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.text import meant
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Globs:
+class Globs(Struct, frozen=True, kw_only=True):
     """A place as a user names it: globs on enclave paths, or on DDS topic names, or the outsider.
 
     Globs are POSIX expressions, as in permissions: `*` also matches `/`.

@@ -11,7 +11,8 @@ from datetime import datetime
 from itertools import combinations
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.channels import Channels, ReadRegion
@@ -23,8 +24,7 @@ MAX_CLAIMS: Final = 400
 """Claims that labels make: a hundred pairs of labels between which nothing may flow."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Lattice:
+class Lattice(Struct, frozen=True, kw_only=True):
     """Labels, and by label the labels of what it may flow to, itself among them: a partial order.
 
     Every partial order lies in a lattice in which its own labels stand as they did (its completion by cuts), so that
@@ -93,8 +93,7 @@ class CyclicOrder(ValueError):
         self.labels = labels
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Labelled:
+class Labelled(Struct, frozen=True, kw_only=True):
     """Enclaves and topics with a label: globs on enclave paths and on DDS topics. `place`: `FILE:LINE:COLUMN`."""
 
     label: str
@@ -104,8 +103,7 @@ class Labelled:
     marks: Marks = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Declassifier:
+class Declassifier(Struct, frozen=True, kw_only=True):
     """Enclaves (globs) that are trusted to turn what has the label `taken` into what has the label `given`.
 
     An endorser is the same. A flow ends at such an enclave, and another begins there.
@@ -118,8 +116,7 @@ class Declassifier:
     marks: Marks = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Labelling:
+class Labelling(Struct, frozen=True, kw_only=True):
     """All that the settings say of labels. `location`, `place`: of the lattice."""
 
     lattice: Lattice

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims.claims import check_granted, granted_channels
@@ -14,8 +16,7 @@ from keystore_audit.model.formal.claim import PlaceAtom
 from keystore_audit.model.formal.system import System
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NamedPlace:
+class NamedPlace(Struct, frozen=True, kw_only=True):
     """A name for enclaves, or for topics (`globs`). `place`: where a user gave it, `FILE:LINE:COLUMN`."""
 
     name: str

@@ -10,8 +10,9 @@ from datetime import datetime
 from enum import Enum
 from typing import Final
 
+from msgspec import Struct
+
 from keystore_audit.assumptions import EVERY, Assumption
-from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.model.domains import Interval
 
@@ -71,8 +72,7 @@ class FailOn(str, Enum):
     NONE = "none"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Name:
+class Name(Struct, frozen=True, kw_only=True):
     """A DDS topic in a partition, in these domain ids. `several`: it stands for more names than itself."""
 
     topic: str
@@ -81,8 +81,7 @@ class Name:
     several: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Names:
+class Names(Struct, frozen=True, kw_only=True):
     """Names by witnesses, single ones first. `more`: how many others there are, each standing for itself or several.
 
     `infinite`: they are infinitely many. `domains`: all ids that some of them are in. `every`: they are all names of
@@ -96,8 +95,7 @@ class Names:
     every: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Handover:
+class Handover(Struct, frozen=True, kw_only=True):
     """A sample handed from one enclave to another: their paths, and on which topic."""
 
     sender: str
@@ -105,8 +103,7 @@ class Handover:
     receiver: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Influenced:
+class Influenced(Struct, frozen=True, kw_only=True):
     """Pairs of enclaves of which one reaches the other on one side alone.
 
     `ends`: the enclaves at either end of any. `way`: of one pair, how; never empty.
@@ -117,8 +114,7 @@ class Influenced:
     way: tuple[Handover, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Aspect:
+class Aspect(Struct, frozen=True, kw_only=True):
     """Something that a document says, before and after, in words. None: it said nothing."""
 
     what: str
@@ -127,8 +123,7 @@ class Aspect:
     direction: Direction
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Consequence:
+class Consequence(Struct, frozen=True, kw_only=True):
     """What follows from a change. `what`: a verb phrase, as "may publish" or "can read without any key".
 
     `enclaves`: who; none: whoever is on the network. `parts`: each of them a part of the names, not the same for all.
@@ -144,8 +139,7 @@ class Consequence:
     parts: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Change:
+class Change(Struct, frozen=True, kw_only=True):
     """One change. `kind` says which of its layer, as `identity-ca` or `protection`.
 
     `what`: a noun phrase or a verb phrase of the enclaves. `enclaves`: the paths of those that it is about; none: the
@@ -190,8 +184,7 @@ class Change:
         return less and not self.against and not any(each.direction.gains for each in self.consequences)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unread:
+class Unread(Struct, frozen=True, kw_only=True):
     """Something in one of the keystores that could not be read: what it bears on is not compared.
 
     `side`: old or new. `enclave`: None where it concerns several, or one that is not known.
@@ -203,8 +196,7 @@ class Unread:
     reason: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
+class Comparison(Struct, frozen=True, kw_only=True):
     """What changed from one keystore to the other at `at` (aware UTC), under `profiles`.
 
     `domain`: the one that was looked at; None: all. `common`: enclaves of both. `labels`: where there are some, changes

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Generic, NamedTuple, TypeVar
 
-from keystore_audit.dataclass import dataclass, field, fields, replace
+from msgspec import Struct, field
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import (
     ORDER,
@@ -21,8 +23,7 @@ from keystore_audit.model.comparison.sides import Pair, Sides
 from keystore_audit.model.formal.bit_sets import union
 
 
-@dataclass(slots=True, kw_only=True, eq=False)
-class Draft:
+class Draft(Struct, kw_only=True, eq=False):
     """A change; the fields are those of `Change`. `channels`: what it is about.
 
     `everybody`: it bears on what peers accept from any enclave. `effects`: what follows from it, with the channels in
@@ -67,7 +68,7 @@ class Draft:
 
     def change(self, sides: Sides, labels: tuple[str, ...] = ()) -> Change:
         """The change with its names and consequences."""
-        both = {each.name for each in fields(Change)} & {each.name for each in fields(self)}
+        both = set(Change.__struct_fields__) & set(self.__struct_fields__)
         return Change(
             **{name: getattr(self, name) for name in both},
             names=_names(self.channels, sides),

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of, joint_direction
@@ -63,8 +64,7 @@ class _Difference(NamedTuple):
     channels: int
 
 
-@dataclass(slots=True)
-class _Found:
+class _Found(Struct):
     """Who has a difference, under which profiles, and the rules that decide there."""
 
     enclaves: dict[str, None]

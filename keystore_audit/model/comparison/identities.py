@@ -7,7 +7,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct, field
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore
@@ -36,8 +37,7 @@ MAX_PERIODS: Final = 3
 """Of those in which somebody is let in, that are told."""
 
 
-@dataclass(slots=True, kw_only=True)
-class _Taken:
+class _Taken(Struct, kw_only=True):
     """Certificates that say the same of somebody. `place`: of the first. `periods`: by enclave that takes them."""
 
     place: Location | None

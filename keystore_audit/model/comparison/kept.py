@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.keystore.keystore import Keystore, every_certificate
 from keystore_audit.keystore.permissions import PermissionsFile, read_permissions
 from keystore_audit.keystore.smime import Candidates

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims.globs import Globs, matching
@@ -33,8 +34,7 @@ def label_globs(labelling: Labelling, labels: Iterable[str]) -> dict[str, Globs]
     return found
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Labelled:
+class _Labelled(Struct, frozen=True, kw_only=True):
     """Enclaves with a label; and names with it, or that those enclaves may use in either keystore.
 
     `users`: enclaves that may use any of these names in either keystore: whoever takes their identities may, too.

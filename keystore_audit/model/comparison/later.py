@@ -9,7 +9,8 @@ from datetime import datetime
 from functools import reduce
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import Direction, Layer, direction_of
 from keystore_audit.model.comparison.drafts import Draft, in_order
@@ -35,8 +36,7 @@ class _Later(NamedTuple):
     gives: Given
 
 
-@dataclass(frozen=True, slots=True)
-class _Side:
+class _Side(Struct, frozen=True):
     """Those of an enclave in one keystore; `where`: the first of them. `now`: what its own grant in force gives."""
 
     grants: frozenset[_Later]

@@ -10,7 +10,8 @@ from collections.abc import Iterable, Iterator
 from operator import itemgetter
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct, field
+
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.certificate import Certificate
@@ -34,8 +35,7 @@ _PLAIN: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+)+")
 """Subjects that name nothing but themselves, under every implementation."""
 
 
-@dataclass(slots=True)
-class _Granted:
+class _Granted(Struct):
     """What documents that peers take grant one subject: `now`, and `ever`, once grants count that do not yet.
 
     `dates`: of those that are not over. `odd`: by document the order of its grants, where one of them may name the

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from datetime import datetime
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.keystore import Enclave
@@ -28,8 +29,7 @@ _Label = tuple[str, str]
 """An authority by its subject and key; without the key where one keystore alone has it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Side:
+class _Side(Struct, frozen=True, kw_only=True):
     """The lists that an implementation reads, and by authority the one in which it looks up what that one issued."""
 
     lists: tuple[RevocationList, ...]

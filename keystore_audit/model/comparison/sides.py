@@ -7,8 +7,9 @@ from datetime import datetime
 from functools import cached_property
 from zoneinfo import ZoneInfo
 
+from msgspec import Struct
+
 from keystore_audit.assumptions import EVERY, Assumption
-from keystore_audit.dataclass import dataclass
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -81,8 +82,7 @@ class View(Peers):
         return [OwnRights(self.system, realm) for realm in self.realms]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pair:
+class Pair(Struct, frozen=True, kw_only=True):
     """Both keystores as some profiles read them. `lead`: one of the profiles.
 
     `kept`: the new one with what the old one alone has beside it, which nobody can call back.

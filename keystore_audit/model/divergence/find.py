@@ -13,7 +13,8 @@ from datetime import datetime
 from itertools import islice
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct, field
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import GovernanceFile
@@ -42,8 +43,7 @@ MAX_WITNESSES: Final = 64
 """Classes of one difference among which a witness that people can read is looked for."""
 
 
-@dataclass(slots=True)
-class _Found:
+class _Found(Struct):
     """What is known so far about one line."""
 
     other: Location | None

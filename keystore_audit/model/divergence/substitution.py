@@ -11,7 +11,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, fields, replace
+from msgspec import Struct
+from msgspec.structs import astuple, replace
+
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import PermissionsFile
@@ -81,8 +83,7 @@ PARTITION_CAUSES: Final = frozenset(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Stage:
+class Stage(Struct, frozen=True, kw_only=True):
     """An implementation with some peculiarities left; `cured` is the one that the stage before has beside these.
 
     None: it is the implementation itself. `profile`: its rows, and the trust row of the specification.
@@ -92,8 +93,7 @@ class Stage:
     profile: Profile
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reader:
+class Reader(Struct, frozen=True, kw_only=True):
     """Profiles (their canonical names) that do the same with a keystore's documents, and the way to `spec`."""
 
     names: tuple[str, ...]
@@ -127,7 +127,7 @@ class Stages:
         row = self._accesses.row(access)
         kept = {name: getattr(local, name) for name in _OF_PARTICIPANTS}
         local = replace(SPEC.local, **kept)
-        key = (row, tuple(getattr(local, each.name) for each in fields(local)))
+        key = (row, astuple(local))
         if key not in self._profiles:
             self._profiles[key] = replace(SPEC, name=f"stage {len(self._profiles)}", access=row, local=local)
         return self._profiles[key]

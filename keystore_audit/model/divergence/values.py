@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
@@ -20,8 +21,7 @@ from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
 
 
-@dataclass(frozen=True, slots=True)
-class Value:
+class Value(Struct, frozen=True):
     """A set (of channels) in bits: what is in it for certain, and what may be."""
 
     must: int

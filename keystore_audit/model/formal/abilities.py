@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.permissions import Operation
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Abilities:
+class Abilities(Struct, frozen=True, kw_only=True):
     """What an enclave can do, as sets of governed channels of the domains that it can join.
 
     `may_write`: peers take its samples as those of a permitted writer. `may_read`: peers give it their samples and

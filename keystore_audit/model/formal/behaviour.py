@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from enum import Enum
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 
 
@@ -31,16 +32,14 @@ class Differs(str, Enum):
     ALWAYS = "always"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SlotAtom:
+class SlotAtom(Struct, frozen=True, kw_only=True):
     """Where the newest sample of a topic waits for a forward. Slots of one forward stand in the order of its list."""
 
     forward: int
     topic: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ForwardAtom:
+class ForwardAtom(Struct, frozen=True, kw_only=True):
     """One declared forward. `enclave`: index in the system. `reaches`: slots that take what it publishes."""
 
     enclave: int
@@ -49,8 +48,7 @@ class ForwardAtom:
     reaches: frozenset[int]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InputAtom:
+class InputAtom(Struct, frozen=True, kw_only=True):
     """What an enclave without declared forwards may publish on a topic.
 
     `enclave`: index in the system; None: whoever it is, on a topic that is high. Several that are alike are one or two,
@@ -63,8 +61,7 @@ class InputAtom:
     reaches: frozenset[int]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Behaviour:
+class Behaviour(Struct, frozen=True, kw_only=True):
     """What can come to the low topics, in one domain class. `topics`: their DDS names; `low`: those that are seen."""
 
     domain: int
@@ -95,8 +92,7 @@ class Behaviour:
         return tuple(number for number, slot in enumerate(self.slots) if slot.forward == forward)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Meeting:
+class Meeting(Struct, frozen=True, kw_only=True):
     """Which of the enclaves `candidates` hand samples of the channels `put` to `receiver`, which takes those of `got`.
 
     `receiver` None: which put anything there at all. What the engines' behaviours rest on, for Alloy to confirm.
@@ -109,8 +105,7 @@ class Meeting:
     senders: frozenset[int]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Passage:
+class Passage(Struct, frozen=True, kw_only=True):
     """A declared forward, whether or not a low topic depends on it. `reached`: something high may come to it."""
 
     enclave: int
@@ -119,8 +114,7 @@ class Passage:
     reached: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Spread:
+class Spread(Struct, frozen=True, kw_only=True):
     """The enclaves `inside`, to which something high may come or from which it comes; for Alloy to confirm.
 
     `declared`: enclaves with forwards. `first`: channels that are high. `left_out`: ambient channels.
@@ -133,8 +127,7 @@ class Spread:
     passages: tuple[Passage, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeterminismAtom:
+class DeterminismAtom(Struct, frozen=True, kw_only=True):
     """That what is seen on low topics is decided by inputs that are not high alone.
 
     `id`: unique, `[a-z0-9-]+`. `behaviours`: one for each domain class in which every declared forward is possible.

@@ -9,7 +9,9 @@ from collections.abc import Iterator
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
 
 
@@ -37,8 +39,7 @@ ATTACKERS: Final = (Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS)
 """Of flows, from the least to the most that is assumed of them: each can do all that the one before can."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class Place(Struct, frozen=True, kw_only=True):
     """Where a flow begins or ends: enclaves, channels, or the one participant without any key.
 
     `certificates`: (only-publish, MUST) those that no enclave has, but one that was left out and is meant may have.
@@ -50,8 +51,7 @@ class Place:
     certificates: frozenset[int] = frozenset()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClaimAtom:
+class ClaimAtom(Struct, frozen=True, kw_only=True):
     """One claim. `id`: unique, `[a-z0-9-]+`. `through`: enclaves that a flow may not pass for it to count (`no-flow`).
 
     `left_out`: ambient channels that no flow takes. `until`: the last instant (index) at which it must hold, None: now
@@ -85,8 +85,7 @@ class ClaimAtom:
         return replace(place, enclaves=place.enclaves - self.through) if self.pairs else place
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlaceAtom:
+class PlaceAtom(Struct, frozen=True, kw_only=True):
     """What a user calls `name`: enclaves, or channels (the other is None).
 
     `unread`: (MAY only) there are enclaves of which nobody knows what they are called, so that some may be among them.

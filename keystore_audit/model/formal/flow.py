@@ -12,7 +12,9 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.model.formal.abilities import Abilities
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.bit_sets import bits, members, union
@@ -59,8 +61,7 @@ class Lane:
         return places
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Search:
+class Search(Struct, frozen=True, kw_only=True):
     """What a flow is asked for. `through`: enclaves that it may not pass. `left_out`: channels that no hop takes.
 
     `own`: every enclave uses its own permissions document alone (attacker HONEST only). `keeping`: participants who

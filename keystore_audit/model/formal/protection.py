@@ -5,15 +5,15 @@ All sets are bit sets over channels, except `unauthenticated`, `ruled` and `join
 
 from __future__ import annotations
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import DomainRuleAtom, System, TopicRuleAtom
 
 
-@dataclass(slots=True)
-class Protection:
+class Protection(Struct):
     """The flags and kinds that apply, by first match. A channel that is not `governed` is in no set."""
 
     ruled: int = 0

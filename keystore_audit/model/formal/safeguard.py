@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.formal.attacker import enclaves_views
 from keystore_audit.model.formal.protection import Protection
 from keystore_audit.model.formal.system import System
@@ -18,8 +19,7 @@ LAYERS: Final[Mapping[str, tuple[str, str]]] = {
 """The layers that a governance protects, as its elements call them, with the fields of `Protection`."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Safeguard:
+class Safeguard(Struct, frozen=True, kw_only=True):
     """`encrypted`, `authenticated`: the layers (keys of `LAYERS`) that are. `read_controlled`, `write_controlled`:
     whether rights are asked for. Not `governed`: no topic rule covers the topic, so nobody can use it.
     `unauthenticated`: participants without any identity are let in.
@@ -49,7 +49,7 @@ def safeguards(system: System, channels: range, domain: int) -> tuple[tuple[Safe
 
 
 def _key(protection: Protection) -> tuple[int, ...]:
-    return tuple(getattr(protection, name) for name in Protection.__slots__)
+    return tuple(getattr(protection, name) for name in Protection.__struct_fields__)
 
 
 def _safeguard(protection: Protection, channel: int, domain: int) -> Safeguard:

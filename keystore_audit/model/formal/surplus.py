@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import RealmView, enclaves_views
@@ -13,8 +15,7 @@ from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import Reading, System
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Surplus:
+class Surplus(Struct, frozen=True, kw_only=True):
     """A right on `topic` that only the stray document gives the enclave, with its peers' consent."""
 
     operation: Operation
@@ -23,8 +24,7 @@ class Surplus:
     """The domains for people."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StrayGrant:
+class StrayGrant(Struct, frozen=True, kw_only=True):
     """A grant in force of a stray document that names an enclave of the keystore, and whose signer its peers take.
 
     `surplus` None: the documents of the enclaves give all of it as well. `against`: the grants of those that count for

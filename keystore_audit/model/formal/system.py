@@ -15,8 +15,10 @@ from datetime import datetime
 from enum import Enum
 from typing import NamedTuple
 
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import DOCUMENTS, EVERY, IDENTITIES, WORLD, Assumption
-from keystore_audit.dataclass import dataclass, replace
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.governance import ProtectionKind
@@ -36,8 +38,7 @@ class Reading(str, Enum):
     MUST = "must"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CertificateAtom:
+class CertificateAtom(Struct, frozen=True, kw_only=True):
     """A certificate. `issuers`: certificates whose subject it names and whose key verifies its signature.
 
     `authority`: CA:TRUE and, where keyUsage is present, keyCertSign. `fit_to_sign`: fit for S/MIME signing.
@@ -58,8 +59,7 @@ class CertificateAtom:
     elsewhere: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DocumentAtom:
+class DocumentAtom(Struct, frozen=True, kw_only=True):
     """A signed document.
 
     `intact`: it is S/MIME as run times read it, every SignerInfo verifies under a known certificate that it
@@ -74,8 +74,7 @@ class DocumentAtom:
     opaque: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RealmAtom:
+class RealmAtom(Struct, frozen=True, kw_only=True):
     """Enclaves that trust alike: same identity CAs, permissions CAs, governance document and revocations.
 
     A peer's verdict depends on its realm only. `identity_ca`, `permissions_ca`: the certificates of those
@@ -121,8 +120,7 @@ class RealmAtom:
         return self.told == other.told or None in (self.told, other.told)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnclaveAtom:
+class EnclaveAtom(Struct, frozen=True, kw_only=True):
     """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
 
     `at_large`: no enclave of the keystore, but an identity beside those of its enclaves, in whoever's hands.
@@ -158,8 +156,7 @@ class EnclaveAtom:
         return self.reads_alone, self.writes_alone, self.refused_writes, self.refused_reads
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LeftOut:
+class LeftOut(Struct, frozen=True, kw_only=True):
     """(MUST only) An enclave that is not among the system's, since who it is or whom it trusts could not be read.
 
     Or whatever enclaves are behind a place. `identity`: its certificate, None where that is unknown.
@@ -169,8 +166,7 @@ class LeftOut:
     identity: int | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DomainAtom:
+class DomainAtom(Struct, frozen=True, kw_only=True):
     """Domain ids that no document tells apart: closed intervals within 0..232."""
 
     label: str
@@ -196,8 +192,7 @@ def easiest(channels: Sequence[ChannelAtom], numbers: Iterable[int]) -> int:
     return min(numbers, key=lambda n: (not channels[n].ros, channels[n].infinite, n))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DomainRuleAtom:
+class DomainRuleAtom(Struct, frozen=True, kw_only=True):
     """A `<domain_rule>` of the governance `document`; `domains` are the classes its ids cover."""
 
     document: int
@@ -210,8 +205,7 @@ class DomainRuleAtom:
     location: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TopicRuleAtom:
+class TopicRuleAtom(Struct, frozen=True, kw_only=True):
     """A `<topic_rule>` of `domain_rule`; `channels` are those whose topic its expression matches.
 
     Channels of every domain class that the domain rule covers are among them, whether or not an earlier rule
@@ -229,8 +223,7 @@ class TopicRuleAtom:
     location: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GrantAtom:
+class GrantAtom(Struct, frozen=True, kw_only=True):
     """A `<grant>` of the permissions `document`.
 
     `names`: certificates whose subject its subject_name, `subject`, matches.
@@ -245,8 +238,7 @@ class GrantAtom:
     subject: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RuleAtom:
+class RuleAtom(Struct, frozen=True, kw_only=True):
     """An `<allow_rule>` or `<deny_rule>` of `grant`.
 
     `domains`: the classes its ids cover. `publish`, `subscribe`, `relay`: channels whose topic and partition
@@ -270,8 +262,7 @@ class RuleAtom:
         return self.subscribe if operation is Operation.SUBSCRIBE else self.relay
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NodeAtom:
+class NodeAtom(Struct, frozen=True, kw_only=True):
     """A ROS 2 node that is to run in `enclave` (None: one that is not in the keystore, or (MUST) unreadable).
 
     `publishes`, `subscribes`: the channels that it is there to use.
@@ -284,8 +275,7 @@ class NodeAtom:
     subscribes: frozenset[int]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class System:
+class System(Struct, frozen=True, kw_only=True):
     """One keystore as one kind of implementation reads it, at one instant, in one reading.
 
     `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a permissions

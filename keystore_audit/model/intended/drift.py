@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from datetime import datetime
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.intent.policy import Policy, Profiles
@@ -31,8 +32,7 @@ from keystore_audit.model.semantics import deciding
 from keystore_audit.model.subjects.comparison import matching
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnclaveDrift:
+class EnclaveDrift(Struct, frozen=True, kw_only=True):
     """The drift of one enclave against one document (its place).
 
     `own`: the enclave carries the document; else a peer may take it for the enclave's. `granted`: whether a grant of it
@@ -48,8 +48,7 @@ class EnclaveDrift:
     exceeding: DriftedRights
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Drift:
+class Drift(Struct, frozen=True, kw_only=True):
     """Everything that differs between a policy and a keystore.
 
     `undecided`: what could not be compared. `missing`: what the policy says of enclaves that the keystore does not

@@ -6,7 +6,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice, pairwise
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import IntendedRight
 from keystore_audit.keystore.document import MAX_DOMAIN, Text
@@ -31,16 +33,14 @@ _EVERYWHERE: Final = (0, MAX_DOMAIN)
 _DISCOVERY: Final[Region] = (Area((DISCOVERY_TOPIC,), None),)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Taken:
+class Taken(Struct, frozen=True, kw_only=True):
     """The grant that decides under a profile; `read` None: no grant of the document names the enclave."""
 
     profile: Profile
     read: ReadGrant | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriftedRight:
+class DriftedRight(Struct, frozen=True, kw_only=True):
     """A right that one of the two gives and the other does not.
 
     `topic`, `partition`, `domain`: a witness. `endless`: it stands for infinitely many names, which an expression
@@ -59,16 +59,14 @@ class DriftedRight:
     profiles: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DriftedRights:
+class DriftedRights(Struct, frozen=True, kw_only=True):
     """Rights, those that people know first; `more`: how many others there are."""
 
     rights: tuple[DriftedRight, ...] = ()
     more: int = 0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Kind:
+class _Kind(Struct, frozen=True, eq=False):
     """A way to read both sides: the grant that decides, by a row and a matcher; each is made once."""
 
     read: ReadGrant | None
@@ -76,8 +74,7 @@ class _Kind:
     matcher: Matcher
 
 
-@dataclass(frozen=True, slots=True)
-class _Step:
+class _Step(Struct, frozen=True):
     """Decides about `channels`, unless an earlier step did; `rule` None: the default."""
 
     channels: int

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.intent.intent import Action, Intent, Origin, UsedName
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
@@ -24,8 +25,7 @@ Usages = Callable[[str, str], tuple[Action, ...]]
 """What the enclave (its path) is granted to do with a ROS name, which no launch file tells."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PolicyRight:
+class PolicyRight(Struct, frozen=True, kw_only=True):
     """`name`: fully qualified, or an expression of a policy. `usual`: every node has it, whatever it is for."""
 
     action: Action
@@ -34,16 +34,14 @@ class PolicyRight:
     usual: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NodePolicy:
+class NodePolicy(Struct, frozen=True, kw_only=True):
     """The rights of a node, by its fully qualified name: first what it is for, then the usual ones."""
 
     name: str
     rights: tuple[PolicyRight, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnclavePolicy:
+class EnclavePolicy(Struct, frozen=True, kw_only=True):
     """What the nodes of an enclave need."""
 
     path: str
@@ -55,8 +53,7 @@ class EnclavePolicy:
         return tuple(dict.fromkeys(right for node in self.nodes for right in node.rights))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LeastPolicy:
+class LeastPolicy(Struct, frozen=True, kw_only=True):
     """Enclaves by path, nodes by name.
 
     `doubts`: sentences about what may be missing. `wildcards`: expressions that policies hold, which are kept.

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from datetime import datetime
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
@@ -29,8 +30,7 @@ from keystore_audit.model.question import Ruling
 from keystore_audit.model.semantics import DIRECTIONS
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MissingGrant:
+class MissingGrant(Struct, frozen=True, kw_only=True):
     """A node needs what its enclave's own implementation denies.
 
     `domains`: where alone, in words, "" for all in which the enclave starts. `explain`: why, a sentence without its
@@ -44,8 +44,7 @@ class MissingGrant:
     profiles: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeniedName:
+class DeniedName(Struct, frozen=True, kw_only=True):
     """A node uses a name with which its enclave may do nothing that ROS 2 knows."""
 
     used: UsedName
@@ -53,8 +52,7 @@ class DeniedName:
     profiles: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GrantedName:
+class GrantedName(Struct, frozen=True, kw_only=True):
     """A name that a grant lists, and the line; in a partition, "" for the default one."""
 
     operation: Operation
@@ -63,8 +61,7 @@ class GrantedName:
     location: Location
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExcessGrant:
+class ExcessGrant(Struct, frozen=True, kw_only=True):
     """What an enclave is granted and no node of it was seen to use.
 
     `names`: those it lists. `wide`: one of those that an expression or a default allows besides, if there are such;
@@ -82,8 +79,7 @@ class ExcessGrant:
     launched: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UnknownEnclave:
+class UnknownEnclave(Struct, frozen=True, kw_only=True):
     """Nodes that are to run in an enclave that the keystore does not have; their names, and the places."""
 
     path: str
@@ -91,8 +87,7 @@ class UnknownEnclave:
     locations: tuple[Location, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Undecided:
+class Undecided(Struct, frozen=True, kw_only=True):
     """An enclave about which something could not be told: a sentence without its full stop."""
 
     enclave: str
@@ -100,8 +95,7 @@ class Undecided:
     profiles: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Observation:
+class Observation(Struct, frozen=True, kw_only=True):
     """What files say of the system, compared with one keystore. `paths`: of the files, as the user gave them.
 
     `unused`: enclaves of which the files show no node, so that nothing of theirs was compared.

@@ -10,7 +10,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.intent.intent import Action, IntendedNode, Intent, Origin
@@ -48,8 +50,7 @@ class Usual(str, Enum):
     GRANTED = "granted"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Need:
+class Need(Struct, frozen=True, kw_only=True):
     """What a node does. `action` None: discovery. `usual`: every node does; the file need not say so.
 
     `node`: its fully qualified name, "" where the file does not say. `location`: where the file says it, or names the

@@ -10,7 +10,8 @@ from datetime import datetime
 from functools import cached_property
 from typing import NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.intent.intent import Action
@@ -31,8 +32,7 @@ from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.window import Window
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JointRuling:
+class JointRuling(Struct, frozen=True, kw_only=True):
     """What one kind of implementation says to channels all of which are needed.
 
     `ruling`: ALLOW in every domain in which it starts, DENY in one of them, UNKNOWN where that it starts

@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.intent.intent import IntendedRight
 from keystore_audit.intent.policy import Profiles
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Text
@@ -21,8 +22,7 @@ from keystore_audit.model.semantics import DIRECTIONS
 _NO_DATE: Final = Text(text="", line=None)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PolicyGrant:
+class PolicyGrant(Struct, frozen=True, kw_only=True):
     """The grant of one `<profiles>`. `rights`: by (allow, operation, expression), the first right that has it.
 
     Lines are those of the policy, or of the file that it includes; dates are left out: sros2 takes those of the

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Intent, Origin
 from keystore_audit.keystore.keystore import Keystore
@@ -17,8 +19,7 @@ from keystore_audit.model.intended.observed_needs import DISCOVERY, Usual, in_la
 from keystore_audit.model.names import Use, dds_channels, dds_expressions
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WiredNode:
+class WiredNode(Struct, frozen=True, kw_only=True):
     """A node of the enclave (its path), and what it is there to do; `denied`: what a policy takes away from that."""
 
     enclave: str

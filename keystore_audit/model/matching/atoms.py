@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import AuditError
 from keystore_audit.model.matching.alphabet import Budget
 from keystore_audit.model.matching.automaton import STATE_UNITS, Automaton, on_or_behind_cycle
@@ -38,8 +39,7 @@ _PIECES_PER_UNIT: Final = 8
 _Set = frozenset[int]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TopicClass:
+class TopicClass(Struct, frozen=True, kw_only=True):
     """All names that exactly the expressions `members` match (indices into what was classified; may be empty).
 
     `witness`: a short, readable name of the class; one that ROS 2 can produce if there is one. `ros`: whether there is

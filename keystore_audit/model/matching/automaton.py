@@ -14,7 +14,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.matching.alphabet import Alphabet, Budget
 from keystore_audit.model.matching.tokens import SEARCH, STAR, CharSet, Token
 
@@ -31,16 +32,14 @@ _Nodes = frozenset[int]
 _NONE: Final[_Nodes] = frozenset()
 
 
-@dataclass(frozen=True, slots=True)
-class _Moves:
+class _Moves(Struct, frozen=True):
     """Where nodes lead: `by_class` for the classes in it, `default` for every other class."""
 
     default: _Nodes
     by_class: Mapping[int, _Nodes]
 
 
-@dataclass(frozen=True, slots=True)
-class _Stars:
+class _Stars(Struct, frozen=True):
     """The star nodes that a state has passed, with what they do in every such state."""
 
     nodes: _Nodes

@@ -16,7 +16,8 @@ from enum import Enum
 from functools import lru_cache, partial
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, field
+from msgspec import Struct
+
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.matching.cyclonedds_pattern import parse_cyclonedds
@@ -63,8 +64,7 @@ _PARSERS: Final[Mapping[Matcher, Callable[[str], Reading]]] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pattern:
+class Pattern(Struct, frozen=True, kw_only=True):
     """An expression as one matcher reads it.
 
     `malformed`: what is wrong with the text, a sentence without its subject ("has a [ that nothing closes, …"), None
@@ -80,8 +80,8 @@ class Pattern:
     matcher: Matcher
     malformed: str | None
     undefined: bool = False
-    pieces: tuple[Piece, ...] = field(repr=False)
-    rewinds: bool = field(default=True, repr=False)
+    pieces: tuple[Piece, ...]
+    rewinds: bool = True
 
     @property
     def literal(self) -> str | None:

@@ -8,7 +8,8 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Protocol
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.matching.alphabet import Alphabet, Budget
 from keystore_audit.model.matching.universe import DEAD, Universe
 
@@ -102,8 +103,7 @@ def _spell(origins: dict[_Place, tuple[_Place | None, str]], place: _Place) -> s
     return "".join(reversed(characters))
 
 
-@dataclass(frozen=True, slots=True)
-class _Search:
+class _Search(Struct, frozen=True):
     """The product of automaton, universe and the tree of avoided names, walked but never built."""
 
     automaton: Walk

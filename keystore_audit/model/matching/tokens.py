@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from enum import Enum
 from typing import Final, NamedTuple, TypeAlias
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
 
 LAST_CHARACTER: Final = 0x10FFFF
 
@@ -66,8 +66,7 @@ Piece: TypeAlias = str | tuple[Single, ...]
 """What stands between two stars; a plain str where it has no set, since `str.find` is fast."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class Reading(Struct, frozen=True, kw_only=True):
     """A text as a matcher reads it; `malformed` and `undefined` as `expression.Pattern` has them."""
 
     tokens: Iterable[Token]

@@ -10,7 +10,8 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.matching.alphabet import Alphabet, Budget
 from keystore_audit.model.matching.tokens import CharSet, Token
 from keystore_audit.model.names import DISCOVERY_TOPIC, REPLY_SUFFIX, REQUEST_SUFFIX, SUFFIX_OF
@@ -31,8 +32,7 @@ _ROS_TOKENS: Final = (
 """Characters, and sets of them, that the universe of ROS 2 names tells from all others."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Universe:
+class Universe(Struct, frozen=True, kw_only=True):
     """A set of names. State 0 is where every name begins, `accepting` where one may end.
 
     `moves[state]`: the next state by character class, DEAD or not, and that of every other class in `classes`;

@@ -11,7 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
@@ -27,8 +29,7 @@ MAX_AT_LARGE: Final = 2_000
 """Participants that are no enclaves; in large keystores each costs as much as an enclave does."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Candidate:
+class Candidate(Struct, frozen=True, kw_only=True):
     """An identity at large by the index of its certificate.
 
     `doubted`: whether peers take it for whom is unknown. `possible`: so is whether anybody has its key. `alone`: it

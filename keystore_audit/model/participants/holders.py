@@ -13,7 +13,9 @@ from datetime import datetime
 from functools import cached_property
 from typing import Final
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -42,8 +44,7 @@ MAX_HOLDERS: Final = 4_000
 """Identities at large, each with each document that names it in each realm: as many as enclaves in a large keystore."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Holder:
+class Holder(Struct, frozen=True, kw_only=True, eq=False):
     """One with a document, in a realm. `identity`: the number of the certificate."""
 
     identity: int

@@ -18,7 +18,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
 from keystore_audit.keystore.permissions import Operation

@@ -8,7 +8,8 @@ from functools import cached_property
 from itertools import chain, islice
 from typing import NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.certificate import Certificate
@@ -31,8 +32,7 @@ from keystore_audit.model.trust.verdicts import is_authority, is_issued, may_hav
 from keystore_audit.model.validity import ANY_ZONE, DateReading, read_date
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Admitted:
+class Admitted(Struct, frozen=True, kw_only=True):
     """An identity beside the enclaves that peers take. `key`: where its private key lies.
 
     `rights`: what lets it in: grants that name it, in documents that a peer may take, a governance that wants none, or

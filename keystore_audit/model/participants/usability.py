@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import first_opaque
 from keystore_audit.keystore.governance import GovernanceFile
@@ -46,8 +47,7 @@ _NOT_ISSUED: Final = "the identity CA did not issue the identity certificate"
 _NO_LIST: Final = "no revocation list that it carries can be used for the identity, so every identity is refused"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Dated:
+class _Dated(Struct, frozen=True, kw_only=True):
     """What depends on the instant, but for the certificate and the grants of each enclave."""
 
     identity_ca: CertificateFile | None

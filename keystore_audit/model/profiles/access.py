@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from enum import Enum
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.validity import DateReading
 
@@ -52,8 +53,7 @@ class RelayReading(str, Enum):
     NOTHING = "nothing"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Access:
+class Access(Struct, frozen=True, kw_only=True, eq=False):
     """What documents mean to an implementation, its own enclave's and those of peers alike.
 
     `matcher`: of topic and partition expressions; `matches_octets`: beyond ASCII, `?` and brackets take octets or
@@ -102,8 +102,7 @@ class JoinCheck(str, Enum):
     OPENDDS = "opendds"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Local:
+class Local(Struct, frozen=True, kw_only=True, eq=False):
     """What an implementation asks of its own enclave, beside what its documents mean.
 
     `binds_domains`: rules of other domains do not apply. `starts_ungoverned`: a participant starts in a domain that the

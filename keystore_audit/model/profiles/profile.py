@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from enum import Enum
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.profiles.access import Access, Local
 
 
@@ -27,8 +28,7 @@ class RevocationLists(str, Enum):
     CRL_AND_CA_FILE = "crl.pem and the identity CA file"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Trust:
+class Trust(Struct, frozen=True, kw_only=True, eq=False):
     """Whom an implementation trusts. Profiles with one row read a keystore alike; equal rows are one object.
 
     `pins_signer`: a document must be signed by a certificate of the permissions CA file itself; otherwise any
@@ -74,8 +74,7 @@ class Evidence(str, Enum):
     READ = "read"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Profile:
+class Profile(Struct, frozen=True, kw_only=True):
     """What one implementation does; its versions stand in docs/profiles.md.
 
     `distributions`: ROS 2 distributions that ship it. `trust`: whom it trusts; `access`: what documents mean to it;

@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.errors import UsageError
 from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.profiles.access import Access, JoinCheck, Local, OpenRange, PartitionReading, RelayReading

@@ -11,7 +11,8 @@ from functools import lru_cache
 from itertools import islice
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.document import Text
@@ -41,8 +42,7 @@ _PAIRS_PER_ENCLAVE: Final = 1_000
 """Pairs of a topic and a pattern that are compared for one keystore, about half a second, and a millisecond."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ActionPattern:
+class ActionPattern(Struct, frozen=True, kw_only=True):
     """A grant of an enclave (its path) has patterns that take in topics of actions.
 
     `expression`: the first; `count`: how many. `action`: one, `owner`: the enclave that publishes its status by name,
@@ -79,8 +79,7 @@ def action_patterns(enclaves: Iterable[Enclave]) -> tuple[ActionPattern, ...]:
     return tuple(filter(None, (_pattern(enclave, grant, found, named, effort) for enclave, grant, found in wild)))
 
 
-@dataclass(slots=True)
-class _Effort:
+class _Effort(Struct):
     """What may still be spent on one keystore."""
 
     decisions: int

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
@@ -23,8 +24,7 @@ MAX_CHANNELS: Final = 200_000
 """Classes × affixes × domain classes of one enclave: a second; 5,000 services in two domains take a tenth."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RosChannels:
+class RosChannels(Struct, frozen=True, kw_only=True):
     """Channels for every class of ROS names, with each of the affixes, in the default partition.
 
     `starts`: by governed domain class, its first channel; from there on all classes with the first affix, then all with

@@ -12,7 +12,8 @@ import string
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import AuditError
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.model.matching.alphabet import Alphabet, Budget
@@ -67,8 +68,7 @@ OF_ACTIONS: Final = tuple(Affix(TOPIC_PREFIX, ACTION_PART + topic) for topic in 
 """The topics of an action."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RosClass:
+class RosClass(Struct, frozen=True, kw_only=True):
     """All fully qualified ROS names with the same matches; `name` is a short one of them.
 
     `members`: for each affix, the expressions (indices into what was classified) that match the topic.

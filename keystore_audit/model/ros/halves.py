@@ -12,7 +12,8 @@ from datetime import datetime
 from itertools import chain
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
@@ -47,8 +48,7 @@ ROLES: Final[Mapping[str, Role]] = {
 """What each takes (`names.dds_expressions`), what is published first."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Half:
+class Half(Struct, frozen=True, kw_only=True):
     """An operation on a service or an action (`names.dds_channels`) of which the enclave may do a part.
 
     `name`: a ROS name; `several`: others are like it. `has`, `lacks`: what is allowed by a rule, and what is refused,
@@ -66,8 +66,7 @@ class Half:
     profiles: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Halves:
+class Halves(Struct, frozen=True, kw_only=True):
     """All of a keystore. `unknown`: by path, enclaves whose names are of too many classes, and why."""
 
     halves: tuple[Half, ...] = ()

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
@@ -31,8 +32,7 @@ if TYPE_CHECKING:
 _BEFORE_FOXY: Final = frozenset((LayoutKind.FLAT, LayoutKind.ARDENT))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RosPatterns:
+class RosPatterns(Struct, frozen=True, kw_only=True):
     """`reaches`, `rivals`: each with the chosen profiles that it holds for, empty for all.
 
     `unknown`: why services could not be compared. `actions`: patterns for topics that take in actions. `unusual`:

@@ -15,7 +15,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered, grouped
 from keystore_audit.intent.ros_names import is_ros_name
@@ -44,8 +45,7 @@ CHANGING: Final = frozenset((*SETTING_SERVICES, "change_state"))
 _FAMILY: Final = {service: family for family, services in FAMILIES.items() for service in services}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reach:
+class Reach(Struct, frozen=True, kw_only=True):
     """An enclave may call services of a family at nodes of others.
 
     `caller`, `owner`: paths. `service`: of the `node`; one that changes something where there is one. `nodes`,
@@ -69,8 +69,7 @@ class Reach:
         return self.service in CHANGING
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rivals:
+class Rivals(Struct, frozen=True, kw_only=True):
     """Enclaves (paths) that may answer the same services.
 
     `intruder`: the one whose pattern matches what the others list by name; None where all list it. `rights`: what

@@ -13,7 +13,8 @@ from datetime import datetime
 from itertools import takewhile
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave
@@ -54,8 +55,7 @@ MAX_NODES: Final = 250
 """Nodes of an enclave that are asked about: up to a second with 1,500 expressions. A real enclave has some dozens."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unusual:
+class Unusual(Struct, frozen=True, kw_only=True):
     """An enclave (its path) whose grant lacks some of what ROS 2 nodes use.
 
     `lacks`: uses; `silent`: no node of it may answer for its parameters; `starts`: whether it has all without which no
@@ -92,8 +92,7 @@ def unusual(
             yield Unusual(enclave=enclave.path, lacks=advised, silent=silent, starts=True, location=place)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Undescribed:
+class Undescribed(Struct, frozen=True, kw_only=True):
     """Nodes (fully qualified) that an enclave (its path) lets answer for their parameters, and not describe their
     types. `location`: the grant.
     """

@@ -14,8 +14,8 @@ from itertools import chain
 from typing import Final
 
 from cryptography import x509
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.model.profiles import SubjectComparison
 from keystore_audit.model.subjects.attributes import SHORT_NAMES, Subject, typed
@@ -288,8 +288,7 @@ class _Index:
         return frozenset(number for number in candidates if names(attributes, self._certificates[number]))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
+class Comparison(Struct, frozen=True, kw_only=True):
     """A comparison attribute by attribute.
 
     `names`: whether the attributes of a text name those of a certificate; None: if every attribute of the certificate

@@ -12,8 +12,8 @@ from functools import lru_cache
 from typing import Final
 
 from cryptography import x509
+from msgspec import Struct
 
-from keystore_audit.dataclass import dataclass
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.subjects.attributes import OBJECT_IDENTIFIERS
@@ -25,8 +25,7 @@ Meaning = object
 _REMEMBERED: Final = 65_536
 
 
-@dataclass(frozen=True, slots=True)
-class ToldSubject:
+class ToldSubject(Struct, frozen=True):
     """A subject that a text tells (`attributes.Subject`)."""
 
     subject: str

@@ -11,7 +11,9 @@ from collections.abc import Container, Iterable, Mapping
 from enum import Enum
 from typing import Final, NamedTuple
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.safeguard import Safeguard
@@ -55,8 +57,7 @@ _ORDER: Final = {sort: place for place, sort in enumerate(Sort)}
 Safeguards = tuple[Safeguard, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class Row(Struct, frozen=True, kw_only=True):
     """`label`: in words, raw text. `cells`: by enclave path, what it may do: operations, or those of `PARTS`.
 
     `safeguards`: what protects its topics. `dds_only`: ROS 2 has no such name. `several`: it is about all names of a
@@ -289,8 +290,7 @@ def folded_by_owner(rows: Iterable[Row]) -> tuple[Row, ...]:
     return tuple(sorted(kept, key=_place))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Disagreement:
+class Disagreement(Struct, frozen=True, kw_only=True):
     """Where peers and the enclave's own implementation do not agree about an operation.
 
     `names`: places in the table; none if `everything`: with what the implementation itself allows, these are all.

@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
@@ -29,8 +31,7 @@ from keystore_audit.model.tables.named import Named, names_of
 from keystore_audit.model.window import Window
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rights:
+class Rights(Struct, frozen=True, kw_only=True):
     """What one enclave may do with one operation: bit sets over the names of the table.
 
     `names`: all of them. `allowed`, `undecided`: the decision of its own implementation. `accepted`: some peer takes
@@ -58,8 +59,7 @@ def _ruling(allow: int, unknown: int, name: int) -> Ruling:
     return Ruling.UNKNOWN if unknown >> name & 1 else Ruling.DENY
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class EnclaveRights:
+class EnclaveRights(Struct, frozen=True, kw_only=True):
     """`usable`: whether its participant starts in the domain, None if that cannot be told; `reasons`: why not."""
 
     usable: bool | None
@@ -80,8 +80,7 @@ class EnclaveRights:
             yield name, right.decision(name), right.effective(name)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Group:
+class Group(Struct, frozen=True, kw_only=True):
     """Profiles whose tables are equal.
 
     `enclaves`: by path. `safeguards`: by name, what the enclaves' governances have, several where they differ.
@@ -100,8 +99,7 @@ class Group:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AccessTable:
+class AccessTable(Struct, frozen=True, kw_only=True):
     """The whole table of the keystore at `root`.
 
     `rest`: the place among `names` of whatever no document lists. `groups`: the largest last, else in the order of

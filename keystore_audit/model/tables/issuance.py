@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections import Counter
 from datetime import datetime
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.keystore import Keystore
@@ -18,8 +19,7 @@ from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import certificates_of
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IssuedCertificate:
+class IssuedCertificate(Struct, frozen=True, kw_only=True):
     """A certificate and what hangs on it. Names are raw text, dates aware UTC.
 
     `key_kind` as in `Certificate`. `identity_of`: enclaves whose identity it is; `identity_ca_of`, `permissions_ca_of`:
@@ -42,8 +42,7 @@ class IssuedCertificate:
     revoked: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Issuance:
+class Issuance(Struct, frozen=True, kw_only=True):
     """`certificates` by place. `unsigned`: documents (paths) whose signature none of them made. `unread`: those of
     which that cannot be told.
     """

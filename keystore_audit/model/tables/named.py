@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import MAX_CELLS
@@ -16,8 +17,7 @@ from keystore_audit.model.matching.patterns import Patterns
 from keystore_audit.model.profiles import Access
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Named:
+class Named(Struct, frozen=True, kw_only=True):
     """The topic names of one class, in a class of partitions.
 
     `topic`: one of them, the only one unless there are `several`. `ros`: whether ROS 2 can produce one. `expressions`:
@@ -31,8 +31,7 @@ class Named:
     expressions: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Names:
+class Names(Struct, frozen=True, kw_only=True):
     """All names. `rest`: the place of the class that the fewest expressions match, of whatever no document lists."""
 
     names: tuple[Named, ...]

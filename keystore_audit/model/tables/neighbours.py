@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.grouped import gathered
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import members
@@ -22,8 +23,7 @@ ANYBODY: Final = None
 """Stands for whoever is on the network, without any key."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PeerGroup:
+class PeerGroup(Struct, frozen=True, kw_only=True):
     """Names (places in the access table) on which the same peers are at the other end.
 
     `peers`: paths of enclaves, ANYBODY last. `by_right`: peers grant it; else it takes a compromised sender or
@@ -35,8 +35,7 @@ class PeerGroup:
     by_right: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Neighbourhood:
+class Neighbourhood(Struct, frozen=True, kw_only=True):
     """The groups of peers to and from the enclave `path`; by right first, then those with the fewest peers."""
 
     path: str

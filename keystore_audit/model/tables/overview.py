@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -35,8 +36,7 @@ MAX_VIEWS: Final = 10_000
 governance file of its own."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Allowance:
+class Allowance(Struct, frozen=True, kw_only=True):
     """`names`: places in the table, as a bit set, for which `location` (None: no line) allows the operation.
 
     `reason`: why, raw text.
@@ -48,8 +48,7 @@ class Allowance:
     location: Location | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Overview:
+class Overview(Struct, frozen=True, kw_only=True):
     """`access`: in one domain; None where that could not be worked out, and `refused` says why (a sentence).
 
     `allowances`: by enclave path, under the profiles of the table's last group, as `neighbourhoods` are, of which there

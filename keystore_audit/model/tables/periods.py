@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from datetime import datetime
 from enum import Enum
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.tables.issuance import Issuance
@@ -23,8 +24,7 @@ class Dated(str, Enum):
     REVOCATIONS = "revocation list"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Period:
+class Period(Struct, frozen=True, kw_only=True):
     """Things of one kind with the same dates (aware UTC). `end` None: without an end. `names`: raw text, sorted."""
 
     kind: Dated

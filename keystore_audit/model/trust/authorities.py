@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -19,8 +20,7 @@ from keystore_audit.keystore.layout import Role
 ROLES: Final = (Role.IDENTITY_CA, Role.PERMISSIONS_CA)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Authorities:
+class Authorities(Struct, frozen=True, kw_only=True):
     """What somebody declared, by role: SHA-256, in hexadecimal, of certificates or of their keys; none: nothing."""
 
     identity: frozenset[str] = frozenset()
@@ -36,8 +36,7 @@ class Authorities:
         return all(map(self.of, ROLES))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Anchors:
+class Anchors(Struct, frozen=True, kw_only=True):
     """The authorities that are trusted in a role: those declared that are here, by place, or the one found.
 
     `found_in`: the file that it was taken from; empty where they were declared, or where none can be told.

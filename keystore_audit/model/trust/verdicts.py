@@ -11,7 +11,9 @@ from enum import Enum
 from functools import lru_cache
 from typing import Any, Final, TypeVar
 
-from keystore_audit.dataclass import dataclass, replace
+from msgspec import Struct
+from msgspec.structs import replace
+
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind, first_opaque
 from keystore_audit.keystore.distinguished_name import same_name
@@ -51,8 +53,7 @@ class Acceptance(str, Enum):
     UNKNOWN = "unknown"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Envelope:
+class Envelope(Struct, frozen=True, kw_only=True):
     """What the envelope of a document is worth before anybody asks who signed it.
 
     `verdict`: ACCEPTED where every signature verifies under `signers`, whom the signer identifiers name.

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from keystore_audit.dataclass import replace
+from msgspec.structs import replace
+
 from keystore_audit.grouped import grouped
 from keystore_audit.model.blast_radius import Ranked, Ranking
 from keystore_audit.report.html.element import NOTHING, Html, element, folded, items, joined, lines, name, some

@@ -12,7 +12,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.text import html, shorten, terminal
 
 MAX_NAME: Final = 200
@@ -47,8 +48,7 @@ _VALUE: Final = re.compile(r"[A-Za-z0-9 _.,:;#()/+='-]*")
 _PLACE: Final = re.compile(r"#[A-Za-z0-9_-]+|data:,")
 
 
-@dataclass(frozen=True, slots=True)
-class Html:
+class Html(Struct, frozen=True):
     """Markup that `element` has made."""
 
     markup: str

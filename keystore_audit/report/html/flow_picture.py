@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.tables.access_rows import label
 from keystore_audit.model.tables.access_table import AccessTable
@@ -46,8 +47,7 @@ _FIT: Final = int((BOX - 2 * PAD) / CHARACTER)
 _NOTE: Final = "only with keys of a compromised enclave"
 
 
-@dataclass(frozen=True, slots=True)
-class _Line:
+class _Line(Struct, frozen=True):
     """A line of a box, and its class."""
 
     text: str

@@ -10,7 +10,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
@@ -58,8 +59,7 @@ LEGEND: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class _Column:
+class _Column(Struct, frozen=True):
     """Enclaves of one namespace that are alike."""
 
     paths: tuple[str, ...]

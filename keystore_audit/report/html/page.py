@@ -10,7 +10,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import SEVERITIES, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
@@ -38,8 +39,7 @@ MAX_CONTENTS: Final = 6
 """Keystores up to which the sections of each are in the contents."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Section:
+class _Section(Struct, frozen=True):
     """A part of a report. `badge`: a few characters beside its name in the contents."""
 
     key: str

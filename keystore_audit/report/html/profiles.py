@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Severity
 from keystore_audit.model.tables.access_rows import decision_rows
 from keystore_audit.model.tables.access_table import AccessTable
@@ -23,8 +24,7 @@ MAX_SENTENCES: Final = 30
 _STARTS: Final = {True: ("✓", "starts"), False: ("✗", "does not start"), None: ("?", "unknown")}
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
+class _Row(Struct, frozen=True):
     """Something, and for each profile what is answered."""
 
     what: Html

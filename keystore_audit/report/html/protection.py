@@ -5,12 +5,12 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.formal.safeguard import Safeguard
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Protected:
+class Protected(Struct, frozen=True, kw_only=True):
     """`kind`: a class of the style sheet. `rank`: 0 is the least protected. `mark`: its shape. `remark`: what is not as
     it should be, in a few words; empty where everything is encrypted and asks for a grant.
     """

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.report.content import Report
@@ -15,8 +16,7 @@ FULL: Final = "The JSON report has all (--format json)."
 """Where to find what a page leaves out."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sheet:
+class Sheet(Struct, frozen=True, kw_only=True):
     """One report on the page. `prefix`: of every id of its part. `shown`: its findings that are not hidden.
 
     `numbers`: by enclave path, a number for ids.

@@ -6,7 +6,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime, timedelta
 from typing import Final
 
-from keystore_audit.dataclass import dataclass
+from msgspec import Struct
+
 from keystore_audit.model.tables.periods import Period
 from keystore_audit.report.html.element import Html, element, fitted, folded, items, joined, lines, some
 from keystore_audit.report.html.sheet import FULL, Sheet
@@ -30,8 +31,7 @@ _YEARS: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
 _MONTHS: Final = (1, 3, 6)
 
 
-@dataclass(frozen=True, slots=True)
-class _Axis:
+class _Axis(Struct, frozen=True):
     """From `start` to `end`; what lies beyond is cut, and drawn so."""
 
     start: datetime

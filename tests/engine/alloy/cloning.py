@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import TypeVar
+
+from msgspec.structs import replace
 
 from keystore_audit.model.formal.claim import ClaimAtom, Place
 from keystore_audit.model.formal.system import Reading, RealmAtom, RuleAtom, System

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind

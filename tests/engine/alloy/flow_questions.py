@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
+
+from msgspec.structs import replace
 
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place

@@ -6,11 +6,11 @@ Alloy is asked whether its functions are otherwise than the native engine says.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.facts import facts

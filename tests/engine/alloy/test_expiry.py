@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.engine.alloy import expiry
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts, write_model

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from keystore_audit.engine.alloy.application import EXERCISED as WIRED
 from keystore_audit.engine.alloy.application import MAIN as APPLICATION

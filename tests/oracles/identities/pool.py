@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import timedelta
 from random import Random
 from typing import Any
@@ -13,6 +12,7 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.name import _ASN1Type
 from cryptography.x509.oid import NameOID
+from msgspec import Struct
 
 from tests.keystore.builder import START, Signed, certificate, crl
 
@@ -54,8 +54,7 @@ def _printable(text: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text, _ASN1Type.PrintableString)])
 
 
-@dataclass(frozen=True)
-class Pool:
+class Pool(Struct, frozen=True):
     """Everything by name; the lists are DER."""
 
     authorities: dict[str, Signed]
@@ -133,8 +132,7 @@ def _marked(issuer: Signed, extension: _Extension) -> x509.CertificateRevocation
     return dated.add_extension(*extension).sign(issuer.key, hashes.SHA256())  # type: ignore[arg-type]
 
 
-@dataclass(frozen=True)
-class Combination:
+class Combination(Struct, frozen=True):
     """An identity CA file, an identity, and a list or none, by name."""
 
     authorities: tuple[str, ...]

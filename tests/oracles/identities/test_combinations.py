@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import timedelta
 
 import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
+from msgspec import Struct
 
 from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust.chain import chain_refusal
@@ -25,8 +25,7 @@ NUMBER = 300
 """Random combinations, 15 ms each."""
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(Struct, frozen=True):
     """What came of a combination for one implementation. Empty `refused` and empty `said`: both accept."""
 
     combination: Combination

@@ -5,9 +5,10 @@ from __future__ import annotations
 import ctypes
 import ctypes.util
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from enum import IntFlag
+
+from msgspec import Struct
 
 from tests.conftest import libcrypto
 
@@ -21,8 +22,7 @@ class Flag(IntFlag):
     CHECK_SS_SIGNATURE = 0x4000
 
 
-@dataclass(frozen=True)
-class Caller:
+class Caller(Struct, frozen=True):
     """How an implementation asks (facts: dds-semantics 1.2).
 
     `whole_file`: the store holds every certificate and revocation list of the identity CA file, else the first

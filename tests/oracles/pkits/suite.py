@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import base64
 import re
-from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
 
 from asn1crypto import cms, parser  # type: ignore[import-untyped]
+from msgspec import Struct
 
 from tests.conftest import lacking
 
@@ -28,8 +28,7 @@ class Counts(str, Enum):
     BOTH = "keyCertSign always, cRLSign with a crl.pem"
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(Struct, frozen=True):
     """A section of the suite. `names`: what tells its tests from those of the sections after it."""
 
     title: str
@@ -64,8 +63,7 @@ SECTIONS = {
 """In the order in which names are looked at: what stands first is the more special."""
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(Struct, frozen=True):
     """One test: a message, the certificates and lists that it brings along (DER), and the signer's certificate.
 
     `issuers`: the path below the trust anchor without the signer. `valid`: what RFC 5280 says by the suite's name of
@@ -102,8 +100,7 @@ class Case:
         return f"{self.number} {self.name}"
 
 
-@dataclass(frozen=True)
-class Suite:
+class Suite(Struct, frozen=True):
     """The whole of it, DER throughout."""
 
     anchor: bytes

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit import toml
 from tests.oracles.pkits import paths, suite
@@ -29,8 +30,7 @@ LISTED: dict[str, list[dict[str, Any]]] = toml.loads((Path(__file__).parent / "d
 STRICTER = LISTED["stricter"]
 
 
-@dataclass(frozen=True)
-class Trial:
+class Trial(Struct, frozen=True):
     """One identity under one identity CA file, with a revocation list or none.
 
     `layout`: "anchor" (the file holds the trust anchor), "path" (trust anchor and intermediates), "issuer" (nothing but
@@ -44,8 +44,7 @@ class Trial:
     crls: tuple[bytes, ...] = ()
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(Struct, frozen=True):
     """What came of a trial for one implementation. Empty `refused` and empty `said`: both accept."""
 
     trial: Trial

@@ -8,9 +8,9 @@ As they are, all messages carry revocation lists, which we do not interpret, so 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import pytest
+from msgspec import Struct
 
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.defect import Kind
@@ -42,8 +42,7 @@ def openssl(oracle: Callable[[str], str], tmp_path_factory: pytest.TempPathFacto
         assert not asked.crashes
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(Struct, frozen=True):
     """A message as we read it, for a permissions CA file that holds one certificate."""
 
     document: SignedDocument

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import lru_cache
+
+from msgspec import Struct
 
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.defect import Defect
@@ -32,8 +33,7 @@ _VARIABLE = re.compile(
 _ALGORITHMS = re.compile(r"\b(?:md5|sha\d+)\b")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
+class Comparison(Struct, frozen=True, kw_only=True):
     """A message as we read it, our verdicts on it, and OpenSSL's."""
 
     document: SignedDocument

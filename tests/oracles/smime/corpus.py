@@ -10,7 +10,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -20,6 +19,8 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.name import _ASN1Type
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID, ObjectIdentifier
+from msgspec import Struct
+from msgspec.structs import replace
 
 from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, signed_document
 from tests.keystore.messages import by_openssl, corpus, taken_apart, with_signature
@@ -35,8 +36,7 @@ P384_CA = authority(key=ec.generate_private_key(ec.SECP384R1()))
 P521_CA = authority(key=ec.generate_private_key(ec.SECP521R1()))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Case:
+class Case(Struct, frozen=True, kw_only=True):
     """A message, the permissions CA file, and other certificates that the keystore holds."""
 
     name: str

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
 
 from cryptography.hazmat.primitives.serialization import Encoding
+from msgspec.structs import replace
 
 from keystore_audit.keystore.cms import MAX_EMBEDDED, MAX_SIGNERS
 from tests.keystore.builder import crl

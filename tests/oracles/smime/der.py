@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from cryptography import x509
 from cryptography.hazmat import asn1
+from msgspec import Struct
 
 
 def tlv(tag: int, *contents: bytes) -> bytes:
@@ -43,8 +42,7 @@ MAX_DEPTH = 40
 """Constructed elements inside one another that are followed: the signature of a DDS document has 10."""
 
 
-@dataclass
-class Element:
+class Element(Struct):
     """One element: its tag octet, and the elements inside it or, where there are none, its octets."""
 
     tag: int

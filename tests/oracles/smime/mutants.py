@@ -5,8 +5,9 @@ from __future__ import annotations
 import random
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from itertools import chain
+
+from msgspec import Struct, field
 
 from tests.oracles.smime.comparison import Comparison, compare
 from tests.oracles.smime.corpus import Case, cases
@@ -18,8 +19,7 @@ _WRITERS = ("EC: ", "RSA: ", "P-384: ")
 _SIGNED_BY = ("signer: ", "chain: an enclave with", "chain: a middle authority")
 
 
-@dataclass
-class Tally:
+class Tally(Struct):
     """What a run saw. `stricter`: reasons for which we leave open what OpenSSL accepts, with the first such message."""
 
     tried: int = 0

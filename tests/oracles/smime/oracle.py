@@ -7,8 +7,9 @@ import select
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
+
+from msgspec import Struct, field
 
 from tests.oracles.xml.parsers import compiled
 
@@ -18,8 +19,7 @@ PATIENCE = 20
 """Seconds after which an answer is no longer awaited: a message of some kilobytes takes a millisecond."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Answer:
+class Answer(Struct, frozen=True, kw_only=True):
     """The content that is accepted, None if the message is refused: by implementations that pin, by those that chain.
 
     `split`: the same message is read differently from a file (Fast DDS) and from memory (Cyclone DDS). The contents
@@ -31,8 +31,7 @@ class Answer:
     split: bool
 
 
-@dataclass
-class Oracle:
+class Oracle(Struct):
     """What DDS implementations that trust one permissions CA file do with messages.
 
     `crashes`: messages at which OpenSSL died or did not come back; it was started anew, and they count as refused.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, padding, rsa
 from cryptography.hazmat.primitives.serialization import Encoding
+from msgspec import Struct, field
+from msgspec.structs import replace
 
 from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate
 from tests.keystore.messages import by_openssl
@@ -47,8 +48,7 @@ def sign(signer: Signed, data: bytes) -> bytes:
     return key.sign(data)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Info:
+class Info(Struct, frozen=True, kw_only=True):
     """A SignerInfo; `attributes` as they stand in it, `order` as they are signed."""
 
     signer: Signed = CA
@@ -82,8 +82,7 @@ class Info:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Cms:
+class Cms(Struct, frozen=True, kw_only=True):
     """A ContentInfo with a SignedData."""
 
     type: str = SIGNED_DATA

@@ -6,9 +6,10 @@ import os
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+
+from msgspec import Struct
 
 from keystore_audit.keystore.permissions import Operation
 from tests.oracles.xml.parsers import compiled
@@ -16,8 +17,7 @@ from tests.oracles.xml.parsers import compiled
 _HERE = Path(__file__).parent
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Endpoint:
+class Endpoint(Struct, frozen=True, kw_only=True):
     """A writer or reader that an enclave is to create; `partitions` as its publisher or subscriber names them."""
 
     operation: Operation
@@ -43,8 +43,7 @@ def subscribe(topic: str, *partitions: str) -> Endpoint:
     return Endpoint(operation=Operation.SUBSCRIBE, topic=topic, partitions=partitions)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class Answer(Struct, frozen=True, kw_only=True):
     """What a vendor does with an enclave.
 
     `participant`: None where it is created, else the vendor's message, "crash" or "hang". `endpoints`: for each that

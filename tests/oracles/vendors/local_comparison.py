@@ -5,8 +5,9 @@ from __future__ import annotations
 import shutil
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
+
+from msgspec import Struct, field
 
 from keystore_audit.model.question import Ruling
 from tests.oracles.vendors.enclave import Answer, Vendor
@@ -14,8 +15,7 @@ from tests.oracles.vendors.ours import Verdict, decide
 from tests.oracles.vendors.recipe import NOW, Recipe
 
 
-@dataclass(kw_only=True)
-class Comparison:
+class Comparison(Struct, kw_only=True):
     """How often the answers agree, and where they do not: by vendor and title, in words."""
 
     agreed: Counter[str] = field(default_factory=Counter)

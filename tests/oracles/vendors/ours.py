@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from zoneinfo import ZoneInfo
+
+from msgspec import Struct
 
 from keystore_audit.access import Access
 from keystore_audit.keystore.permissions import Operation
@@ -18,8 +19,7 @@ PROFILES = {"cyclone": VARIANTS["cyclonedds-0.10"], "fastdds": VARIANTS["fastdds
 """What we call the vendors that are installed."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class Verdict(Struct, frozen=True, kw_only=True):
     """Whether a participant starts (None: unknown) and why not, and the decision on each endpoint.
 
     An endpoint in several partitions may be created only if it may be in each of them; `exact` says of each whether

@@ -11,8 +11,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
+
+from msgspec import Struct
 
 from keystore_audit.keystore.permissions import Operation
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
@@ -39,8 +40,7 @@ QUIET = 0.25
 _PORTS_OF_A_PAIR = 20
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Side:
+class Side(Struct, frozen=True, kw_only=True):
     """A process: `enclave` None is a participant without security.
 
     `compromised` skips every local check, and presents `presented` to the other side instead of its permissions.p7s.
@@ -55,8 +55,7 @@ class Side:
     passes_for: Path | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
+class Seen(Struct, frozen=True, kw_only=True):
     """What became of an endpoint: with how many of the other side it matched, and which of their numbers it heard."""
 
     created: bool
@@ -64,8 +63,7 @@ class Seen:
     heard: frozenset[int] = frozenset()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Meeting:
+class Meeting(Struct, frozen=True, kw_only=True):
     """What became of both sides: None where the participant is not created, else what each endpoint saw.
 
     `complaints`: what each wrote to its error output.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from pathlib import Path
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.keystore.permissions import Operation
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
@@ -32,8 +34,7 @@ PLAIN_FIRST = plain("first")
 PLAIN_SECOND = plain("second")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
+class Case(Struct, frozen=True, kw_only=True):
     """Two sides. `second` None is a peer without security; `presented`: a signed document, which a compromised second
     side presents instead of its own. `endpoints` are the second side's; the first has the other end of each.
     """

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
+
+from msgspec.structs import replace
 
 from tests.oracles.vendors.enclave import publish, subscribe
 from tests.oracles.vendors.pairs_case import CAS, Case, plain

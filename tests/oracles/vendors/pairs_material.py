@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
+from msgspec import Struct
 
 from tests.keystore.builder import PrivateKey, Signed, authority, certificate, signed_document
 from tests.oracles.vendors import recipe
@@ -48,8 +48,7 @@ def permissions(*grants: str) -> bytes:
     return recipe.permissions(*grants).encode()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Authorities:
+class Authorities(Struct, frozen=True, kw_only=True):
     """The two CAs of a keystore: one and the same, unless split."""
 
     identity: Signed
@@ -75,8 +74,7 @@ class Authorities:
         return signed_document(document, self.permissions)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Enclave:
+class Enclave(Struct, frozen=True, kw_only=True):
     """The files of one enclave; the documents signed already. The CAs are those that it trusts itself; their files are
     replaced by `identity_ca` and `permissions_ca`.
     """

@@ -7,11 +7,12 @@ stock governance. Dates are fresh, since vendors read the real clock.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from datetime import datetime, timedelta, timezone
 from functools import lru_cache
 from pathlib import Path
 from xml.sax.saxutils import escape
+
+from msgspec import Struct, field
 
 from tests.keystore.builder import Signed, authority, certificate
 from tests.keystore.messages import PYCA_OPTIONS, by_pyca
@@ -197,8 +198,7 @@ _PLAIN_GOVERNANCE = governance()
 _PLAIN_PERMISSIONS = of_rules(allow(pubsub("rt/chatter")))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Recipe:
+class Recipe(Struct, frozen=True, kw_only=True):
     """A keystore by its differences from the plain one, and the question.
 
     `files` replaces whole files (None: leaves one out); `sign_governance` and `sign_permissions` make the messages.

@@ -7,9 +7,11 @@ enclave signs for itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from random import Random
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.keystore.permissions import Operation
 from tests.oracles.vendors.enclave import Endpoint
@@ -41,8 +43,7 @@ _PARTITIONS = ("", "p", "q", "*", "?", "p*", "[pq]")
 _OPERATIONS = ("publish", "subscribe")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Criterion:
+class Criterion(Struct, frozen=True, kw_only=True):
     """`partitions` None: no such element."""
 
     operation: str
@@ -54,8 +55,7 @@ class Criterion:
         return criterion_element(self.operation, *self.topics, partitions=self.partitions)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rule:
+class Rule(Struct, frozen=True, kw_only=True):
     """`domains`: ranges, both ends included."""
 
     allow: bool
@@ -72,8 +72,7 @@ class Rule:
         return made(*(each.xml() for each in self.criteria), where=domains(*self.domains))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Grant:
+class Grant(Struct, frozen=True, kw_only=True):
     """`controls`: the first rule allows the controls of the pair."""
 
     subject: str
@@ -88,8 +87,7 @@ class Grant:
         return grant_element(self.subject, rules, default=default, validity=self.validity, controls=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TopicRule:
+class TopicRule(Struct, frozen=True, kw_only=True):
     """A rule of the governance, the same on both sides."""
 
     expression: str
@@ -97,8 +95,7 @@ class TopicRule:
     write_control: bool
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Remote:
+class Remote(Struct, frozen=True, kw_only=True):
     """What the second side presents, and what the governance asks for."""
 
     grants: tuple[Grant, ...]

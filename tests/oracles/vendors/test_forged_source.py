@@ -6,11 +6,11 @@ writer of another participant, which may publish "owned" (forged_source.h).
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
 import pytest
+from msgspec.structs import replace
 
 from tests.oracles.vendors.enclave import publish, subscribe
 from tests.oracles.vendors.pairs import Pairs, Side

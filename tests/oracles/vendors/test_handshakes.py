@@ -6,11 +6,11 @@ Keys of some kinds sign nothing in it, and permissions may be too large for its 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from cryptography.hazmat.primitives.asymmetric import ec, ed448, ed25519, rsa
+from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.claims.ability import sent, talks

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from enum import Enum
+
+from msgspec import Struct
 
 from keystore_audit.keystore.document import DomainRange
 from keystore_audit.keystore.governance import Governance, TopicRule, read_governance
@@ -31,8 +32,7 @@ class DocumentKind(Enum):
     PERMISSIONS = "permissions"
 
 
-@dataclass(frozen=True)
-class OurReading:
+class OurReading(Struct, frozen=True):
     """`content`: the text as handed to a parser (line ends are CRLF). `typed`: None unless it has one meaning."""
 
     content: bytes

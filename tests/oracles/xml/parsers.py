@@ -5,11 +5,11 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 from lxml import etree
+from msgspec import Struct
 
 from tests.conftest import lacking
 
@@ -28,8 +28,7 @@ Reading = tuple[Item, ...] | None
 """None: the parser refuses the document."""
 
 
-@dataclass(frozen=True)
-class Parser:
+class Parser(Struct, frozen=True):
     """A parser that we did not write, in a process that lives as long as the tests ask it."""
 
     process: subprocess.Popen[bytes]
@@ -59,8 +58,7 @@ _PASSED_OVER = ("@xmlns:xsi", "@xsi:noNamespaceSchemaLocation")
 """Of any element: Fast DDS asks for names of grants alone, Cyclone DDS's plugin refuses all others but these."""
 
 
-@dataclass(frozen=True)
-class Parsers:
+class Parsers(Struct, frozen=True):
     """The parsers of the two vendors."""
 
     tinyxml2: Parser

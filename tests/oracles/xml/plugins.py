@@ -7,11 +7,11 @@ import re
 import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
 from cryptography import x509
+from msgspec import Struct, field
 
 from tests.keystore.builder import END, GOVERNANCE, START, Signed, authority, certificate
 from tests.keystore.documents import PERMISSIONS
@@ -23,8 +23,7 @@ _PASSING = re.compile(r" file://\S+| \(\./src.*|: [0-9A-F]{16}:error.*", re.DOTA
 """Of a message: where the file was, where the source stands, addresses in OpenSSL's errors."""
 
 
-@dataclass(frozen=True)
-class Answer:
+class Answer(Struct, frozen=True):
     """`refused`: the plugin's code and message, or "crash"; None where the participant starts.
 
     `topics`: by topic, what it may do: see cyclone_access_control.c; Fast DDS answers alike.

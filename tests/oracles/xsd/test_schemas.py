@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,8 @@ import pytest
 import xmlschema
 from hypothesis import given, settings
 from lxml import etree
+from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit import toml
 from keystore_audit.keystore.xsd import Grammar
@@ -45,8 +46,7 @@ TYPES = {
 PLAIN = {"integer": "0", "boolean": "true", "dateTime": "2024-01-01T00:00:00"}
 
 
-@dataclass(frozen=True)
-class Difference:
+class Difference(Struct, frozen=True):
     """An entry of differences.toml."""
 
     other: str
