@@ -37,7 +37,7 @@ from tests.engine.systems import (
 OUTSIDER = -1
 
 
-class Definitions(Struct):
+class Definitions(Struct, dict=True):
     """What docs/model.md calls by these names, one set at a time; participants are indices, or OUTSIDER."""
 
     system: System
