@@ -21,10 +21,10 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point, illegal_names, wildcard_names
 from keystore_audit.model.domains import describe
 from keystore_audit.model.formal.bit_sets import bits
-from keystore_audit.model.formal.permission import allowing
 from keystore_audit.model.matching.expression import Matcher, any_matches, naming, parse
 from keystore_audit.model.profiles import Access, Local, Profile
-from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region, deciding, is_controlled
+from keystore_audit.model.rights import RuleLists, Step, allowed, deciding
+from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, deciding_grant, is_controlled
 from keystore_audit.text import MAX_EXPRESSION, shorten
 
 DONE: Final = {
@@ -42,19 +42,21 @@ class Decision(Struct, frozen=True, kw_only=True):
     location: Location | None
 
 
-class Step(Struct, frozen=True):
-    """Decides about `channels`, unless an earlier step did. `explain`: why and where, of a name where one is asked."""
+class Why(NamedTuple):
+    """What a step says. `explain`: why and where, of a name where one is asked. `by_permissions`: the grant decides;
+    before it, names and the governance do.
+    """
 
-    channels: int
-    allow: bool
     explain: Callable[[Point | None], Decision]
     by_permissions: bool = True
-    """Whether the grant is what decides; before it, names and the governance do."""
 
     @property
-    def decision(self) -> Decision:
-        """The decision in full."""
-        return self.explain(None)
+    def location(self) -> Location | None:
+        """The line that decides."""
+        return self.explain(None).location
+
+
+_Step = Step[Why]
 
 
 class _Asked(NamedTuple):
@@ -75,9 +77,10 @@ class LocalRights:
         self._accesses = accesses
         self._channels = channels
         self._at = at
-        self._bits: dict[object, int] = {}
+        self._lists = RuleLists(channels)
+        self._illegal: dict[str, int] = {}
         self._allowed: dict[object, int] = {}
-        self._all = (1 << len(channels.channels)) - 1
+        self._all = self._lists.all
 
     def allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
         """The channels on which the operation is allowed, as a bit set: the same for profiles that decide alike."""
@@ -85,9 +88,7 @@ class LocalRights:
         key = enclave.files.directory, access, profile.local, profile.trust.subjects, operation
         known = self._allowed.get(key)
         if known is None:
-            known = self._allowed[key] = allowing(
-                (step.channels, step.allow) for step in self.steps(enclave, profile, operation)
-            )
+            known = self._allowed[key] = allowed(self.steps(enclave, profile, operation))
         return known
 
     def conceded(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
@@ -95,11 +96,8 @@ class LocalRights:
         grant = self.grant(enclave, profile)
         if grant is None:
             return 0
-        access = self._accesses.row(profile.access)
-        rulings = [
-            (self._region(access, rule.region(operation)) & self._domains(rule), rule.allow) for rule in grant.rules
-        ]
-        return allowing((*rulings, (self._all, grant.default_allow)))
+        matcher = self._accesses.row(profile.access).matcher
+        return allowed(self._lists.of(grant, operation, matcher, of_peers=True))
 
     def decide(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int, name: Point) -> Decision:
         """The decision about one channel.
@@ -108,18 +106,18 @@ class LocalRights:
         """
         step = self.step(enclave, profile, operation, channel)
         grant = self.grant(enclave, profile)
-        told = step.explain(name)
+        told = step.by.explain(name)
         if step.allow or grant is None:
             return told
-        near = self._near if step.by_permissions else self._elsewhere
+        near = self._near if step.by.by_permissions else self._elsewhere
         more = near(grant, profile, _Asked(operation, name, channel))
         return Decision(allow=False, reason=told.reason + more, location=told.location)
 
-    def step(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int) -> Step:
+    def step(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int) -> _Step:
         """What decides about one channel, without a look at what comes near."""
-        return next(step for step in self.steps(enclave, profile, operation) if step.channels >> channel & 1)
+        return deciding(self.steps(enclave, profile, operation), channel)
 
-    def steps(self, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[Step]:
+    def steps(self, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[_Step]:
         """What decides, in order; the last step decides about everything."""
         access = self._accesses.row(profile.access)
         if operation is not Operation.RELAY:
@@ -127,36 +125,33 @@ class LocalRights:
             yield from self._governance(enclave, access, operation, profile.local)
         grant = self.grant(enclave, profile)
         if grant is None:
-            yield Step(self._all, False, partial(_nowhere, "no grant in force names the enclave"))
+            yield Step(self._all, False, Why(partial(_nowhere, "no grant in force names the enclave")))
             return
         place = enclave.permissions.signed.file.place if enclave.permissions else ""
         if access.first_rule_decides_topic and operation is not Operation.RELAY:
             yield from self._topics(enclave, access, grant, place, profile.local)
-        before: ReadRule | None = None
-        for rule in grant.rules:
-            if rule.of_peers:
-                continue
-            channels = self._region(access, rule.region(operation))
-            if profile.local.binds_domains:
-                channels &= self._domains(rule)
-            if channels:
-                yield Step(channels, rule.allow, partial(_by_rule, rule, before, operation, place, access.matcher))
-            before = rule
-        yield Step(self._all, grant.default_allow, partial(_by_default, grant, operation, place))
+        everywhere = not profile.local.binds_domains
+        for step in self._lists.of(grant, operation, access.matcher, in_every_domain=everywhere):
+            explain = (
+                partial(_by_default, grant, operation, place)
+                if step.by is None
+                else partial(_by_rule, step.by, operation, place, access.matcher)
+            )
+            yield Step(step.channels, step.allow, Why(explain))
 
-    def _names(self, profile: Profile) -> Iterator[Step]:
+    def _names(self, profile: Profile) -> Iterator[_Step]:
         """Names that no topic can have."""
         legal = profile.local.topic_names
         if legal is None:
             return
-        refused = self._bits.get(legal)
+        refused = self._illegal.get(legal)
         if refused is None:
-            refused = self._bits[legal] = bits(illegal_names(self._channels, legal))
+            refused = self._illegal[legal] = bits(illegal_names(self._channels, legal))
         if refused:
             reason = "the implementation creates no topic of this name"
-            yield Step(refused, False, partial(_nowhere, reason), by_permissions=False)
+            yield Step(refused, False, Why(partial(_nowhere, reason), by_permissions=False))
 
-    def _governance(self, enclave: Enclave, access: Access, operation: Operation, local: Local) -> Iterator[Step]:
+    def _governance(self, enclave: Enclave, access: Access, operation: Operation, local: Local) -> Iterator[_Step]:
         """Topics that no rule of the governance covers, and those without access control for the operation."""
         place = enclave.governance.signed.file.place if enclave.governance else ""
         governed = 0
@@ -166,34 +161,36 @@ class LocalRights:
             governed |= channels
             if not is_controlled(topic, operation):
                 explain = partial(_uncontrolled, domain_rule, topic, operation, place)
-                yield Step(channels, True, explain, by_permissions=False)
+                yield Step(channels, True, Why(explain, by_permissions=False))
         if governed != self._all:
             reason = "no topic rule of the governance covers the topic in this domain, so it cannot be created"
             whole = Location(path=place) if place else None
             explain = partial(_said, Decision(allow=False, reason=reason, location=whole))
-            yield Step(self._all & ~governed, False, explain, by_permissions=False)
+            yield Step(self._all & ~governed, False, Why(explain, by_permissions=False))
 
-    def _loose(self, enclave: Enclave, access: Access, operation: Operation, place: str) -> Iterator[Step]:
+    def _loose(self, enclave: Enclave, access: Access, operation: Operation, place: str) -> Iterator[_Step]:
         """Topics for which any matching topic rule, of any domain rule, has access control off."""
         rules = self._accesses.read(enclave.governance, access).domain_rules if enclave.governance else ()
         for domain_rule in rules or ():
             for topic in domain_rule.topic_rules:
                 if not is_controlled(topic.rule, operation):
-                    channels = self._region(access, topic.region) & self._domains(domain_rule)
+                    channels = self._lists.region(access.matcher, topic.region) & self._lists.domains(
+                        domain_rule.domains
+                    )
                     explain = partial(_uncontrolled, domain_rule, topic.rule, operation, place)
-                    yield Step(channels, True, explain, by_permissions=False)
+                    yield Step(channels, True, Why(explain, by_permissions=False))
 
-    def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str, local: Local) -> Iterator[Step]:
+    def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str, local: Local) -> Iterator[_Step]:
         """Topics that cannot be created, since the first rule that lists them denies (`profiles.Access`)."""
         controlled = 0
         for _domain_rule, topic, channels in self._topic_rules(enclave, access, local):
             if topic.enable_read_access_control and topic.enable_write_access_control:
                 controlled |= channels
         for rule in grant.rules if any(not rule.allow for rule in grant.rules) else ():
-            listed = self._region(access, rule.listed) & self._domains(rule) & controlled
+            listed = self._lists.region(access.matcher, rule.listed) & self._lists.domains(rule.domains) & controlled
             controlled &= ~listed
             if listed and not rule.allow:
-                yield Step(listed, False, partial(_no_topic, rule, place, access.matcher))
+                yield Step(listed, False, Why(partial(_no_topic, rule, place, access.matcher)))
 
     def _topic_rules(
         self, enclave: Enclave, access: Access, local: Local
@@ -203,13 +200,13 @@ class LocalRights:
         for domain_rule in self._accesses.deciding(enclave.governance, access) if enclave.governance else ():
             if not left:
                 break
-            undecided = self._domains(domain_rule) & left
+            undecided = self._lists.domains(domain_rule.domains) & left
             if not undecided:  # earlier ones decide about all of its domains
                 continue
             if not access.any_governance_rule:
                 left &= ~undecided
             for topic in domain_rule.topic_rules:
-                named = self._region(access, topic.region)
+                named = self._lists.region(access.matcher, topic.region)
                 if local.reads_names_as_expressions:
                     named |= self._naming(topic.rule.expression.text, access)
                 hit = named & undecided
@@ -228,28 +225,17 @@ class LocalRights:
 
     def grant(self, enclave: Enclave, profile: Profile) -> ReadGrant | None:
         """The grant of the enclave's own document that decides."""
-        return deciding(self._accesses.own_grants(enclave, profile) or (), self._at, self._accesses.row(profile.access))
-
-    def _region(self, access: Access, region: Region) -> int:
-        if not region:
-            return 0
-        key = (access.matcher, region)
-        known = self._bits.get(key)
-        if known is None:
-            known = self._bits[key] = bits(self._channels.regions[key])
-        return known
-
-    def _domains(self, rule: ReadRule | ReadDomainRule) -> int:
-        """The channels of the domains that the rule is about."""
-        known = self._bits.get(rule.domains)
-        if known is None:
-            known = self._bits[rule.domains] = self._channels.within(rule.domains)
-        return known
+        return deciding_grant(
+            self._accesses.own_grants(enclave, profile) or (), self._at, self._accesses.row(profile.access)
+        )
 
     def _elsewhere(self, grant: ReadGrant, profile: Profile, asked: _Asked) -> str:
         """Where names or the governance decide: the rule that allows it in other domains, as a sentence more."""
         for rule in _allowing(grant):
-            if self._listed(rule, profile, asked, asked.operation) and not self._domains(rule) >> asked.channel & 1:
+            if (
+                self._listed(rule, profile, asked, asked.operation)
+                and not self._lists.domains(rule.domains) >> asked.channel & 1
+            ):
                 return f". {self._line(rule, profile, asked)} allows it in {_domain_of(rule)}"
         return ""
 
@@ -259,7 +245,7 @@ class LocalRights:
         allowing = _allowing(grant)
         for rule in allowing:
             if self._listed(rule, profile, asked, operation):
-                if profile.local.binds_domains and not self._domains(rule) >> channel & 1:
+                if profile.local.binds_domains and not self._lists.domains(rule.domains) >> channel & 1:
                     return f". {self._line(rule, profile, asked)} allows it in {_domain_of(rule)}"
                 return f". {self._line(rule, profile, asked)} would allow it, but comes later"
         for other in Operation:
@@ -268,7 +254,7 @@ class LocalRights:
                     return f". {self._line(rule, profile, asked, other)} allows {DONE[other][1]} instead"
         for rule in allowing:
             if self._listed(rule, profile, asked, operation, in_any_partition=True):
-                elsewhere = profile.local.binds_domains and not self._domains(rule) >> channel & 1
+                elsewhere = profile.local.binds_domains and not self._lists.domains(rule.domains) >> channel & 1
                 domain = f" of {_domain_of(rule)}" if elsewhere else ""
                 return f". {self._line(rule, profile, asked)} allows it in another partition{domain}"
         listed = {text: rule for rule in reversed(allowing) for text in rule.texts(operation)}
@@ -357,16 +343,9 @@ def _no_topic(rule: ReadRule, place: str, matcher: Matcher, name: Point | None) 
     return Decision(allow=False, reason=reason, location=Location(path=place, line=line))
 
 
-def _blocks(rule: ReadRule, before: ReadRule | None) -> bool:
-    """Whether it stands for the partitions that the allow rule before it leaves out (`semantics`)."""
-    return before is not None and not rule.allow and before.allow and before.line == rule.line
-
-
-def _by_rule(
-    rule: ReadRule, before: ReadRule | None, operation: Operation, place: str, matcher: Matcher, name: Point | None
-) -> Decision:
+def _by_rule(rule: ReadRule, operation: Operation, place: str, matcher: Matcher, name: Point | None) -> Decision:
     at, line = _at(rule, operation, name, matcher)
-    if _blocks(rule, before):
+    if rule.rule.allow and not rule.allow:  # it stands for the partitions that the allow rule leaves out (`semantics`)
         where = "and not in this partition: no later rule is asked"
         reason = f"{at} is the first rule that lists the topic, {where}"
     else:

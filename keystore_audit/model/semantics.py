@@ -100,7 +100,7 @@ class ReadGrant(Struct, frozen=True, kw_only=True):
     grant: Grant
 
 
-def deciding(named: Iterable[ReadGrant], at: datetime, access: Access) -> ReadGrant | None:
+def deciding_grant(named: Iterable[ReadGrant], at: datetime, access: Access) -> ReadGrant | None:
     """Of the grants that name somebody the one that counts: the first in force, or the first alone, if it is."""
     for grant in named:
         if in_force(grant, at):

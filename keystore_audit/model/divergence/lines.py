@@ -260,7 +260,7 @@ def _same(one: ReadGrant | None, other: ReadGrant | None) -> bool:
 def _steps(local: LocalValues, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[_Decider]:
     steps = list(local.rights.steps(enclave, profile, operation))
     for step in steps:
-        yield _Decider(step.channels, step.allow, step.decision.location, step is not steps[-1])
+        yield _Decider(step.channels, step.allow, step.by.location, step is not steps[-1])
 
 
 def _governance(peers: _Peers, realm: int, operation: Operation) -> Iterator[_Decider]:

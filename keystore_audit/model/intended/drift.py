@@ -28,7 +28,7 @@ from keystore_audit.model.inventory import documents_of, may_be_taken, permissio
 from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.participants.doubt import document_doubt, identity_doubt
 from keystore_audit.model.profiles import Profile, SubjectComparison
-from keystore_audit.model.semantics import deciding
+from keystore_audit.model.semantics import deciding_grant
 from keystore_audit.model.subjects.comparison import matching
 
 
@@ -195,7 +195,7 @@ class _Search:
                 continue
             subjects = self._naming.subjects(certificate, profile.trust.subjects)
             named = [grant for grant in read.grants if grant.grant.subject_name.text in subjects]
-            chosen = deciding(named, self._at, row)
+            chosen = deciding_grant(named, self._at, row)
             if own:  # of these the first where none is in force: that it is not in force is another rule's finding
                 chosen = chosen or next(iter(named), None)
             if chosen is not None or own:

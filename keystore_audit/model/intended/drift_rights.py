@@ -17,12 +17,12 @@ from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, ReadRegion, build_channels
 from keystore_audit.model.domains import Interval, contains, domain_classes
-from keystore_audit.model.formal.bit_sets import bits, members, union
-from keystore_audit.model.formal.permission import allowing
+from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.intended.policy_grant import PolicyGrant
-from keystore_audit.model.matching.expression import Matcher, has_wildcard, parse
+from keystore_audit.model.matching.expression import Matcher, has_wildcard, naming, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
 from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.rights import Difference, RuleLists, Step, compare
 from keystore_audit.model.semantics import DEFAULT_PARTITION, DIRECTIONS, Area, ReadGrant, ReadRule, Region, read_grant
 from keystore_audit.model.validity import BEGINNING
 
@@ -74,12 +74,8 @@ class _Kind(Struct, frozen=True, eq=False):
     matcher: Matcher
 
 
-class _Step(Struct, frozen=True):
-    """Decides about `channels`, unless an earlier step did; `rule` None: the default."""
-
-    channels: int
-    allow: bool
-    rule: ReadRule | None
+_Step = Step[ReadRule | None]
+"""Of the policy's or the document's rules; `by` None: the default, or no grant at all."""
 
 
 class Comparison:
@@ -113,12 +109,10 @@ class Comparison:
         lacking, exceeding = _Found(self._place, len(taken)), _Found(self._place, len(taken))
         for kind, names in differing.items():
             for operation in Operation:
-                meant, granted = sides.meant(kind, operation), sides.granted(kind, operation)
-                ours, theirs = (allowing((step.channels, step.allow) for step in steps) for steps in (meant, granted))
-                asked = sides.asked(domains[kind])
+                found = list(sides.compare(kind, operation, domains[kind]))
                 if both:
-                    lacking.add(sides, kind, operation, ours & ~theirs & asked, names)
-                exceeding.add(sides, kind, operation, theirs & ~ours & asked, names)
+                    lacking.add(sides, kind, operation, [each for each in found if each.left.allow], names)
+                exceeding.add(sides, kind, operation, [each for each in found if each.right.allow], names)
         return lacking.rights(), exceeding.rights()
 
     def _kinds(self, taken: Sequence[Taken]) -> dict[_Kind, list[str]]:
@@ -205,93 +199,42 @@ class _Sides:
         areas = [area for _matcher, region in listing for area in region]
         # Names that a rule lists together are told apart, in other partitions only where some rule lists one.
         plain = all(area.partitions in (None, DEFAULT_PARTITION) for area in areas)
-        self._partitions = DEFAULT_PARTITION if plain else None
+        partitions = DEFAULT_PARTITION if plain else None
         for matcher, region in listing:
             regions[matcher, _DISCOVERY] = None
             regions[matcher, region] = None
-            regions.update((self._single(matcher, text), None) for area in region for text in area.topics)
+            regions.update(((matcher, (Area((text,), partitions),)), None) for area in region for text in area.topics)
         covers = [*domains, *(rule.domains for kind in kinds if kind.read for rule in kind.read.rules)]
         classes = domain_classes(covers)
         asked = [any(contains(cover, each.intervals[0][0]) for cover in domains) for each in classes]
         self.channels: Channels = build_channels(classes, asked, regions)
-        self._known: dict[ReadRegion, int] = {}
-        self._listed: dict[tuple[int, Operation, int | None], tuple[dict[str, Text], list[Text]]] = {}
-        self._lists: dict[tuple[_Kind, Operation, bool], list[_Step]] = {}
-        self._compared = ~union(self._bits((kind.matcher, _DISCOVERY)) for kind in kinds)
+        self._lists = RuleLists(self.channels)
+        self._compared = ~union(self._lists.region(kind.matcher, _DISCOVERY) for kind in kinds)
 
-    def asked(self, domains: tuple[Interval, ...]) -> int:
-        """The channels of these domains, those of `ros_discovery_info` left out."""
-        return self.channels.within(domains) & self._compared
+    def compare(
+        self, kind: _Kind, operation: Operation, domains: tuple[Interval, ...]
+    ) -> Iterator[Difference[ReadRule | None]]:
+        """Where in these domains policy (left) and document differ; `ros_discovery_info` is left out."""
+        meant = self._lists.of(self._meant[kind], operation, kind.matcher)
+        granted: Iterable[_Step] = [Step(-1, False, None)]
+        if kind.read is not None:
+            granted = self._lists.of(kind.read, operation, kind.matcher)
+        return compare(meant, list(granted), self.channels.within(domains) & self._compared)
 
-    def meant(self, kind: _Kind, operation: Operation) -> list[_Step]:
-        """What the policy decides, in order."""
-        key = kind, operation, True
-        if key not in self._lists:
-            self._lists[key] = list(self._steps(self._meant[kind], kind, operation))
-        return self._lists[key]
+    def right(self, kind: _Kind, operation: Operation, topic: str, step: _Step) -> IntendedRight | None:
+        """The policy's right by which the step decides about the topic; None: the default."""
+        text = naming(step.by.rule, operation, topic, kind.matcher) if step.by is not None else None
+        return None if text is None else self._rights.get((step.allow, operation, text.text))
 
-    def granted(self, kind: _Kind, operation: Operation) -> list[_Step]:
-        """What the document decides, in order."""
-        if kind.read is None:
-            return [_Step(-1, False, None)]
-        key = kind, operation, False
-        if key not in self._lists:
-            self._lists[key] = list(self._steps(kind.read, kind, operation))
-        return self._lists[key]
-
-    def right(self, kind: _Kind, operation: Operation, channel: int) -> IntendedRight | None:
-        """The policy's right that decides about the channel; None: the default."""
-        step = _deciding(self.meant(kind, operation), channel)
-        if step.rule is None:
-            return None
-        for (allow, about, text), right in self._rights.items():
-            if allow is step.allow and about is operation and self._matches(kind, text) >> channel & 1:
-                return right
-        return None
-
-    def text(self, kind: _Kind, operation: Operation, channel: int) -> tuple[Text | None, int | None]:
-        """The expression of the document that decides about the channel, and the line that does."""
+    def text(self, kind: _Kind, operation: Operation, topic: str, step: _Step) -> tuple[Text | None, int | None]:
+        """The expression of the document by which the step decides about the topic, and the line that does."""
         if kind.read is None:
             return None, None
         grant: Grant = kind.read.grant
-        step = _deciding(self.granted(kind, operation), channel)
-        if step.rule is None:
+        if step.by is None:
             return None, grant.default_line if grant.default_line is not None else grant.line
-        names, patterns = self._texts(grant, operation, step.rule.line)
-        text = names.get(self.channels.channels[channel].topic)
-        if text is None:
-            text = next((each for each in patterns if self._matches(kind, each.text) >> channel & 1), None)
-        return text, step.rule.line if text is None or text.line is None else text.line
-
-    def _texts(self, grant: Grant, operation: Operation, line: int | None) -> tuple[dict[str, Text], list[Text]]:
-        """The names and the patterns that the rules at a line list, kept: a rule may list 20,000."""
-        key = id(grant), operation, line
-        if key not in self._listed:
-            criteria = [each for rule in grant.rules if rule.line == line for each in rule.criteria]
-            texts = [text for each in criteria if each.operation is operation for text in each.topics]
-            patterns = [text for text in texts if has_wildcard(text.text)]
-            self._listed[key] = {text.text: text for text in reversed(texts)}, patterns
-        return self._listed[key]
-
-    def _steps(self, grant: ReadGrant, kind: _Kind, operation: Operation) -> Iterator[_Step]:
-        for rule in grant.rules:
-            region = rule.region(operation)
-            if region and not rule.of_peers:
-                yield _Step(self._bits((kind.matcher, region)) & self.channels.within(rule.domains), rule.allow, rule)
-        yield _Step(-1, grant.default_allow, None)
-
-    def _single(self, matcher: Matcher, text: str) -> ReadRegion:
-        """An expression by itself."""
-        return matcher, (Area((text,), self._partitions),)
-
-    def _matches(self, kind: _Kind, text: str) -> int:
-        key = self._single(kind.matcher, text)
-        return self._bits(key) if key in self.channels.regions else 0
-
-    def _bits(self, named: ReadRegion) -> int:
-        if named not in self._known:
-            self._known[named] = bits(self.channels.regions[named])
-        return self._known[named]
+        text = naming(step.by.rule, operation, topic, kind.matcher)
+        return text, step.by.line if text is None or text.line is None else text.line
 
 
 class _Found:
@@ -303,16 +246,25 @@ class _Found:
         self._rights: dict[tuple[Operation, str, str], tuple[DriftedRight, list[str]]] = {}
         self._more = 0
 
-    def add(self, sides: _Sides, kind: _Kind, operation: Operation, wanted: int, names: Sequence[str]) -> None:
-        """Note the channels `wanted`, found under the profiles `names`."""
-        ordered = sorted(members(wanted), key=lambda number: _familiarity(sides.channels, number))
+    def add(
+        self,
+        sides: _Sides,
+        kind: _Kind,
+        operation: Operation,
+        found: Sequence[Difference[ReadRule | None]],
+        names: Sequence[str],
+    ) -> None:
+        """Note what differs, found under the profiles `names`."""
+        wanted = {number: each for each in found for number in members(each.channels)}
+        ordered = sorted(wanted, key=lambda number: _familiarity(sides.channels, number))
         for number in islice(ordered, MAX_RIGHTS):
+            meant, granted = wanted[number].left, wanted[number].right
             channel = sides.channels.channels[number]
             key = (operation, channel.topic, channel.partition)
             if key in self._rights:
                 self._rights[key][1].extend(name for name in names if name not in self._rights[key][1])
                 continue
-            text, line = sides.text(kind, operation, number)
+            text, line = sides.text(kind, operation, channel.topic, granted)
             literal = text is not None and parse(text.text, kind.matcher).literal is not None
             right = DriftedRight(
                 operation=operation,
@@ -321,7 +273,7 @@ class _Found:
                 domain=sides.channels.domains[channel.domain].intervals[0][0],
                 ros=channel.ros,
                 endless=channel.infinite and not literal,
-                right=sides.right(kind, operation, number),
+                right=sides.right(kind, operation, channel.topic, meant),
                 keystore=Location(path=self._place, line=line),
                 profiles=(),
             )
@@ -341,10 +293,6 @@ def _familiarity(channels: Channels, number: int) -> tuple[object, ...]:
     """What people know comes first."""
     channel = channels.channels[number]
     return channel.partition != "", not channel.ros, channel.topic in AMBIENT_TOPICS, channel.topic, number
-
-
-def _deciding(steps: Iterable[_Step], channel: int) -> _Step:
-    return next(step for step in steps if step.channels >> channel & 1)
 
 
 def _names(rule: ReadRule) -> bool:

@@ -140,7 +140,7 @@ class PointRights:
         for step in local.steps(self._enclave, profile, operation):
             hit = step.channels & here
             here &= ~step.channels
-            location = step.decision.location if hit and step.allow else None
+            location = step.by.location if hit and step.allow else None
             if location is None or location.path != place:
                 continue
             numbers = sorted(members(hit), key=lambda number: not channels.channels[number].ros)
@@ -200,7 +200,7 @@ class PointRights:
         return JointRuling(
             ruling=Ruling.DENY,
             domains="" if len(where) == len(started) else ", ".join(self._label(domain) for domain in where),
-            location=self._local.step(self._enclave, profile, operation, channel).decision.location,
+            location=self._local.step(self._enclave, profile, operation, channel).by.location,
             explain=lambda: which + self._local.decide(self._enclave, profile, operation, channel, (topic, "")).reason,
         )
 

@@ -166,15 +166,15 @@ def has_wildcard(text: str) -> bool:
 
 
 def naming(rule: Rule, operation: Operation, name: str, matcher: Matcher) -> Text | None:
-    """The first topic expression of the rule that matches the name: among those of the operation, else among all, since
-    some implementations take what a rule lists for relaying as a right to subscribe.
+    """The topic expression of the rule that is the name, or else the first that matches it: among those of the
+    operation, else among all, since some implementations take what a rule lists for relaying as a right to subscribe.
     """
-    own = [each for each in rule.criteria if each.operation is operation]
-    others = [each for each in rule.criteria if each.operation is not operation]
-    for criterion in (*own, *others):
-        for text in criterion.topics:
-            if text.text == name or parse(text.text, matcher).matches(name):
-                return text
+    for own in (True, False):
+        texts = [text for each in rule.criteria if (each.operation is operation) is own for text in each.topics]
+        found = next((text for text in texts if text.text == name), None)
+        found = found or next((text for text in texts if parse(text.text, matcher).matches(name)), None)
+        if found is not None:
+            return found
     return None
 
 

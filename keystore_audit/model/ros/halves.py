@@ -22,11 +22,11 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.bit_sets import members, union
-from keystore_audit.model.formal.permission import allowing
 from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import ACTION_PART, ACTION_ROLES, ACTION_SERVICES, SERVICE_ROLES, Use, dds_expressions
 from keystore_audit.model.profiles import Access, Profile
+from keystore_audit.model.rights import allowed
 from keystore_audit.model.ros.channels import RosChannels, ros_channels
 from keystore_audit.model.ros.classes import OF_ACTIONS, Affix
 from keystore_audit.model.ros.texts import DocumentLines, is_surely_whole
@@ -212,9 +212,9 @@ class _Rights:
         self.granted: dict[Operation, int] = {}
         for operation in DIRECTIONS:
             steps = list(local.steps(enclave, profile, operation))
-            self.allowed[operation] = allowing((step.channels, step.allow) for step in steps)
+            self.allowed[operation] = allowed(steps)
             steps.pop()  # the default
-            self.granted[operation] = allowing((step.channels, step.allow) for step in steps if step.by_permissions)
+            self.granted[operation] = allowed(step for step in steps if step.by.by_permissions)
 
 
 def _telling(role: str, channel: tuple[Operation, Affix], channels: RosChannels) -> int:

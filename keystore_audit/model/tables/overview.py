@@ -128,5 +128,5 @@ def _allowances(enclave: Enclave, profile: Profile, local: LocalRights, window: 
             names = window.of(step.channels) & undecided
             undecided &= ~names
             if names and step.allow:
-                decision = step.decision
+                decision = step.by.explain(None)
                 yield Allowance(operation=operation, names=names, reason=decision.reason, location=decision.location)
