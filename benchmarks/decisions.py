@@ -18,8 +18,8 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.profiles import resolve
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import resolve
 
 
 def expressions(keystore: Keystore) -> int:

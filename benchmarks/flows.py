@@ -20,8 +20,8 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.claims import with_claims
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.profiles import resolve
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import resolve
 
 
 def measure(enclaves: int, profiles_named: list[str]) -> str:

@@ -10,7 +10,8 @@ import time
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.matching.atoms import classify
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
+from keystore_audit.profiles import Matcher
 
 FIXED = ["*", "rt/*", "rq/*Request", "rt/robot?/cmd_vel", "*/get_parameters*", "rt/*/_action/feedback", "*_tf"]
 FIXED += ["rt/robot[0-9]/odom", "rt/[!r]*", "rr/*Reply"]

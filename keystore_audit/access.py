@@ -22,9 +22,9 @@ from keystore_audit.model.formal.effective import EffectiveRights
 from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Answer, Question, Ruling, joint
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import Profile
 from keystore_audit.text import meant, some
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from msgspec.structs import replace
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Finding, Location, Severity
-from keystore_audit.model.profiles import DEFAULT
 from keystore_audit.options import Options, Progress
 from keystore_audit.pipeline import audit
+from keystore_audit.profiles import DEFAULT
 from keystore_audit.report.content import Verdict
 from keystore_audit.settings.settings import MAX_BASELINE_BYTES, Baseline
 from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance, Fate, Use, acceptable, check_dates, uses

@@ -30,7 +30,7 @@ from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import Profile
+from keystore_audit.profiles import Profile
 from keystore_audit.properties import Status
 
 

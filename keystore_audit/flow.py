@@ -22,8 +22,8 @@ from keystore_audit.model.claims.claims import Claim, with_claims
 from keystore_audit.model.formal.claim import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.participants.doubt import keystore_doubts
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import Profile
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
 from keystore_audit.settings.claims import place

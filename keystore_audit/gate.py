@@ -12,8 +12,8 @@ from keystore_audit.engine.horizon import Horizon
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.intent.environment import DISTRIBUTION, DOMAIN, RMW, Environment
-from keystore_audit.model.profiles import Profile, implementations, resolve, running, scope_of
 from keystore_audit.options import DEFAULT_NOTICE, Options
+from keystore_audit.profiles import Profile, implementations, resolve, running, scope_of
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import PEERS_IN_SCOPE, Verdict, conditions_of

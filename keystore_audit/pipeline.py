@@ -40,9 +40,9 @@ from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import certificates_of, system_documents
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import Profile, resolve, scope_of
 from keystore_audit.model.trust import authorities as trust
 from keystore_audit.options import Options, Progress
+from keystore_audit.profiles import Profile, resolve, scope_of
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AlloyResult, EngineStatus, PropertyResult
 from keystore_audit.report.content import (

@@ -24,7 +24,7 @@ from keystore_audit.model.intended.observed_needs import DISCOVERY
 from keystore_audit.model.intended.observed_rights import Deciders, listed_usages
 from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.names import dds_expressions
-from keystore_audit.model.profiles import Profile
+from keystore_audit.profiles import Profile
 from keystore_audit.text import terminal
 
 LAST_OF_OPEN_RANGE: Final = 230

@@ -16,9 +16,9 @@ from msgspec.structs import replace
 from keystore_audit.baseline import create, prune, written
 from keystore_audit.findings import Location, Severity
 from keystore_audit.given import GivenFile
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.report.content import Verdict
 from keystore_audit.settings.settings import Baseline, read_baseline
 from keystore_audit.settings.suppressions import Acceptance, Fate, acceptable, accepted, uses

@@ -9,9 +9,9 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.diff import compare_keystores
-from keystore_audit.model.profiles import resolve
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
+from keystore_audit.profiles import resolve
 from keystore_audit.rules import who_takes
 from tests.rules.evidence import AT
 from tests.test_fingerprints import beside, enclave, prints, renewed

@@ -248,7 +248,7 @@ def named_settings(given: Mapping[str, Any], *keystores: str) -> Settings | None
 
 def reading(given: Mapping[str, Any], settings: Settings | None) -> dict[str, Any]:
     """Return what the options mean that decide how keystores are read, as whoever reads them takes it."""
-    from keystore_audit.model.profiles import resolve
+    from keystore_audit.profiles import resolve
 
     return {
         "declared": declared_files(settings, given["roots"]),

@@ -35,21 +35,21 @@ def together(*options: Callable[[F], F]) -> Callable[[F], F]:
 
 def profile_name(value: str) -> str:
     """Return the name of a variant of an implementation, or an alias, as it was given."""
-    from keystore_audit.model.profiles import resolve
+    from keystore_audit.profiles import resolve
 
     read(lambda name: resolve((name,)), value)
     return value
 
 
 def _profiles() -> Iterable[str]:
-    from keystore_audit.model.profiles import ALIASES, VARIANTS
+    from keystore_audit.profiles import ALIASES, VARIANTS
 
     return (*VARIANTS, *ALIASES)
 
 
 def _scopes() -> tuple[Iterable[str], Iterable[str]]:
     """What --distro and --rmw take."""
-    from keystore_audit.model.profiles import DEFAULT, MIDDLEWARE, VARIANTS
+    from keystore_audit.profiles import DEFAULT, MIDDLEWARE, VARIANTS
 
     shipped = (name for each in DEFAULT for name in VARIANTS[each].distributions)
     return dict.fromkeys(shipped), dict.fromkeys((*MIDDLEWARE.values(), *MIDDLEWARE))
@@ -79,7 +79,7 @@ def _in_scope(context: click.Context, _parameter: click.Parameter, names: tuple[
     distros, rmws = context.meta.get(_DISTROS, ()), context.meta.get(_RMWS, ())
     if not distros and not rmws:
         return names
-    from keystore_audit.model.profiles import in_scope
+    from keystore_audit.profiles import in_scope
 
     try:
         return in_scope(distros, rmws, names)

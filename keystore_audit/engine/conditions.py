@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from keystore_audit.assumptions import CONDITIONS, WORLD, Assumption
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.formal.system import Reading, System
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import PropertyResult
 

@@ -14,9 +14,9 @@ from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import DateReading, Profile
 from keystore_audit.model.trust.revocation import lists_carried
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
+from keystore_audit.profiles import DateReading, Profile
 from keystore_audit.properties import Answer, Status
 from keystore_audit.text import counted, some
 
@@ -26,7 +26,7 @@ MAX_MOMENTS = 64
 Beyond, the horizon is the last one looked at: earlier than the truth, never later.
 """
 
-_LOCAL = {DateReading.FASTDDS: "Fast DDS", DateReading.OPENDDS: "OpenDDS"}
+_LOCAL = {DateReading.ROBOT_TIME: "Fast DDS", DateReading.SHIFTED_CLOCK: "OpenDDS"}
 """Who reads dates of grants in the zone of the robot."""
 
 

@@ -17,9 +17,9 @@ from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.claim import ClaimAtom
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
-from keystore_audit.model.profiles import VARIANTS, SubjectComparison
-from keystore_audit.model.subjects.comparison import CYCLONEDDS_MAX_ATTRIBUTES, TOKENWISE, matching
+from keystore_audit.model.subjects.comparison import MAX_PIECES, TOKENWISE, matching
 from keystore_audit.model.subjects.told import ToldSubject, meaning, told
+from keystore_audit.profiles import VARIANTS, SubjectComparison
 
 _BETWEEN_PARTS: Final = re.compile("[,/|]")
 
@@ -58,7 +58,7 @@ def _granting(system: System, asked: int) -> Iterator[int]:
 def _shorter(text: str) -> Iterator[ToldSubject]:
     """The subjects of all parts of the text but the last ones, the longest first; of too many it names nobody."""
     places = [found.start() for found in _BETWEEN_PARTS.finditer(text)]
-    for place in reversed(places) if len(places) <= CYCLONEDDS_MAX_ATTRIBUTES else ():
+    for place in reversed(places) if len(places) <= MAX_PIECES else ():
         kept = text[: place + 1] if text[:place].endswith("=") else text[:place]  # no subject ends so: `CN=/` is one
         subject = told(kept)
         if subject is not None:

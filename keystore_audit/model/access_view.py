@@ -19,8 +19,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.inventory import Document, Typed
-from keystore_audit.model.matching.expression import Matcher, has_wildcard, parse
-from keystore_audit.model.profiles import SPEC, Access, DateReading, OpenRange, Profile
+from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.semantics import (
     ReadDomainRule,
     ReadGrant,
@@ -30,6 +29,7 @@ from keystore_audit.model.semantics import (
 )
 from keystore_audit.model.subjects.comparison import names
 from keystore_audit.model.validity import SECOND, Dated, counts_at, read_date
+from keystore_audit.profiles import SPEC, Access, DateReading, Matcher, OpenRange, Profile
 
 if TYPE_CHECKING:  # most audits are told no zone
     from zoneinfo import ZoneInfo
@@ -167,14 +167,14 @@ class AccessViews:
 
     def exclusive_bounds(self, profiles: Iterable[Profile]) -> tuple[frozenset[datetime], frozenset[datetime]]:
         """Where grants begin, and where they end, that a profile counts not yet, or no more, at that very instant."""
-        if all(profile.access.dates is not DateReading.CYCLONEDDS for profile in profiles):
+        if all(profile.access.dates is not DateReading.UNREADABLE_IS_PAST for profile in profiles):
             return frozenset(), frozenset()
         bounds = []
         for texts in (
             {grant.not_before.text for grant in self._grants},
             {grant.not_after.text for grant in self._grants},
         ):
-            dated = (read_date(text, DateReading.CYCLONEDDS, self._zone) for text in texts)
+            dated = (read_date(text, DateReading.UNREADABLE_IS_PAST, self._zone) for text in texts)
             bounds.append(frozenset(each.instant for each in dated if each is not None))
         return bounds[0], bounds[1]
 
@@ -354,7 +354,7 @@ def _range_refusal(ranges: Iterable[DomainRange], access: Access) -> str | None:
 
 def _unbounded_below(ranges: Iterable[DomainRange], access: Access) -> DomainRange | None:
     """A range without a lower bound, where the implementation wants one."""
-    if access.open_ranges is not OpenRange.CYCLONEDDS:
+    if access.open_ranges is not OpenRange.LONE_MAX_REFUSED:
         return None
     return next((entry for entry in ranges if entry.low is None), None)
 

@@ -27,9 +27,9 @@ from keystore_audit.model.formal.influence import Influence
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.inventory import documents_of, system_documents
 from keystore_audit.model.names import AMBIENT
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.tables.named import Named, names_of
+from keystore_audit.profiles import Profile
 
 MAX_RANKED: Final = 2_000
 """Enclaves beyond which none is ranked: five seconds and more."""

@@ -21,11 +21,11 @@ from keystore_audit.model.domains import Interval, contains, covered_classes, do
 from keystore_audit.model.formal.bit_sets import union
 from keystore_audit.model.formal.system import ChannelAtom, DomainAtom
 from keystore_audit.model.matching.atoms import TopicClass
-from keystore_audit.model.matching.expression import FASTDDS_WILDCARDS, Matcher
+from keystore_audit.model.matching.expression import UNESCAPED_WILDCARDS
 from keystore_audit.model.matching.patterns import MAX_KEPT, Patterns
 from keystore_audit.model.names import is_ros_dds_name
-from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Region
+from keystore_audit.profiles import Access, Matcher
 
 ANY_TOPIC = "rt/chatter"
 """The name by which the channel of an ungoverned domain goes: every topic there is alike."""
@@ -382,7 +382,7 @@ _kept_shapes = lru_cache(maxsize=4)(_Shapes)
 
 def wildcard_names(channels: Channels) -> list[int]:
     """The channels of one name that is an expression on Fast DDS."""
-    odd = {topic for topic in {each.topic for each in channels.channels} if not FASTDDS_WILDCARDS.isdisjoint(topic)}
+    odd = {topic for topic in {each.topic for each in channels.channels} if not UNESCAPED_WILDCARDS.isdisjoint(topic)}
     return [n for n, each in enumerate(channels.channels) if each.topic in odd and not each.infinite] if odd else []
 
 

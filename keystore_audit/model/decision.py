@@ -21,10 +21,10 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point, illegal_names, wildcard_names
 from keystore_audit.model.domains import describe
 from keystore_audit.model.formal.bit_sets import bits
-from keystore_audit.model.matching.expression import Matcher, any_matches, naming, parse
-from keystore_audit.model.profiles import Access, Local, Profile
+from keystore_audit.model.matching.expression import any_matches, naming, parse
 from keystore_audit.model.rights import RuleLists, Step, allowed, deciding
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, deciding_grant, is_controlled
+from keystore_audit.profiles import Access, Local, Matcher, Profile
 from keystore_audit.text import MAX_EXPRESSION, shorten
 
 DONE: Final = {

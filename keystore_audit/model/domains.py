@@ -6,12 +6,12 @@ from collections.abc import Iterable, Sequence
 
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange
 from keystore_audit.model.formal.system import DomainAtom
-from keystore_audit.model.profiles.access import OpenRange
+from keystore_audit.profiles import OpenRange
 
 Interval = tuple[int, int]
 
 
-def covered(ranges: Iterable[DomainRange], reading: OpenRange = OpenRange.SPEC) -> tuple[Interval, ...]:
+def covered(ranges: Iterable[DomainRange], reading: OpenRange = OpenRange.UNBOUNDED) -> tuple[Interval, ...]:
     """The closed intervals of 0..232 that `<domains>` covers, sorted and merged.
 
     Either bound of an `<id_range>` may be absent (DDS-Security 1.1, 9.4.1.2.4 and Annex A); what that means is
@@ -33,9 +33,9 @@ def merged(intervals: Iterable[Interval]) -> tuple[Interval, ...]:
 
 def _interval(item: DomainRange, reading: OpenRange) -> Interval | None:
     low, high = item.low or 0, item.high
-    if reading is not OpenRange.SPEC and item.low is not None and high is None:
+    if reading is not OpenRange.UNBOUNDED and item.low is not None and high is None:
         high = low
-    if reading is OpenRange.FASTDDS and high == 0:
+    if reading is OpenRange.LONE_BOUND_IS_THAT_ID and high == 0:
         high = low
     high = MAX_DOMAIN if high is None else min(MAX_DOMAIN, high)
     return (low, high) if low <= high else None

@@ -28,9 +28,9 @@ from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usabi
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import SPEC, Profile
 from keystore_audit.model.ros.patterns import ros_patterns
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import SPEC, Profile
 
 if TYPE_CHECKING:  # an audit without a property in Alloy needs none of it
     from keystore_audit.model.intended.wiring import WiredNode

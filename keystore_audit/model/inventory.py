@@ -18,7 +18,6 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.stray import Stray
-from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.verdicts import (
@@ -29,6 +28,7 @@ from keystore_audit.model.trust.verdicts import (
     signers_taken,
     stands_alone,
 )
+from keystore_audit.profiles import VARIANTS, Profile
 
 Typed = GovernanceFile | PermissionsFile
 """A signed document, by what it says."""

@@ -15,8 +15,8 @@ from keystore_audit.model.channels import Channels
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.permission import allowing
-from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.semantics import ReadGrant, ReadRule, Region
+from keystore_audit.profiles import Matcher
 
 By = TypeVar("By")
 

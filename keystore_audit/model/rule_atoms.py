@@ -10,8 +10,8 @@ from keystore_audit.keystore.governance import ProtectionKind, TopicRule
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.formal.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
-from keystore_audit.model.profiles import Access
 from keystore_audit.model.semantics import ReadDomainRule, ReadRule, Region
+from keystore_audit.profiles import Access
 
 Read = Sequence[tuple[str, ReadDocument]]
 """Documents with their places, in the order of the system's."""

@@ -16,8 +16,8 @@ from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.governance import DomainRule, Governance, TopicRule
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Permissions, Rule
 from keystore_audit.model.domains import Interval, covered
-from keystore_audit.model.profiles.access import Access, PartitionReading, RelayReading
 from keystore_audit.model.validity import in_force
+from keystore_audit.profiles import Access, PartitionReading, RelayReading
 
 
 class Area(NamedTuple):

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import re
 from datetime import datetime, timedelta, timezone
-from enum import Enum
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final, Protocol
 
 from msgspec import Struct
 
 from keystore_audit.model.local_time import mktime, standard_offset
+from keystore_audit.profiles import DateReading
 
 if TYPE_CHECKING:  # most audits are told no zone
     from zoneinfo import ZoneInfo
@@ -63,24 +63,6 @@ _GET_TIME: Final = re.compile(
 behind the seconds is not looked at (measured)."""
 
 
-class DateReading(str, Enum):
-    """How an implementation reads the dates of a grant."""
-
-    XSD = "xsd"
-    """As the specification says; in force from not_before to not_after, both included."""
-
-    FASTDDS = "fastdds"
-    """Standard time of the zone in which the process runs, whatever zone the text names; fractions do not count. In
-    force from not_before to the end of the second not_after."""
-
-    CYCLONEDDS = "cyclonedds"
-    """As XSD, for the years 1970 to 2262 and zones up to 12 hours, without 24:00. Every other text is earlier than
-    everything: a grant is in force already, or expired. In force between the two, which are excluded."""
-
-    OPENDDS = "opendds"
-    """As XSD, against a clock that shows UTC as if it were local time. In force to the end of the second not_after."""
-
-
 class Dated(Struct, frozen=True, kw_only=True):
     """An instant that an implementation takes a date for: aware UTC.
 
@@ -118,10 +100,10 @@ def in_force(limited: Limited, at: datetime) -> bool:
 
 def counts_at(not_before: Dated, not_after: Dated, at: datetime, reading: DateReading) -> bool | None:
     """Whether a grant with these dates counts `at` an instant (aware UTC); None: it hangs on the robot's zone."""
-    if reading in (DateReading.FASTDDS, DateReading.OPENDDS):
+    if reading in (DateReading.ROBOT_TIME, DateReading.SHIFTED_CLOCK):
         at = at.replace(microsecond=0)  # their clock is `time`, which counts whole seconds
     # Exclusive bounds differ from inclusive ones by the least step of time.
-    step = datetime.resolution if reading is DateReading.CYCLONEDDS else timedelta()
+    step = datetime.resolution if reading is DateReading.UNREADABLE_IS_PAST else timedelta()
     begun = _not_later(not_before, _moved(at, -step))
     ended = _not_later(not_after, _moved(at, step - datetime.resolution))
     if begun is False or ended is True:
@@ -145,12 +127,12 @@ def read_date(text: str, reading: DateReading, zone: ZoneInfo | None) -> Dated |
     match reading:
         case DateReading.XSD:
             return _certain(_xsd(text))
-        case DateReading.CYCLONEDDS:
-            return _cyclonedds(text)
-        case DateReading.FASTDDS:
-            return _fastdds(text, zone)
-        case DateReading.OPENDDS:
-            return _opendds(text, zone)
+        case DateReading.UNREADABLE_IS_PAST:
+            return _unreadable_is_past(text)
+        case DateReading.ROBOT_TIME:
+            return _robot_time(text, zone)
+        case DateReading.SHIFTED_CLOCK:
+            return _shifted_clock(text, zone)
 
 
 def _certain(instant: datetime | None) -> Dated | None:
@@ -202,7 +184,7 @@ def _offset(date: re.Match[str], most: timedelta) -> timedelta | None:
     return -offset if date["sign"] == "-" else offset
 
 
-def _cyclonedds(text: str) -> Dated | None:
+def _unreadable_is_past(text: str) -> Dated | None:
     text = text.strip(_BLANKS)
     if not text:
         return None
@@ -231,7 +213,7 @@ def _nanoseconds(date: re.Match[str]) -> int | None:
     return nanoseconds if nanoseconds <= _LAST_NANOSECOND else None
 
 
-def _fastdds(text: str, zone: ZoneInfo | None) -> Dated | None:
+def _robot_time(text: str, zone: ZoneInfo | None) -> Dated | None:
     date = _GET_TIME.fullmatch(text)
     if date is None:
         return None
@@ -264,7 +246,7 @@ def _somewhere(instant: datetime) -> Dated:
     return Dated(instant=instant, earliest=_moved(instant, -ANY_ZONE), latest=_moved(instant, ANY_ZONE))
 
 
-def _opendds(text: str, zone: ZoneInfo | None) -> Dated | None:
+def _shifted_clock(text: str, zone: ZoneInfo | None) -> Dated | None:
     """Read at 2fea234: `now` is mktime(gmtime(time(0))), and the first instant of 1970 stands for an error."""
     instant = _xsd(text)
     if instant is None or instant == _EPOCH:

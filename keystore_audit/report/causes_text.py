@@ -13,7 +13,7 @@ from typing import Final
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.model.profiles import implementations
+from keystore_audit.profiles import implementations
 from keystore_audit.remedy import Kind
 from keystore_audit.report.consequences import Cause, Consequences, within
 from keystore_audit.report.content import Report

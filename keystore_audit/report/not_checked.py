@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.profiles import Evidence, Profile
+from keystore_audit.profiles import Evidence, Profile
 from keystore_audit.text import counted
 
 

@@ -10,8 +10,8 @@ from keystore_audit.keystore.defect import first_opaque
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.model.profiles import VARIANTS, Profile, Trust
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, envelope
+from keystore_audit.profiles import VARIANTS, Profile, Trust
 
 ROWS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
 """The trust rows of all known variants, the specification's first."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.remedy import Remedy
 from keystore_audit.rules.certificate import at, remedy, what
 from keystore_audit.rules.context import Context

@@ -14,7 +14,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule

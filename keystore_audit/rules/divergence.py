@@ -19,7 +19,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.domain import meet

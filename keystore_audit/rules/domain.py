@@ -9,7 +9,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import covered, describe, domain_bits
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import about

@@ -15,11 +15,11 @@ from keystore_audit.keystore.permissions import Grant, PermissionsFile
 from keystore_audit.model.domains import covered, domain_bits
 from keystore_audit.model.formal.bit_sets import union
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.profiles import VARIANTS, SubjectComparison, Trust
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.revocation import revoked
 from keystore_audit.model.trust.verdicts import is_issued
-from keystore_audit.model.validity import DateReading, read_date
+from keystore_audit.model.validity import read_date
+from keystore_audit.profiles import VARIANTS, DateReading, SubjectComparison, Trust
 from keystore_audit.rules.acceptance import ROWS
 from keystore_audit.rules.subjects import governance_uses
 

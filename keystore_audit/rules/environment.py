@@ -18,7 +18,7 @@ from keystore_audit.intent.environment import (
     Environment,
 )
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.profiles import DISTRIBUTIONS, MIDDLEWARE, running
+from keystore_audit.profiles import DISTRIBUTIONS, MIDDLEWARE, running
 from keystore_audit.remedy import outside
 from keystore_audit.rules.context import Context, given
 from keystore_audit.rules.registry import Violation, rule

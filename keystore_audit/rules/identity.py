@@ -16,9 +16,9 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.stray_identity import StrayIdentity
 from keystore_audit.model.inventory import certified_again, identities_at_large
 from keystore_audit.model.participants.stray_identity import admitted
-from keystore_audit.model.profiles import VARIANTS, Profile, implementations
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.verdicts import is_authority, issue, may_have_issued, vouches
+from keystore_audit.profiles import VARIANTS, Profile, implementations
 from keystore_audit.remedy import Act, decision, mechanical
 from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject, what

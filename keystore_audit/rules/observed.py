@@ -17,7 +17,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.profiles import MIDDLEWARE
+from keystore_audit.profiles import MIDDLEWARE
 from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context, given
 from keystore_audit.rules.registry import Violation, rule

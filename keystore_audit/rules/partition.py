@@ -10,12 +10,11 @@ from typing import Final, NamedTuple
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation
-from keystore_audit.model.matching.expression import Matcher, has_wildcard, parse
+from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.matching.partition_patterns import EVERY_PARTITION
 from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
-from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.profiles.access import PartitionReading
 from keystore_audit.model.semantics import DEFAULT_PARTITION
+from keystore_audit.profiles import VARIANTS, Matcher, PartitionReading
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Violation, rule

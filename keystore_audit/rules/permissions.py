@@ -17,9 +17,9 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison
 from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.model.trust.verdicts import Acceptance
+from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison
 from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.acceptance import ROWS, verdict
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject

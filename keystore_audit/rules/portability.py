@@ -10,8 +10,8 @@ from keystore_audit.grouped import grouped
 from keystore_audit.keystore.document import Text
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.matching.expression import parse
-from keystore_audit.model.profiles import DateReading, Profile, implementations
 from keystore_audit.model.validity import read_date
+from keystore_audit.profiles import DateReading, Profile, implementations
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import spoken_of
 from keystore_audit.rules.effect import instant_of

@@ -12,9 +12,9 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.profiles import VARIANTS, implementations
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import NO_IDENTITIES, list_missing, names_revoked
+from keystore_audit.profiles import VARIANTS, implementations
 from keystore_audit.remedy import Act, Remedy, decision
 from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.context import Context

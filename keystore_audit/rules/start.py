@@ -9,7 +9,7 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.model.participants.joining import UNGRANTED
 from keystore_audit.model.participants.sight import UNLOADED
 from keystore_audit.model.participants.usability import UNGOVERNED
-from keystore_audit.model.profiles import VARIANTS, implementations
+from keystore_audit.profiles import VARIANTS, implementations
 from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.governance import COVER_DOMAIN

@@ -13,8 +13,8 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.inventory import identities_at_large
-from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison, implementations
 from keystore_audit.model.subjects.comparison import matching, same_meaning
+from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison, implementations
 from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.registry import Violation, rule

@@ -9,7 +9,7 @@ from typing import Final
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.participants.stray_identity import Takers
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 
 MAX_PAIRS: Final = 100_000
 """Certificates and enclaves that may take them; beyond it nobody is asked: some seconds."""

@@ -6,7 +6,7 @@ import re
 from typing import Final
 
 from keystore_audit.findings import MAX_OWNER, MAX_REASON, OF_THE_AUDIT, SEVERITIES, Severity
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.settings.suppressions import ALL, Acceptance
 from keystore_audit.settings.table import Table
 

@@ -15,8 +15,8 @@ from keystore_audit.keystore.foreign import DeclaredFiles
 from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.forwards import Declared, Determinism
 from keystore_audit.model.claims.labels import Labelling
-from keystore_audit.model.profiles import in_scope
 from keystore_audit.model.trust.authorities import Authorities
+from keystore_audit.profiles import in_scope
 from keystore_audit.settings.acceptances import read_accepted, read_suppressions
 from keystore_audit.settings.authorities import read_authorities
 from keystore_audit.settings.claims import read_properties

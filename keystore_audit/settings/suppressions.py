@@ -16,7 +16,8 @@ from msgspec.structs import replace
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import MAX_PLACES, OF_PROPERTIES, OF_THE_AUDIT, Finding, Location, Severity, Suppression
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
+from keystore_audit.profiles import Matcher
 from keystore_audit.text import counted, meant
 
 MAX_DAYS: Final = 180

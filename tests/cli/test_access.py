@@ -23,8 +23,8 @@ from keystore_audit.access import Access
 from keystore_audit.cli.program import run
 from keystore_audit.errors import EXIT_INCOMPLETE
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.profiles import DEFAULT, VARIANTS, resolve
 from keystore_audit.model.question import Question
+from keystore_audit.profiles import DEFAULT, VARIANTS, resolve
 from tests.cli.keystores import AT, answer, keystore, rule
 from tests.schemas import schema
 from tests.test_samples import EXPECTATIONS, SAMPLES, name

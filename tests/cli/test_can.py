@@ -17,8 +17,8 @@ from keystore_audit.cli.program import run
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model import question as questions
 from keystore_audit.model.names import dds_channels
-from keystore_audit.model.profiles import DEFAULT
 from keystore_audit.model.question import Answer, Question, Ruling
+from keystore_audit.profiles import DEFAULT
 from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, rule, signed_keystore
 from tests.keystore.builder import GOVERNANCE
 from tests.schemas import schema
@@ -528,7 +528,7 @@ def test_halves_are_what_each_dds_name_is_by_itself(
 def test_a_ros_question_is_that_about_its_dds_topics(operation: str, name: str) -> None:
     from datetime import datetime, timezone
 
-    from keystore_audit.model.profiles import resolve
+    from keystore_audit.profiles import resolve
 
     asked = [
         Question(enclave=enclave, operation=each, topic=topic)

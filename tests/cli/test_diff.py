@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from keystore_audit.cli.program import run
 from keystore_audit.diff import compare_keystores
 from keystore_audit.model.comparison.change import FailOn
-from keystore_audit.model.profiles import resolve
+from keystore_audit.profiles import resolve
 from keystore_audit.report.diff_markdown import MAX_LENGTH, markdown
 from tests.cli.keystores import AT, answer, keystore, rule
 from tests.hostile.names import MARK, NAMES

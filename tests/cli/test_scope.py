@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.model.profiles import DEFAULT, VARIANTS, scope_of
+from keystore_audit.profiles import DEFAULT, VARIANTS, scope_of
 from tests.cli.keystores import answer, run_at
 
 STOCK = Path(__file__).parents[2] / "sample_keystores/stock"

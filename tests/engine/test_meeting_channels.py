@@ -19,8 +19,8 @@ from keystore_audit.model.channels import build_channels
 from keystore_audit.model.domains import domain_classes
 from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.system import GrantAtom, RuleAtom, System
-from keystore_audit.model.profiles import VARIANTS, Access
 from keystore_audit.model.semantics import ReadRule, read_grant
+from keystore_audit.profiles import VARIANTS, Access
 from keystore_audit.properties import Status
 from tests.engine.alloy.cloning import system_with_twins
 from tests.engine.alloy_batch import compare_batch

@@ -21,7 +21,7 @@ from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import resolve
+from keystore_audit.profiles import resolve
 from keystore_audit.properties import PROPERTIES
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding

@@ -26,12 +26,12 @@ from keystore_audit.model.formal.effective import EffectiveRights
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import VARIANTS, Access, Profile
 from keystore_audit.model.question import Question, Ruling
 from keystore_audit.model.semantics import read_grant
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
+from keystore_audit.profiles import VARIANTS, Access, Profile
 from tests.cli.keystores import write_enclave
 from tests.keystore.builder import Signed, authority, certificate
 from tests.oracles.vendors import recipe as r

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison.change import Comparison
 from keystore_audit.model.comparison.compare import compare
-from keystore_audit.model.profiles import Profile, resolve
+from keystore_audit.profiles import Profile, resolve
 from tests.keystore.builder import END, Signed, certificate, crl, signed_document
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from keystore_audit.model.matching.expression import Matcher
+from keystore_audit.profiles import Matcher
 from tests.oracles.fnmatch import libraries
 
 Fnmatch = Callable[[str, str, Matcher], bool]

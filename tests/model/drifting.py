@@ -14,7 +14,7 @@ from keystore_audit.keystore.permissions import Grant, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.intended.drift import Drift, EnclaveDrift, drift
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.profiles import DEFAULT, VARIANTS
+from keystore_audit.profiles import DEFAULT, VARIANTS
 from tests.rules.evidence import AT, allow, enclave, grant, keystore, permissions
 
 Right = tuple[str, str]

@@ -23,7 +23,7 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants import lone_participants
 from keystore_audit.model.participants.lone_participants import _later
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import resolve
+from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
 from tests.keystore.builder import START, Signed, certificate, crl, signed_document
 from tests.model.comparing import (

@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.matching.coverage import TOPICS, covers
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.ros.action_topics import STATUS, action_patterns, taken_in
 from keystore_audit.model.ros.classes import Affix, classify_ros_names
+from keystore_audit.profiles import Matcher
 from tests.rules.evidence import allow, enclave, grant, permissions
 
 EXAMPLES = settings(max_examples=300, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))

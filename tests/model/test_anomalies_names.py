@@ -21,8 +21,9 @@ from keystore_audit.model.anomalies.classes import Effort, name_classes
 from keystore_audit.model.anomalies.expressions import are_ros_names, foreign, void
 from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.matching.atoms import classify
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.names import is_ros_dds_name
+from keystore_audit.profiles import Matcher
 from tests.rules.divergent import chosen, views
 from tests.rules.evidence import (
     allow,
@@ -124,7 +125,7 @@ def test_expressions_without_a_name_of_ros_are_found(texts: list[str]) -> None:
 )
 def test_expressions_about_nothing(text: str, by_posix: bool, by_cyclonedds: bool) -> None:
     assert (void([text], [Matcher.POSIX], Effort.of(1)) == {text}) is by_posix
-    assert (void([text], [Matcher.CYCLONEDDS], Effort.of(1)) == {text}) is by_cyclonedds
+    assert (void([text], [Matcher.SIMPLE_BRACKETS], Effort.of(1)) == {text}) is by_cyclonedds
 
 
 # Governance

@@ -17,9 +17,8 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import AnomalyKind, Point, RuleAnomaly
 from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.anomalies.rules import Own, rule_anomalies
-from keystore_audit.model.matching.expression import Matcher
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.semantics import ReadRule, read_grant
+from keystore_audit.profiles import VARIANTS, Matcher
 from tests.rules.divergent import ruled
 from tests.rules.evidence import grant
 

@@ -16,8 +16,8 @@ from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.protection import protection
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import VARIANTS
 from tests.model.comparing import (
     AT,
     Member,

@@ -31,7 +31,7 @@ from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of, identities_at_large
 from keystore_audit.model.participants import at_large
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import resolve
+from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding

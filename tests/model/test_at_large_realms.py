@@ -19,10 +19,10 @@ from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.formal.effective import EffectiveRights
 from keystore_audit.model.participants import holders
-from keystore_audit.model.profiles import resolve
 from keystore_audit.model.tables.issuance import issuance
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
+from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding

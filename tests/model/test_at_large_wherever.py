@@ -23,7 +23,7 @@ from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.formal.system import Reading
-from keystore_audit.model.profiles import resolve
+from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.test_agreement import holding

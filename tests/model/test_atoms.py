@@ -15,7 +15,8 @@ import pytest
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.matching.atoms import TopicClass, classify
-from keystore_audit.model.matching.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.expression import Pattern, parse
+from keystore_audit.profiles import Matcher
 from tests.steps import steps
 
 Fnmatch = Callable[[str, str, Matcher], bool]

@@ -9,8 +9,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from keystore_audit.model.matching.atoms import classify
-from keystore_audit.model.matching.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.expression import Pattern, parse
 from keystore_audit.model.matching.tokens import SEARCH, STAR, CharSet, Token
+from keystore_audit.profiles import Matcher
 
 LETTERS = "ab/]"
 PARTS = ["a", "b", "/", "]", "*", "*", "?", "[ab]", "[!a]", "[]a]", "[a-c]", "[!a-b/]", "\\a", "\\", "[[:alpha:]]"]
@@ -92,8 +93,8 @@ NO_DEFAULT = ("[]a][!]a][ab]", "[!a-b/]*[ab[!]a]*b*", "]*a?[!][a-c]")
 
 
 @given(st.lists(st.builds(parse, st.lists(st.sampled_from(PARTS), max_size=5).map("".join), st.sampled_from(Matcher))))
-@example([parse("[!a]", Matcher.POSIX), parse("?", Matcher.CYCLONEDDS), parse("*a", Matcher.OPENDDS)])
-@example([*map(parse, NO_DEFAULT, (Matcher.OPENDDS, Matcher.POSIX_NOESCAPE, Matcher.OPENDDS))])
+@example([parse("[!a]", Matcher.POSIX), parse("?", Matcher.SIMPLE_BRACKETS), parse("*a", Matcher.SINGLE_TRY)])
+@example([*map(parse, NO_DEFAULT, (Matcher.SINGLE_TRY, Matcher.POSIX_NOESCAPE, Matcher.SINGLE_TRY))])
 def test_so_they_are_where_matchers_meet(patterns: list[Pattern]) -> None:
     assert_exact(patterns)
 

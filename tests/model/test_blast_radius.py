@@ -20,8 +20,8 @@ from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.profiles import resolve
 from keystore_audit.model.stolen_key import authorities, holding, holding_both, radius, radius_of_enclave
+from keystore_audit.profiles import resolve
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,

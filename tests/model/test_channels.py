@@ -15,9 +15,9 @@ from keystore_audit.model import channels as made
 from keystore_audit.model import columns
 from keystore_audit.model.channels import ANY_TOPIC, build_channels
 from keystore_audit.model.domains import contains, covered, domain_classes
-from keystore_audit.model.matching.expression import Matcher, parse
-from keystore_audit.model.profiles import VARIANTS, Access
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.semantics import Area, Region, read_grant
+from keystore_audit.profiles import VARIANTS, Access, Matcher
 
 START = datetime(2020, 1, 1, tzinfo=timezone.utc)
 END = datetime(2030, 1, 1, tzinfo=timezone.utc)
@@ -140,7 +140,7 @@ def test_expressions_that_mean_the_same_to_all_make_no_class_more() -> None:
     domains = domain_classes([((0, 0),)])
     regions = [(matcher, (Area((text,), None),)) for matcher in Matcher for text in ("rt/a", "rt/?")]
     assert len(build_channels(domains, [True], regions).channels) == 3
-    odd = [(matcher, (Area(("rt/[^a]",), None),)) for matcher in (Matcher.POSIX, Matcher.CYCLONEDDS)]
+    odd = [(matcher, (Area(("rt/[^a]",), None),)) for matcher in (Matcher.POSIX, Matcher.SIMPLE_BRACKETS)]
     assert len(build_channels(domains, [True], odd).channels) == 4
 
 

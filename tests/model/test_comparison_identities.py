@@ -14,7 +14,7 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison import identities as comparison_identities
 from keystore_audit.model.comparison.change import Comparison, FailOn
 from keystore_audit.model.comparison.compare import compare
-from keystore_audit.model.profiles import resolve
+from keystore_audit.profiles import resolve
 from tests.keystore.builder import Signed, certificate
 from tests.model.comparing import (
     AT,

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison.change import Comparison, FailOn
 from keystore_audit.model.comparison.compare import compare
-from keystore_audit.model.profiles import resolve
+from keystore_audit.profiles import resolve
 from tests.model.comparing import AT, Store, compared, criterion, grant, permissions, rule
 from tests.model.single_changes import BASE, LISTENER
 

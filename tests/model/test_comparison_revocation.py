@@ -13,7 +13,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison.change import Comparison, Direction, FailOn
 from keystore_audit.model.comparison.compare import compare
-from keystore_audit.model.profiles import VARIANTS, resolve
+from keystore_audit.profiles import VARIANTS, resolve
 from tests.keystore.builder import START, crl
 from tests.model.comparing import AT, authority, mirrored, shapes
 from tests.model.single_changes import BASE, EVERYBODY

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.matching.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet
+from keystore_audit.profiles import Matcher
 from tests.steps import steps
 
 Fnmatch = Callable[[str, str, Matcher], bool]

@@ -21,8 +21,8 @@ from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import START, Signed, certificate, crl
 from tests.model.comparing import Member, Store, criterion, governance, grant, permissions, rule
 from tests.oracles.vendors import random_keystores, recipe

@@ -19,11 +19,11 @@ from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.claim import Attacker, Place
 from keystore_audit.model.formal.flow import Flows, Search
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.profiles import VARIANTS, resolve
 from keystore_audit.model.question import Question, Ruling
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.tables.overview import MAX_VIEWS, Overview, overview
 from keystore_audit.model.tables.periods import Dated
+from keystore_audit.profiles import VARIANTS, resolve
 from tests.cli.keystores import keystore, rule
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"

@@ -6,7 +6,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from keystore_audit import api
-from keystore_audit.model.profiles import ALIASES, DEFAULT, VARIANTS, Evidence
+from keystore_audit.profiles import ALIASES, DEFAULT, VARIANTS, Evidence
 
 
 def test_the_documentation_names_every_profile_and_how_it_is_known(repository: Path) -> None:

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.intent.ros_names import is_ros_name
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.ros.classes import Affix, classify_ros_names
+from keystore_audit.profiles import Matcher
 
 REQUEST, REPLY, FEEDBACK = Affix("rq", "Request"), Affix("rr", "Reply"), Affix("rt", "/_action/feedback")
 AFFIXES = (REQUEST, REPLY, FEEDBACK)

@@ -15,12 +15,12 @@ from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.names import dds_channels, is_ros_dds_name
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.ros.halves import Half, halves
 from keystore_audit.model.ros.texts import is_surely_whole
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import VARIANTS, Matcher
 from tests.rules.divergent import ruled
 from tests.rules.evidence import AT, allow, domain_rule, enclave, governance, grant, keystore, permissions, topic_rule
 

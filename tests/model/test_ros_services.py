@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.matching.coverage import allows_everything
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.ros.patterns import RosPatterns
+from keystore_audit.profiles import Matcher
 from tests.rules.divergent import chosen, views
 from tests.rules.evidence import AT, allow, enclave, grant, keystore, permissions
 

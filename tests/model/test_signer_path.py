@@ -11,9 +11,9 @@ from cryptography import x509
 from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust.signer_path import path_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
+from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import END, START, Signed, authority, certificate
 from tests.oracles.vendors.recipe import Recipe
 from tests.oracles.vendors.recipes_signers import PAST, _ca, with_options

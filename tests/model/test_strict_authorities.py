@@ -17,7 +17,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.sight import strict_refusal
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import Signed, certificate, evidence
 from tests.model.comparing import AT as NOW
 from tests.model.comparing import Member, Store, authority, criterion, grant, permissions, rule

@@ -13,9 +13,9 @@ from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust import chain
 from keystore_audit.model.trust import verdicts as trust
+from keystore_audit.profiles import VARIANTS
 from tests.keystore import builder
 from tests.model.comparing import Member, Store, criterion, grant, permissions, rule
 

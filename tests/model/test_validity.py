@@ -14,7 +14,8 @@ from lxml import etree
 
 from keystore_audit.errors import UsageError
 from keystore_audit.model.local_time import time_zone
-from keystore_audit.model.validity import BEGINNING, END, DateReading, counts_at, read_date
+from keystore_audit.model.validity import BEGINNING, END, counts_at, read_date
+from keystore_audit.profiles import DateReading
 
 SCHEMA = etree.XMLSchema(
     etree.fromstring(
@@ -75,8 +76,8 @@ def test_one_date_is_not_the_same_to_all(text: str, xsd: str, cyclonedds: str, o
     utc = time_zone("UTC")
     for reading, expected in (
         (DateReading.XSD, xsd),
-        (DateReading.CYCLONEDDS, cyclonedds),
-        (DateReading.OPENDDS, opendds),
+        (DateReading.UNREADABLE_IS_PAST, cyclonedds),
+        (DateReading.SHIFTED_CLOCK, opendds),
     ):
         dated = read_date(text, reading, utc)
         if dated is None:
@@ -102,17 +103,17 @@ def test_one_date_is_not_the_same_to_all(text: str, xsd: str, cyclonedds: str, o
     ],
 )
 def test_fastdds_reads_the_standard_time_of_the_robot(text: str, zone: str, expected: str) -> None:
-    dated = read_date(text, DateReading.FASTDDS, time_zone(zone))
+    dated = read_date(text, DateReading.ROBOT_TIME, time_zone(zone))
     assert dated is not None
     assert (dated.instant, dated.local) == (instant(expected), False)
 
 
 @pytest.mark.parametrize("text", ["2026-11-21T24:00:00", "12026-11-21T00:00:00", "-0001-11-21T00:00:00", "now", ""])
 def test_fastdds_refuses_the_document(text: str) -> None:
-    assert read_date(text, DateReading.FASTDDS, None) is None
+    assert read_date(text, DateReading.ROBOT_TIME, None) is None
 
 
-@pytest.mark.parametrize("reading", [DateReading.FASTDDS, DateReading.OPENDDS])
+@pytest.mark.parametrize("reading", [DateReading.ROBOT_TIME, DateReading.SHIFTED_CLOCK])
 def test_no_zone_is_outside_of_what_an_unknown_one_may_be(reading: DateReading) -> None:
     zones = sorted(available_timezones() - {"localtime", "Factory"})
     assert len(zones) > 300
@@ -176,9 +177,9 @@ FRACTION = timedelta(microseconds=250000)
     ("reading", "at_first", "at_last", "within_last_second"),
     [
         (DateReading.XSD, True, True, False),
-        (DateReading.FASTDDS, True, True, True),
-        (DateReading.OPENDDS, True, True, True),
-        (DateReading.CYCLONEDDS, False, False, False),
+        (DateReading.ROBOT_TIME, True, True, True),
+        (DateReading.SHIFTED_CLOCK, True, True, True),
+        (DateReading.UNREADABLE_IS_PAST, False, False, False),
     ],
 )
 def test_the_bounds(reading: DateReading, at_first: bool, at_last: bool, within_last_second: bool) -> None:
@@ -219,12 +220,12 @@ def test_what_is_certain_without_the_zone_is_so_in_every_zone(
 
 
 def test_without_the_zone_nothing_is_said_of_the_hours_around_a_date() -> None:
-    begun = read_date("2026-01-01T00:00:00", DateReading.FASTDDS, None)
-    date = read_date("2026-11-21T10:00:00", DateReading.FASTDDS, None)
+    begun = read_date("2026-01-01T00:00:00", DateReading.ROBOT_TIME, None)
+    date = read_date("2026-11-21T10:00:00", DateReading.ROBOT_TIME, None)
     assert begun is not None
     assert date is not None
     answers = {
-        hours: counts_at(begun, date, date.instant + timedelta(hours=hours), DateReading.FASTDDS)
+        hours: counts_at(begun, date, date.instant + timedelta(hours=hours), DateReading.ROBOT_TIME)
         for hours in (-15, -14, -13, 0, 14, 15)
     }
     assert answers == {-15: True, -14: True, -13: None, 0: None, 14: None, 15: False}

@@ -18,9 +18,8 @@ from keystore_audit.model.formal.system import Reading
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.lone_endpoints import LocalMoments, LoneEndpoints, LoneRefusals
 from keystore_audit.model.participants.views import Kind
-from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.profiles.access import Access
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import VARIANTS, Access
 from tests.keystore.builder import Signed, authority
 from tests.keystore.messages import by_openssl, with_signature
 from tests.oracles.smime.der import attribute, tlv

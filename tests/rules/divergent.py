@@ -14,7 +14,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.divergence.find import divergences
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.meaning import Divergence
-from keystore_audit.model.profiles import DEFAULT, VARIANTS, Profile
+from keystore_audit.profiles import DEFAULT, VARIANTS, Profile
 from keystore_audit.rules.judge import judge
 from tests.rules.evidence import (
     AT,

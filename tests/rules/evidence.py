@@ -32,7 +32,7 @@ from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Per
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.keystore.smime import Signature, SignedDocument
 from keystore_audit.model.meaning import Doubt, Meaning
-from keystore_audit.model.profiles import DEFAULT, VARIANTS
+from keystore_audit.profiles import DEFAULT, VARIANTS
 from keystore_audit.rules import RULES, registry
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge

@@ -20,7 +20,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.intended.observed import Observation, observe
 from keystore_audit.model.intended.observed_needs import Usual, usual_rights
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.rules.judge import Judgement, judge
 from tests.rules.divergent import chosen
 from tests.rules.evidence import AT, allow, context, enclave, grant, keystore, permissions, rules_of

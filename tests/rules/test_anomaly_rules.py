@@ -13,7 +13,7 @@ from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.divergence.find import divergences
-from keystore_audit.model.profiles import DEFAULT
+from keystore_audit.profiles import DEFAULT
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import chosen, ruled, talking, views
 from tests.rules.evidence import (

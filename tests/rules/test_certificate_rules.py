@@ -20,7 +20,7 @@ from keystore_audit.keystore.crl import read_crl
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.remedy import Act
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.algorithm import weak_key, weak_signature_algorithm

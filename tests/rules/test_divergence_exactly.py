@@ -17,8 +17,8 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.formal.effective import EffectiveRights
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import DEFAULT, Profile
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import DEFAULT, Profile
 from tests.rules.divergent import Domains, Listed, chosen, compared, ruled, views
 from tests.rules.evidence import (
     AT,

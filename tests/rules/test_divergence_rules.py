@@ -13,7 +13,7 @@ from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.meaning import Divergence
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import DEFAULT
+from keystore_audit.profiles import DEFAULT
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import OWN, P7S, Domains, Listed, chosen, codes, compared, ruled, spoken, talking, views

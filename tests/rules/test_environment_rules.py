@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Result
 from keystore_audit.intent.environment import Environment, read_environment
-from keystore_audit.model.profiles import DEFAULT, VARIANTS, resolve, running
+from keystore_audit.profiles import DEFAULT, VARIANTS, resolve, running
 from keystore_audit.rules.judge import Judgement
 from tests.rules.evidence import enclave, healthy, judged, keystore
 

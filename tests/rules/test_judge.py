@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Location, Result, Severity
 from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.properties import Status
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.remedy import decision

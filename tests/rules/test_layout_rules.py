@@ -16,7 +16,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from tests.cli.keystores import AT, answer, rule
 from tests.cli.keystores import keystore as built
 from tests.rules.divergent import views

@@ -15,9 +15,9 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.matching.coverage import EVERYTHING, MAX_CANDIDATES, covers
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.meaning import Usability
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS, Matcher
 from tests.rules.evidence import (
     AT,
     DAY,

@@ -29,10 +29,10 @@ from keystore_audit.findings import Finding, Severity
 from keystore_audit.fleet import run
 from keystore_audit.fleet.task import Audited, Task, carry_out
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.profiles import resolve
 from keystore_audit.model.question import Question
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
+from keystore_audit.profiles import resolve
 from keystore_audit.report.content import Report
 from tests.cli.keystores import answer, write_enclave
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, certificate, signed_document

@@ -13,7 +13,7 @@ from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import Signature
-from keystore_audit.model.profiles import DEFAULT, VARIANTS, implementations
+from keystore_audit.profiles import DEFAULT, VARIANTS, implementations
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.acceptance import UNPINNED
 from keystore_audit.rules.subjects import permissions_uses

@@ -15,8 +15,8 @@ from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import certificates_of, system_documents
-from keystore_audit.model.profiles import resolve
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import resolve
 
 
 class Asked(Struct, frozen=True):

@@ -16,8 +16,9 @@ from msgspec import Struct
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.matching.atoms import classify
-from keystore_audit.model.matching.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.expression import Pattern, parse
 from keystore_audit.model.names import is_ros_dds_name
+from keystore_audit.profiles import Matcher
 
 _TIERS: Final = (64, 512, 2_048)
 """States with which `classify` is tried, one after the other: what people write needs some dozens."""

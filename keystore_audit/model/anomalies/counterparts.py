@@ -10,9 +10,10 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.domains import domain_bits
-from keystore_audit.model.matching.expression import Matcher, Pattern, any_matches, has_wildcard, parse
+from keystore_audit.model.matching.expression import Pattern, any_matches, has_wildcard, parse
 from keystore_audit.model.names import ACTION_PART, AMBIENT, REPLY_PREFIX, REQUEST_PREFIX, SERVICE_PREFIX, Use
 from keystore_audit.model.semantics import ReadGrant, ReadRule, is_controlled
+from keystore_audit.profiles import Matcher
 
 _OF_SERVICES: Final = (f"{REQUEST_PREFIX}/", f"{REPLY_PREFIX}/", f"{SERVICE_PREFIX}/")
 """Services, and actions, are looked at as a whole elsewhere, and offered to tools without anybody in the keystore."""

@@ -10,8 +10,9 @@ from typing import Final
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.matching.atoms import classify
-from keystore_audit.model.matching.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.expression import Pattern, parse
 from keystore_audit.model.names import DISCOVERY_TOPIC, REPLY_SUFFIX, REQUEST_SUFFIX, SUFFIX_OF, is_ros_dds_name
+from keystore_audit.profiles import Matcher
 
 _STATES: Final = 256
 """States for one expression: one with ten stars has some hundred."""

@@ -31,8 +31,8 @@ from keystore_audit.model.anomalies.grants import (
 from keystore_audit.model.anomalies.rules import Own
 from keystore_audit.model.domains import domain_bits
 from keystore_audit.model.inventory import Typed, documents_of
-from keystore_audit.model.profiles import SPEC, Access, Profile
 from keystore_audit.model.semantics import ReadGrant
+from keystore_audit.profiles import SPEC, Access, Profile
 
 _ORDER = {kind: number for number, kind in enumerate(AnomalyKind)}
 

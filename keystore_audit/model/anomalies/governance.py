@@ -12,9 +12,9 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.anomalies.classes import Effort, NameClass, name_classes
 from keystore_audit.model.domains import describe, domain_bits
-from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.model.semantics import ReadDomainRule
+from keystore_audit.profiles import Matcher
 
 
 class _Protections(NamedTuple):

@@ -11,9 +11,10 @@ from keystore_audit.model.anomalies.classes import Effort
 from keystore_audit.model.anomalies.expressions import are_ros_names, foreign, void
 from keystore_audit.model.anomalies.rules import Own, rule_anomalies
 from keystore_audit.model.domains import describe, domain_bits
-from keystore_audit.model.matching.expression import Matcher, has_wildcard, parse
+from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.names import DISCOVERY_TOPIC, TOPIC_PREFIX, Use
 from keystore_audit.model.semantics import DIRECTIONS, ReadGrant, ReadRule
+from keystore_audit.profiles import Matcher
 
 _WHOLE_RULE: Final = frozenset({AnomalyKind.UNREACHABLE, AnomalyKind.REDUNDANT, AnomalyKind.SAME_AS_DEFAULT})
 

@@ -21,9 +21,10 @@ from keystore_audit.model.anomalies.anomaly import AnomalyKind, Point, RuleAnoma
 from keystore_audit.model.anomalies.classes import Effort, NameClass, name_classes
 from keystore_audit.model.domains import Interval, domain_bits
 from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.names import AMBIENT_TOPICS
 from keystore_audit.model.semantics import DIRECTIONS, ReadRule
+from keystore_audit.profiles import Matcher
 
 _MAX_BITS: Final = 1 << 27
 """Cells times rules: 16 MB, and some 50 milliseconds."""

@@ -24,9 +24,9 @@ from keystore_audit.model.formal.claim import Place
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.participants.usability import Usabilities, may_refuse_peers, refusals_of_peer
-from keystore_audit.model.profiles import VARIANTS, JoinCheck, Local, Profile, Trust
 from keystore_audit.model.trust.revocation import list_dates
 from keystore_audit.model.validity import LAST, SECOND
+from keystore_audit.profiles import VARIANTS, JoinCheck, Local, Profile, Trust
 
 MAX_PAIRS: Final = 10_000
 """Pairs of places of one claim: some ten seconds."""
@@ -212,7 +212,7 @@ def _closed(
     OpenDDS alone decides that by the domain's rules; with others, who has rights in a domain starts there.
     """
     for profile in profiles:
-        if profile.local.joins is not JoinCheck.OPENDDS:
+        if profile.local.joins is not JoinCheck.TABLE_63:
             continue
         starting = [each for each in enclaves if usabilities.of(each, at, profile).usable is not False]
         governed = _governed(system)

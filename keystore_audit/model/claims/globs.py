@@ -9,8 +9,9 @@ from msgspec import Struct
 
 from keystore_audit.errors import UsageError
 from keystore_audit.model.channels import ReadRegion
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
+from keystore_audit.profiles import Matcher
 from keystore_audit.text import meant
 
 

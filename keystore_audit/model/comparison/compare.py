@@ -24,7 +24,7 @@ from keystore_audit.model.comparison.reach import Reach
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.comparison.still import Still
 from keystore_audit.model.comparison.trust import AUTHORITY, trust_changes
-from keystore_audit.model.profiles import Profile
+from keystore_audit.profiles import Profile
 
 _LAYERS: Final = list(Layer)
 

@@ -18,8 +18,8 @@ from keystore_audit.model.comparison.facts import Fact, Placed, place_of, told
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import certified_again
 from keystore_audit.model.participants.stray_identity import Takers, admitted
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.validity import SECOND
+from keystore_audit.profiles import Profile
 from keystore_audit.text import some
 
 _Identity = tuple[str, str, str]

@@ -13,7 +13,6 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.comparison.change import Direction, direction_of
 from keystore_audit.model.comparison.facts import Fact, Placed, dated, listing
 from keystore_audit.model.comparison.sides import Sides
-from keystore_audit.model.profiles import Trust
 from keystore_audit.model.trust.revocation import (
     ends_of_lists,
     identity_authorities,
@@ -23,6 +22,7 @@ from keystore_audit.model.trust.revocation import (
     lists_read,
 )
 from keystore_audit.model.validity import SECOND
+from keystore_audit.profiles import Trust
 from keystore_audit.text import instant
 
 _Label = tuple[str, str]

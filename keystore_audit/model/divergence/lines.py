@@ -21,9 +21,9 @@ from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.effective import Peers
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import Typed
-from keystore_audit.model.profiles import PartitionReading, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.validity import in_force, read_date
+from keystore_audit.profiles import PartitionReading, Profile
 
 
 class Part(NamedTuple):

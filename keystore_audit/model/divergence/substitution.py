@@ -20,7 +20,7 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.inventory import Typed
-from keystore_audit.model.profiles import SPEC, Access, JoinCheck, Local, Profile
+from keystore_audit.profiles import SPEC, Access, JoinCheck, Local, Profile
 
 
 class Cause(str, Enum):
@@ -172,7 +172,7 @@ class PlainPairs:
         self._accesses = accesses
         self._domain = domain
         self._access = profiles[0].access
-        self._to_the_letter = any(profile.local.joins is JoinCheck.OPENDDS for profile in profiles)
+        self._to_the_letter = any(profile.local.joins is JoinCheck.TABLE_63 for profile in profiles)
         self._known: dict[tuple[GovernanceFile | None, PermissionsFile | None], bool] = {}
 
     def has(self, enclave: Enclave) -> bool:

@@ -17,8 +17,8 @@ from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.participants.doubt import enclave_doubts
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.participants.views import Kind
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import Profile
 
 
 class Value(Struct, frozen=True):

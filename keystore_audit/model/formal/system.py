@@ -25,7 +25,8 @@ from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.formal.behaviour import DeterminismAtom
 from keystore_audit.model.formal.claim import ClaimAtom, PlaceAtom
-from keystore_audit.model.matching.expression import Matcher, naming
+from keystore_audit.model.matching.expression import naming
+from keystore_audit.profiles import Matcher
 
 
 class Reading(str, Enum):

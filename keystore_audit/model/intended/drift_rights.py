@@ -19,12 +19,12 @@ from keystore_audit.model.channels import Channels, ReadRegion, build_channels
 from keystore_audit.model.domains import Interval, contains, domain_classes
 from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.intended.policy_grant import PolicyGrant
-from keystore_audit.model.matching.expression import Matcher, has_wildcard, naming, parse
+from keystore_audit.model.matching.expression import has_wildcard, naming, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
-from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.rights import Difference, RuleLists, Step, compare
 from keystore_audit.model.semantics import DEFAULT_PARTITION, DIRECTIONS, Area, ReadGrant, ReadRule, Region, read_grant
 from keystore_audit.model.validity import BEGINNING
+from keystore_audit.profiles import Access, Matcher, Profile
 
 MAX_RIGHTS: Final = 200
 """Rights of one enclave and direction that are worked out one by one; of more, their number is said."""

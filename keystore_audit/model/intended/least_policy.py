@@ -15,8 +15,9 @@ from keystore_audit.intent.intent import Action, Intent, Origin, UsedName
 from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.intended.observed_needs import Usual, in_layout, missing_usual, usual_rights
-from keystore_audit.model.matching.expression import FASTDDS_WILDCARDS, Matcher, parse
+from keystore_audit.model.matching.expression import UNESCAPED_WILDCARDS, parse
 from keystore_audit.model.names import Use, dds_expressions
+from keystore_audit.profiles import Matcher
 
 UNNAMED: Final = "/node"
 """The node of a right that no file gives a node to; names are absolute, so that nothing hangs on it."""
@@ -105,7 +106,7 @@ class _Draft:
             for path, nodes in sorted(self._allowed.items())
         )
         names = (right.name for enclave in enclaves for right in enclave.rights if right.allow)
-        wildcards = tuple(dict.fromkeys(name for name in names if not FASTDDS_WILDCARDS.isdisjoint(name)))
+        wildcards = tuple(dict.fromkeys(name for name in names if not UNESCAPED_WILDCARDS.isdisjoint(name)))
         return LeastPolicy(enclaves=enclaves, doubts=tuple(self._doubts), wildcards=wildcards)
 
     def _of(self, enclave: str, node: str) -> dict[tuple[Action, str], None]:

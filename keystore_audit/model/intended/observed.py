@@ -25,9 +25,9 @@ from keystore_audit.model.intended.observed_needs import Need, in_layout, needs,
 from keystore_audit.model.intended.observed_rights import Deciders, JointRuling, PointRights
 from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.model.names import Use
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.semantics import DIRECTIONS
+from keystore_audit.profiles import Profile
 
 
 class MissingGrant(Struct, frozen=True, kw_only=True):

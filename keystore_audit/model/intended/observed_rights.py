@@ -23,13 +23,13 @@ from keystore_audit.model.claims.globs import region_of
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import contains
 from keystore_audit.model.formal.bit_sets import bits, members, union
-from keystore_audit.model.matching.expression import FASTDDS_WILDCARDS
+from keystore_audit.model.matching.expression import UNESCAPED_WILDCARDS
 from keystore_audit.model.names import Use, dds_channels
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.window import Window
+from keystore_audit.profiles import Profile
 
 
 class JointRuling(Struct, frozen=True, kw_only=True):
@@ -154,7 +154,7 @@ class PointRights:
     @cached_property
     def _classes(self) -> tuple[Channels, LocalRights]:
         """All names, in classes; the points are told apart."""
-        claimed = {topic for topic, _partition in self._points if FASTDDS_WILDCARDS.isdisjoint(topic)}
+        claimed = {topic for topic, _partition in self._points if UNESCAPED_WILDCARDS.isdisjoint(topic)}
         channels = self._of_own_documents(None, [region_of((topic,)) for topic in sorted(claimed)])
         return channels, LocalRights(self._deciders.accesses, channels, self._deciders.at)
 

@@ -8,7 +8,8 @@ from typing import Final
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.matching.atoms import classify
-from keystore_audit.model.matching.expression import WILDCARDS, Matcher, has_wildcard, parse
+from keystore_audit.model.matching.expression import WILDCARDS, has_wildcard, parse
+from keystore_audit.profiles import Matcher
 
 TOPICS: Final = "rt/*"
 """Every ROS 2 topic (ROS 2 design, topic and service names: the prefix of topics)."""

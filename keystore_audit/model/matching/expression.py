@@ -12,7 +12,6 @@ ASCII; `str.isascii` tells which expressions are not.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from enum import Enum
 from functools import lru_cache, partial
 from typing import Final
 
@@ -20,9 +19,9 @@ from msgspec import Struct
 
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.permissions import Operation, Rule
-from keystore_audit.model.matching.cyclonedds_pattern import parse_cyclonedds
-from keystore_audit.model.matching.opendds_pattern import parse_opendds
 from keystore_audit.model.matching.posix import parse_posix
+from keystore_audit.model.matching.simple_brackets import parse_simple_brackets
+from keystore_audit.model.matching.single_try import parse_single_try
 from keystore_audit.model.matching.tokens import (
     ANY_CHARACTER,
     SEARCH,
@@ -34,33 +33,20 @@ from keystore_audit.model.matching.tokens import (
     pieces,
     split_at_stars,
 )
+from keystore_audit.profiles import Matcher
 
 WILDCARDS: Final = frozenset("*?[\\")
 """What an expression that is no plain name has at least one of, whatever its matcher."""
 
-FASTDDS_WILDCARDS: Final = WILDCARDS - {"\\"}
-"""The same on Fast DDS, which also takes the names of endpoints that have one for expressions."""
-
-
-class Matcher(str, Enum):
-    """A pattern language: which names a text matches.
-
-    POSIX: `fnmatch` with flags 0 as glibc has it in the C locale (our reading of the specification). POSIX_NOESCAPE:
-    the same with FNM_NOESCAPE, where a backslash is an ordinary character (Fast DDS on Linux, read: its
-    StringMatching.cpp). CYCLONEDDS: see cyclonedds_pattern. OPENDDS: see opendds_pattern.
-    """
-
-    POSIX = "posix"
-    POSIX_NOESCAPE = "posix-noescape"
-    CYCLONEDDS = "cyclonedds"
-    OPENDDS = "opendds"
+UNESCAPED_WILDCARDS: Final = WILDCARDS - {"\\"}
+"""The same where no backslash escapes: what names have that an implementation takes for expressions (`Local`)."""
 
 
 _PARSERS: Final[Mapping[Matcher, Callable[[str], Reading]]] = {
     Matcher.POSIX: partial(parse_posix, escapes=True),
     Matcher.POSIX_NOESCAPE: partial(parse_posix, escapes=False),
-    Matcher.CYCLONEDDS: parse_cyclonedds,
-    Matcher.OPENDDS: parse_opendds,
+    Matcher.SIMPLE_BRACKETS: parse_simple_brackets,
+    Matcher.SINGLE_TRY: parse_single_try,
 }
 
 
@@ -73,7 +59,7 @@ class Pattern(Struct, frozen=True, kw_only=True):
     that what is decided with it is unknown; what it matches then is one possibility.
 
     `pieces`: what stands between the stars. `rewinds`: whether a piece behind a star is looked for at every place, as
-    all but OpenDDS do; then the pieces are a normal form, and equal ones match equal names.
+    all but `Matcher.SINGLE_TRY` do; then the pieces are a normal form, and equal ones match equal names.
     """
 
     text: str
@@ -148,7 +134,7 @@ class Pattern(Struct, frozen=True, kw_only=True):
 def parse(text: str, matcher: Matcher) -> Pattern:
     """Parse `text` as `matcher` reads it, in linear time. Every text has a meaning: nothing is raised."""
     reading = _PARSERS[matcher](text)
-    searched = split_at_stars(reading.tokens) if matcher is Matcher.OPENDDS else ()
+    searched = split_at_stars(reading.tokens) if matcher is Matcher.SINGLE_TRY else ()
     rewinds = not any(searched[1:])
     return Pattern(
         text=text,
@@ -191,7 +177,7 @@ def _leading_characters(piece: Piece) -> str:
 
 
 def _matches_without_rewinding(pieces: Sequence[Piece], name: str) -> bool:
-    """Whether they match as OpenDDS searches: the character on which a piece fails is passed over."""
+    """Whether they match with a single try: the character on which a piece fails is passed over."""
     at, taken = 0, 0
     for character in name:
         if taken == len(pieces[at]) and at + 1 < len(pieces):

@@ -7,9 +7,10 @@ from functools import lru_cache
 from typing import Final
 
 from keystore_audit.model.matching.atoms import TopicClass, classify
-from keystore_audit.model.matching.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.expression import Pattern, parse
 from keystore_audit.model.matching.partition_patterns import meetings
 from keystore_audit.model.matching.pattern_index import PatternIndex
+from keystore_audit.profiles import Matcher
 
 OTHER_PARTITION: Final = "other"
 """What a partition is called that no document names: `rt/a`, as a topic would be, reads as if it were one."""

@@ -24,7 +24,6 @@ from keystore_audit.model.inventory import (
     permissions_cas,
 )
 from keystore_audit.model.meaning import Doubt
-from keystore_audit.model.profiles import Access, Profile, Trust
 from keystore_audit.model.subjects.comparison import is_printable
 from keystore_audit.model.trust.revocation import list_unread
 from keystore_audit.model.trust.verdicts import (
@@ -36,6 +35,7 @@ from keystore_audit.model.trust.verdicts import (
     may_take,
     stands_alone,
 )
+from keystore_audit.profiles import Access, Profile, Trust
 
 
 def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews) -> Iterator[Doubt]:

@@ -37,8 +37,8 @@ from keystore_audit.model.participants.at_large import Candidate
 from keystore_audit.model.participants.doubt import at_large_doubt, realm_doubt
 from keystore_audit.model.participants.lone_endpoints import Alone, Timeline
 from keystore_audit.model.participants.views import TrustFiles, trust_files
-from keystore_audit.model.profiles import Profile, Trust
 from keystore_audit.model.trust.verdicts import MAX_AUTHORITIES, may_take
+from keystore_audit.profiles import Profile, Trust
 
 MAX_HOLDERS: Final = 4_000
 """Identities at large, each with each document that names it in each realm: as many as enclaves in a large keystore."""

@@ -7,8 +7,8 @@ from itertools import islice
 from typing import Final
 
 from keystore_audit.model.domains import Interval, contains, elementary
-from keystore_audit.model.profiles import Access, JoinCheck
 from keystore_audit.model.semantics import ReadDomainRule, ReadGrant
+from keystore_audit.profiles import Access, JoinCheck
 
 Governed = tuple[tuple[Interval, ReadDomainRule], ...]
 """Domains in question, each with the rules of the governance that decide there."""
@@ -16,11 +16,12 @@ Governed = tuple[tuple[Interval, ReadDomainRule], ...]
 UNGRANTED: Final = "the grant allows no"
 """How reasons begin that only permissions mend."""
 
-_BY_DOMAIN: Final = (JoinCheck.SPEC, JoinCheck.CYCLONEDDS)
+_BY_DOMAIN: Final = (JoinCheck.ALLOWED_DOMAIN, JoinCheck.LOOSE_TOPIC)
 _NOT_JOINING: Final = {
     **dict.fromkeys(_BY_DOMAIN, f"{UNGRANTED} domain that the governance covers"),
-    JoinCheck.FASTDDS: "the grant has no allow rule, and without one no participant is created",
-    JoinCheck.OPENDDS: "join access control is on and no topic is without access control, so no participant is created",
+    JoinCheck.ANY_ALLOW_RULE: "the grant has no allow rule, and without one no participant is created",
+    JoinCheck.TABLE_63: "join access control is on and no topic is without access control, "
+    "so no participant is created",
 }
 
 
@@ -46,15 +47,15 @@ def join_refusals(covered: Governed, grant: ReadGrant, check: JoinCheck) -> Iter
 
 def _joins(covered: Governed, grant: ReadGrant, check: JoinCheck) -> bool:
     """Whether the grant lets its holder join one of the domains."""
-    if check is JoinCheck.FASTDDS:
+    if check is JoinCheck.ANY_ALLOW_RULE:
         return any(rule.allow for rule in grant.rules)
     if not covered:
         return True  # that the governance covers no domain is a reason of its own, where it is one
-    if check is JoinCheck.OPENDDS:
+    if check is JoinCheck.TABLE_63:
         return any(not read.rule.enable_join_access_control or _is_loose(read) for _domains, read in covered)
     return any(
         not read.rule.enable_join_access_control
-        or (check is JoinCheck.CYCLONEDDS and _is_loose(read))
+        or (check is JoinCheck.LOOSE_TOPIC and _is_loose(read))
         or grant.default_allow
         or any(low <= upper and lower <= high for each in grant.rules if each.allow for lower, upper in each.domains)
         for (low, high), read in covered

@@ -30,10 +30,10 @@ from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Meetings
 from keystore_audit.model.formal.system import EnclaveAtom
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.trust.revocation import ends_of_lists
 from keystore_audit.model.validity import END
+from keystore_audit.profiles import Access, Profile
 
 
 class Endpoints(NamedTuple):

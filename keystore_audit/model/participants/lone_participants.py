@@ -15,9 +15,9 @@ from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import VARIANTS, JoinCheck
 from keystore_audit.model.trust.revocation import ends_of_lists
 from keystore_audit.model.validity import SECOND
+from keystore_audit.profiles import VARIANTS, JoinCheck
 
 
 def starts_alone(
@@ -30,7 +30,7 @@ def starts_alone(
 ) -> frozenset[tuple[int, int]]:
     """Those of `enclaves` with such domain classes, at the audit instant or any later one up to `until`."""
     profiles = [VARIANTS[name] for name in system.profiles]
-    profiles = [profile for profile in profiles if profile.local.joins is not JoinCheck.SPEC]
+    profiles = [profile for profile in profiles if profile.local.joins is not JoinCheck.ALLOWED_DOMAIN]
     if not profiles:
         return frozenset()
     permissions = Permissions(system)

@@ -18,7 +18,6 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.participants.doubt import file_doubts
-from keystore_audit.model.profiles import Trust
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import lists_carried
 from keystore_audit.model.trust.verdicts import (
@@ -30,6 +29,7 @@ from keystore_audit.model.trust.verdicts import (
     is_root,
     may_have_issued,
 )
+from keystore_audit.profiles import Trust
 
 REQUIRED = (
     Role.IDENTITY_CA,

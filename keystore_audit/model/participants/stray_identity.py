@@ -26,10 +26,10 @@ from keystore_audit.model.inventory import (
     permissions_cas,
 )
 from keystore_audit.model.participants.views import trust_files
-from keystore_audit.model.profiles import Profile, Trust
 from keystore_audit.model.trust.revocation import revoked
 from keystore_audit.model.trust.verdicts import is_authority, is_issued, may_have_issued, signing_authorities
-from keystore_audit.model.validity import ANY_ZONE, DateReading, read_date
+from keystore_audit.model.validity import ANY_ZONE, read_date
+from keystore_audit.profiles import DateReading, Profile, Trust
 
 
 class Admitted(Struct, frozen=True, kw_only=True):

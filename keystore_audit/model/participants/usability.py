@@ -26,7 +26,6 @@ from keystore_audit.model.participants.sight import (
     key_refusals,
     sight_of,
 )
-from keystore_audit.model.profiles import Profile, Trust
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import list_broken, list_missing, list_used, lists_read, revoked
@@ -39,6 +38,7 @@ from keystore_audit.model.trust.verdicts import (
     signers_taken,
 )
 from keystore_audit.model.validity import in_force
+from keystore_audit.profiles import Profile, Trust
 
 UNGOVERNED: Final = ("the governance covers no domain", "the governance does not cover domain")
 """How reasons begin that are about domains, as `joining.UNGRANTED`: only governance and permissions mend them."""

@@ -19,7 +19,6 @@ from keystore_audit.model.formal.system import RealmAtom
 from keystore_audit.model.inventory import Document, permissions_cas
 from keystore_audit.model.participants.doubt import may_say_anything
 from keystore_audit.model.participants.lone_endpoints import Alone, LoneEndpoints, LoneRefusals, Timeline
-from keystore_audit.model.profiles import Access, Profile, SubjectComparison, Trust
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.revocation import ends_of_lists, list_dates, list_unread, revoked
 from keystore_audit.model.trust.verdicts import (
@@ -33,6 +32,7 @@ from keystore_audit.model.trust.verdicts import (
     trusted_authorities,
 )
 from keystore_audit.model.validity import SECOND
+from keystore_audit.profiles import Access, Profile, SubjectComparison, Trust
 
 TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None, bool]
 

@@ -19,10 +19,11 @@ from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.matching.coverage import TOPICS, allows_everything, covers, may_cover
-from keystore_audit.model.matching.expression import Matcher, Pattern, has_wildcard, parse
+from keystore_audit.model.matching.expression import Pattern, has_wildcard, parse
 from keystore_audit.model.names import ACTION_PART
 from keystore_audit.model.ros.classes import OF_ACTIONS, Affix, classify_ros_names
 from keystore_audit.model.semantics import DIRECTIONS
+from keystore_audit.profiles import Matcher
 
 STATUS: Final = Affix("rt", f"{ACTION_PART}status")
 

@@ -14,11 +14,11 @@ from keystore_audit.model.channels import Channels, ReadRegion, domain_covers
 from keystore_audit.model.domains import contains, domain_classes
 from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.system import ChannelAtom
-from keystore_audit.model.matching.expression import Matcher, any_matches
+from keystore_audit.model.matching.expression import any_matches
 from keystore_audit.model.matching.patterns import Patterns
-from keystore_audit.model.profiles import Access
 from keystore_audit.model.ros.classes import Affix, RosClass, classify_ros_names
 from keystore_audit.model.semantics import DIRECTIONS
+from keystore_audit.profiles import Access, Matcher
 
 MAX_CHANNELS: Final = 200_000
 """Classes × affixes × domain classes of one enclave: a second; 5,000 services in two domains take a tenth."""

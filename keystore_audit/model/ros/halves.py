@@ -22,15 +22,14 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.bit_sets import members, union
-from keystore_audit.model.matching.expression import Matcher
 from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import ACTION_PART, ACTION_ROLES, ACTION_SERVICES, SERVICE_ROLES, Use, dds_expressions
-from keystore_audit.model.profiles import Access, Profile
 from keystore_audit.model.rights import allowed
 from keystore_audit.model.ros.channels import RosChannels, ros_channels
 from keystore_audit.model.ros.classes import OF_ACTIONS, Affix
 from keystore_audit.model.ros.texts import DocumentLines, is_surely_whole
 from keystore_audit.model.semantics import DIRECTIONS
+from keystore_audit.profiles import Access, Matcher, Profile
 
 _PARTS_OF_ACTIONS: Final = tuple(f"rq?*{ACTION_PART}{service}Request" for service in ACTION_SERVICES)
 """The requests that are parts of actions: as services they are not looked at."""
@@ -112,7 +111,7 @@ class _Search:
         self._readers = [
             _Reader(alike[0], row, tuple(profile.name for profile in alike)) for (row, _), alike in readers.items()
         ]
-        self._rewinds = all(reader.row.matcher is not Matcher.OPENDDS for reader in self._readers)
+        self._rewinds = all(reader.row.matcher is not Matcher.SINGLE_TRY for reader in self._readers)
         self._known: dict[object, tuple[_Found, ...]] = {}
 
     def of(self, enclaves: Iterable[Enclave]) -> Halves:

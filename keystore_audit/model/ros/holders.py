@@ -13,11 +13,11 @@ from keystore_audit.model.formal.attacker import RealmView, enclaves_views
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import EnclaveAtom, System
 from keystore_audit.model.matching.coverage import allows_everything
-from keystore_audit.model.matching.expression import Matcher, any_matches, has_wildcard
-from keystore_audit.model.profiles import Access
+from keystore_audit.model.matching.expression import any_matches, has_wildcard
 from keystore_audit.model.ros.classes import REPLY, REQUEST
 from keystore_audit.model.ros.texts import Lines
 from keystore_audit.model.semantics import Area, ReadGrant
+from keystore_audit.profiles import Access, Matcher
 
 _PARTITIONS: Final = ("", "*")
 """Partitions in which an endpoint meets those of ROS 2: the default one, and the name that is a pattern for it."""

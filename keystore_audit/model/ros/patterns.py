@@ -15,13 +15,12 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.matching.expression import Matcher
-from keystore_audit.model.profiles import VARIANTS, Profile
 from keystore_audit.model.ros.action_topics import ActionPattern, action_patterns
 from keystore_audit.model.ros.halves import Halves, halves
 from keystore_audit.model.ros.holders import Holder, Holders
 from keystore_audit.model.ros.services import Reach, Rivals, Services
 from keystore_audit.model.ros.usual_topics import Undescribed, Unusual, since_iron, undescribed, unusual
+from keystore_audit.profiles import VARIANTS, Matcher, Profile
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

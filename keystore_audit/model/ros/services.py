@@ -23,10 +23,11 @@ from keystore_audit.intent.ros_names import is_ros_name
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.matching.alphabet import Budget
-from keystore_audit.model.matching.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.expression import Pattern, parse
 from keystore_audit.model.names import LIFECYCLE_SERVICES, PARAMETER_SERVICES, SETTING_SERVICES
 from keystore_audit.model.ros.classes import REPLY, REQUEST, Affix, classify_ros_names
 from keystore_audit.model.ros.holders import Holder, Placed, allows
+from keystore_audit.profiles import Matcher
 
 MAX_MATCHES: Final = 1_000_000
 """Pairs of an expression and a name, or of two expressions, that are looked at: a second."""

@@ -9,10 +9,11 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.matching.pattern_index import PatternIndex
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
 from keystore_audit.model.ros.classes import REPLY, REQUEST
+from keystore_audit.profiles import Matcher
 
 _ENDS: Final = tuple(ACTION_PART + service for service in ACTION_SERVICES)
 

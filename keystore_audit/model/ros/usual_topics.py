@@ -23,7 +23,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.intended.observed_needs import DISCOVERY, TYPE_DESCRIPTION
-from keystore_audit.model.matching.expression import WILDCARDS, Matcher, has_wildcard, parse
+from keystore_audit.model.matching.expression import WILDCARDS, has_wildcard, parse
 from keystore_audit.model.names import (
     DISCOVERY_TOPIC,
     PARAMETER_SERVICES,
@@ -34,8 +34,8 @@ from keystore_audit.model.names import (
     dds_expressions,
     is_ros_dds_name,
 )
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.semantics import DIRECTIONS, is_controlled
+from keystore_audit.profiles import Matcher, Profile
 
 PUBLISH, SUBSCRIBE = Operation.PUBLISH, Operation.SUBSCRIBE
 

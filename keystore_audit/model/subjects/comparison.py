@@ -17,26 +17,26 @@ from cryptography import x509
 from msgspec import Struct
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.model.profiles import SubjectComparison
 from keystore_audit.model.subjects.attributes import SHORT_NAMES, Subject, typed
-from keystore_audit.model.subjects.opendds import oneline, relative_names
+from keystore_audit.model.subjects.relative_names import oneline, relative_names
+from keystore_audit.profiles import SubjectComparison
 
-TOKENWISE: Final = frozenset({SubjectComparison.CYCLONEDDS, SubjectComparison.CYCLONEDDS_TRIMMED})
+TOKENWISE: Final = frozenset({SubjectComparison.PIECES_WITHIN, SubjectComparison.TRIMMED_PIECES_WITHIN})
 """Comparisons by parts of names: a text names each subject that is made of some of its own."""
 
 MAX_PAIRS: Final = 200_000
 """Grants and certificates that are compared one by one: half a second. Only names in odd forms are; beyond it a grant
 counts as naming every certificate that an index cannot rule out."""
 
-_FASTDDS_MAX_ATTRIBUTES: Final = 20
+_MAX_ATTRIBUTES: Final = 20
 """Attributes of a name that Fast DDS keeps (DistinguishedName.h, MAX_VALUES_)."""
 
-_FASTDDS_MAX_OCTETS: Final = 1024
+_MAX_OCTETS: Final = 1024
 
-CYCLONEDDS_MAX_ATTRIBUTES: Final = 20
+MAX_PIECES: Final = 20
 """Attributes of a grant's subject that Cyclone DDS keeps (ac_check_subjects_are_equal)."""
 
-_CYCLONEDDS_DELIMITERS: Final = str.maketrans("/|", ",,")
+_DELIMITERS: Final = str.maketrans("/|", ",,")
 
 _PLAIN: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+){1,19}")
 """Subjects as sros2 writes them: each names itself for everybody, and for all but Cyclone DDS nothing else."""
@@ -78,10 +78,10 @@ def _tokenwise(
     subjects: tuple[str, ...], certificates: tuple[Subject, ...], comparison: SubjectComparison
 ) -> dict[str, frozenset[int]]:
     """As Cyclone DDS: where nothing has blanks it does not matter whether they are taken off, so one table is both."""
-    if comparison is SubjectComparison.CYCLONEDDS_TRIMMED:
+    if comparison is SubjectComparison.TRIMMED_PIECES_WITHIN:
         names = (_printed(each, escape_non_ascii=True) for each in certificates)
         if not any(" " in text for text in chain(subjects, names)):
-            return _tokenwise(subjects, certificates, SubjectComparison.CYCLONEDDS)
+            return _tokenwise(subjects, certificates, SubjectComparison.PIECES_WITHIN)
     return _compared(subjects, range(len(certificates)), certificates, comparison)
 
 
@@ -94,7 +94,7 @@ def _compared(
     """By the comparison itself, for the certificates `numbers`."""
     by_attribute = _BY_ATTRIBUTE.get(comparison)
     if by_attribute is None:
-        ordered = comparison is SubjectComparison.FASTDDS_ORDERED
+        ordered = comparison is SubjectComparison.PIECES_IN_ORDER
         found: dict[object, set[int]] = {}
         for number in numbers:
             each = certificates[number]
@@ -175,9 +175,9 @@ def escaped(value: str, *, escape: bool = False) -> str:
 def _printed(certificate: Subject, *, escape_non_ascii: bool) -> str:
     """As an implementation keeps it: Fast DDS, which leaves UTF-8, what fits into its buffer (PKIDH.cpp; measured)."""
     whole = printed(certificate, escape_non_ascii=escape_non_ascii)
-    if escape_non_ascii or len(whole) <= _FASTDDS_MAX_OCTETS // 4:
+    if escape_non_ascii or len(whole) <= _MAX_OCTETS // 4:
         return whole
-    return whole.encode("utf-8", "surrogatepass")[:_FASTDDS_MAX_OCTETS].decode("utf-8", "backslashreplace")
+    return whole.encode("utf-8", "surrogatepass")[:_MAX_OCTETS].decode("utf-8", "backslashreplace")
 
 
 def _ordered(text: str) -> tuple[str, ...]:
@@ -282,8 +282,8 @@ class _Index:
         if names is None:
             # The first of each type in the text; an empty type stands for what nothing names.
             first = frozenset(each for each in dict(reversed(attributes)).items() if each[0])
-            pieces = filter(None, text.translate(_CYCLONEDDS_DELIMITERS).split(","))
-            kept = len(list(pieces)) <= CYCLONEDDS_MAX_ATTRIBUTES
+            pieces = filter(None, text.translate(_DELIMITERS).split(","))
+            kept = len(list(pieces)) <= MAX_PIECES
             return frozenset(number for number in candidates if kept and self._sets[number] <= first)
         return frozenset(number for number in candidates if names(attributes, self._certificates[number]))
 
@@ -301,14 +301,14 @@ class Comparison(Struct, frozen=True, kw_only=True):
     escape_non_ascii: bool
 
 
-def _fastdds_attributes(text: str) -> Attributes:
+def _typed_attributes(text: str) -> Attributes:
     """Fast DDS since 2.14: `type=value` between commas outside quotes and escapes, as far as the text has that form.
 
     Blanks around, quotes and backslashes do not count (DistinguishedName.cpp; measured on 2.14.6, 3.2.5 and 3.6.2).
     """
     attributes: list[tuple[str, str]] = []
     rest = text.lstrip(" ")
-    while rest and len(attributes) < _FASTDDS_MAX_ATTRIBUTES:
+    while rest and len(attributes) < _MAX_ATTRIBUTES:
         kind, sign, behind = _cut(rest, "=")
         if not sign:
             break
@@ -329,7 +329,7 @@ def _plain(text: str) -> str:
     return text.strip(" ").replace("\\", "").replace('"', "")
 
 
-def _fastdds_names(text: Attributes, certificate: Attributes) -> bool:
+def _names_in_any_order(text: Attributes, certificate: Attributes) -> bool:
     """As many attributes, and each of the text is the first of its type in the certificate.
 
     So a repeated attribute names other subjects, and a subject with a repeated type is not even named by itself.
@@ -338,7 +338,7 @@ def _fastdds_names(text: Attributes, certificate: Attributes) -> bool:
     return len(text) == len(certificate) and all(first.get(kind, "") == value for kind, value in text)
 
 
-def _cyclonedds_attributes(text: str, *, trimmed: bool) -> Attributes:
+def _pieces(text: str, *, trimmed: bool) -> Attributes:
     """Cyclone DDS: pieces between `,`, `/` and `|`, each `type=value`, or a type without value.
 
     So `CN=/robot/arm` is `CN=`, `robot=` and `arm=` (access_control_utils.c, string_to_properties; measured with the
@@ -348,22 +348,22 @@ def _cyclonedds_attributes(text: str, *, trimmed: bool) -> Attributes:
     if not text:
         return ()
     attributes = []
-    for piece in text.translate(_CYCLONEDDS_DELIMITERS).removesuffix(",").split(","):
+    for piece in text.translate(_DELIMITERS).removesuffix(",").split(","):
         kind, _sign, value = piece.partition("=")
         attributes.append((kind.strip(" "), value.strip(" ")) if trimmed else (kind, value))
     return tuple(attributes)
 
 
 _BY_ATTRIBUTE: Final = {
-    SubjectComparison.FASTDDS_PARSED: Comparison(
-        parse=_fastdds_attributes, names=_fastdds_names, escape_non_ascii=False
+    SubjectComparison.ATTRIBUTES: Comparison(
+        parse=_typed_attributes, names=_names_in_any_order, escape_non_ascii=False
     ),
-    SubjectComparison.CYCLONEDDS: Comparison(
-        parse=partial(_cyclonedds_attributes, trimmed=False),
+    SubjectComparison.PIECES_WITHIN: Comparison(
+        parse=partial(_pieces, trimmed=False),
         names=None,
         escape_non_ascii=True,
     ),
-    SubjectComparison.CYCLONEDDS_TRIMMED: Comparison(
-        parse=partial(_cyclonedds_attributes, trimmed=True), names=None, escape_non_ascii=True
+    SubjectComparison.TRIMMED_PIECES_WITHIN: Comparison(
+        parse=partial(_pieces, trimmed=True), names=None, escape_non_ascii=True
     ),
 }

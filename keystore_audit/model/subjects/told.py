@@ -15,9 +15,9 @@ from cryptography import x509
 from msgspec import Struct
 
 from keystore_audit.model.formal.system import System
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.subjects.attributes import OBJECT_IDENTIFIERS
 from keystore_audit.model.subjects.comparison import escaped, matching, split, unescaped
+from keystore_audit.profiles import VARIANTS
 
 Meaning = object
 """A subject however it is written: equal where the attributes are, in whatever order."""

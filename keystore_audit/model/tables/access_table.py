@@ -24,11 +24,11 @@ from keystore_audit.model.formal.safeguard import Safeguard
 from keystore_audit.model.formal.system import Reading
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.tables.named import Named, names_of
 from keystore_audit.model.window import Window
+from keystore_audit.profiles import Profile
 
 
 class Rights(Struct, frozen=True, kw_only=True):

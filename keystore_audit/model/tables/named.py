@@ -14,7 +14,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import MAX_CELLS
 from keystore_audit.model.matching.patterns import Patterns
-from keystore_audit.model.profiles import Access
+from keystore_audit.profiles import Access
 
 
 class Named(Struct, frozen=True, kw_only=True):

@@ -20,13 +20,13 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import AMBIENT
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.tables.access_table import AccessTable, access_table
 from keystore_audit.model.tables.issuance import Issuance, issuance
 from keystore_audit.model.tables.neighbours import Neighbourhood, neighbourhoods
 from keystore_audit.model.tables.periods import Period, periods
 from keystore_audit.model.window import Window
+from keystore_audit.profiles import Profile
 
 MAX_NEIGHBOURHOODS: Final = 400
 """Enclaves whose neighbours are looked for: each is held against each, and nobody looks at more pictures."""

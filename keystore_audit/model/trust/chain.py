@@ -9,7 +9,6 @@ from functools import lru_cache
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.issuer import Issue, key_identifier_fits, names_itself, suits_key
-from keystore_audit.model.profiles import Trust
 from keystore_audit.model.trust.verdicts import (
     MAX_AUTHORITIES,
     authorities_read,
@@ -24,6 +23,7 @@ from keystore_audit.model.trust.verdicts import (
     stands_alone,
 )
 from keystore_audit.model.validity import in_force
+from keystore_audit.profiles import Trust
 
 
 def chain_refusal(

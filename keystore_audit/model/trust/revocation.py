@@ -15,9 +15,9 @@ from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.issuer import key_identifier_fits
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.profiles import RevocationLists, Trust
 from keystore_audit.model.trust.verdicts import authorities_read, issuers_taken, may_have_issued
 from keystore_audit.model.validity import LAST
+from keystore_audit.profiles import RevocationLists, Trust
 
 NO_IDENTITIES: Final = frozenset(
     {"onlyContainsCACerts", "onlyContainsAttributeCerts", "onlySomeReasons", "indirectCRL"}

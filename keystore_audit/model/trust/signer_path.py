@@ -9,7 +9,6 @@ from functools import lru_cache
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.issuer import fit_to_sign, lets_sign, names_itself
 from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.model.profiles import Trust
 from keystore_audit.model.trust.chain import is_found, step_refusal
 from keystore_audit.model.trust.verdicts import (
     MAX_AUTHORITIES,
@@ -22,6 +21,7 @@ from keystore_audit.model.trust.verdicts import (
     signers_taken,
 )
 from keystore_audit.model.validity import in_force
+from keystore_audit.profiles import Trust
 
 
 def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> str | None:

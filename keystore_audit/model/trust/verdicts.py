@@ -28,8 +28,8 @@ from keystore_audit.keystore.issuer import (
     suits_key,
 )
 from keystore_audit.keystore.smime import Signature, SignedDocument
-from keystore_audit.model.profiles import SPEC, Trust
 from keystore_audit.model.validity import in_force
+from keystore_audit.profiles import SPEC, Trust
 
 T = TypeVar("T")
 

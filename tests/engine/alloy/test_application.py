@@ -37,7 +37,7 @@ from keystore_audit.model.intended.wiring import wiring
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import resolve
+from keystore_audit.profiles import resolve
 from tests.engine.alloy_batch import evaluate, outcomes, shipped
 from tests.engine.systems import CHATTER, LISTENER, TALKER, healthy, stock
 

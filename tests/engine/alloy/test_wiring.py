@@ -23,7 +23,7 @@ from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import resolve
+from keystore_audit.profiles import resolve
 from keystore_audit.settings.settings import read_settings
 from tests.engine.alloy_batch import outcomes, shipped
 

@@ -14,7 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.model.validity import BEGINNING, Dated, DateReading, counts_at, read_date
+from keystore_audit.model.validity import BEGINNING, Dated, counts_at, read_date
+from keystore_audit.profiles import DateReading
 from tests.oracles.dates.clock import EPOCH, MALFORMED, ClockedPlugin, clocked, seconds
 from tests.oracles.dates.texts import TEXTS, almost, near
 from tests.oracles.xml.parsers import require_measured_versions
@@ -25,7 +26,7 @@ ZONES = ("UTC", "Asia/Tokyo", "America/Los_Angeles", "Pacific/Kiritimati", "Euro
 ASKED = [*(("fastdds", zone) for zone in ZONES), ("cyclone", "UTC"), ("cyclone", "Pacific/Kiritimati")]
 NOW = datetime(2026, 11, 21, 10, 0, tzinfo=timezone.utc)
 
-READINGS = {"fastdds": DateReading.FASTDDS, "cyclone": DateReading.CYCLONEDDS}
+READINGS = {"fastdds": DateReading.ROBOT_TIME, "cyclone": DateReading.UNREADABLE_IS_PAST}
 LONG_AGO = {"fastdds": "1950-01-01T00:00:00", "cyclone": "1970-01-01T00:00:00"}
 AT_LAST = {"fastdds": "9999-12-30T00:00:00", "cyclone": "2262-04-11T23:47:16"}
 CLOCK = {"fastdds": (-600_000_000, 253_000_000_000), "cyclone": (10, 9_223_372_034)}
@@ -114,7 +115,7 @@ def test_a_grant_that_cyclone_cannot_date_is_in_force_before_it_begins(
     plugin = plugins["cyclone", "UTC"]
     for start in ("2263-01-01T00:00:00", "2030-01-01T24:00:00", "2030-01-01T00:00:00+13:00"):
         assert plugin.refusal(start, AT_LAST["cyclone"], seconds(NOW)) is None
-        dated = read_date(start, DateReading.CYCLONEDDS, None)
+        dated = read_date(start, DateReading.UNREADABLE_IS_PAST, None)
         assert dated is not None
         assert (dated.instant, dated.readable) == (BEGINNING, False)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 import random
 
-from keystore_audit.model.matching.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.expression import Pattern, parse
+from keystore_audit.profiles import Matcher
 
 
 def short_names(letters: str, longest: int) -> list[str]:

@@ -7,7 +7,8 @@ import platform
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
-from keystore_audit.model.matching.expression import Matcher, Pattern
+from keystore_audit.model.matching.expression import Pattern
+from keystore_audit.profiles import Matcher
 from tests.conftest import lacking
 
 Column = Sequence[bool]
@@ -45,7 +46,7 @@ def ask(pattern: Pattern, names: Sequence[str]) -> Column:
     """What the library of the pattern's matcher says; all of it ASCII. Cyclone DDS's is asked in `plugin`."""
     text = pattern.text.encode("ascii")
     octets = [name.encode("ascii") for name in names]
-    if pattern.matcher is Matcher.OPENDDS:
+    if pattern.matcher is Matcher.SINGLE_TRY:
         wild_match = _wild_match()
         elsewhere = ctypes.create_string_buffer(text)  # ACE takes strings at one address for equal, and Python has few
         return [wild_match(name, elsewhere, True, True) for name in octets]

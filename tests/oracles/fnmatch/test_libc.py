@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from keystore_audit.model.matching.expression import Matcher
+from keystore_audit.profiles import Matcher
 from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
 from tests.oracles.fnmatch.corpus import BRACKET_NAMES, meant, pattern_set
 from tests.oracles.fnmatch.libraries import ask, ask_all

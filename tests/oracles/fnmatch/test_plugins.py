@@ -8,7 +8,8 @@ from itertools import zip_longest
 
 import pytest
 
-from keystore_audit.model.matching.expression import Matcher, Pattern, parse
+from keystore_audit.model.matching.expression import Pattern, parse
+from keystore_audit.profiles import Matcher
 from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
 from tests.oracles.fnmatch.corpus import BRACKET_NAMES, meant, pattern_set, short_names
 from tests.oracles.fnmatch.libraries import Column, ask
@@ -24,7 +25,7 @@ PLAIN_NAMES = [*short_names("ab/]", 3), *short_names("-^!:.", 2), "abcab", "a1"]
 @pytest.mark.parametrize(
     ("vendor", "matcher", "names", "pairs"),
     [
-        ("cyclone", Matcher.CYCLONEDDS, BRACKET_NAMES, 100_000),
+        ("cyclone", Matcher.SIMPLE_BRACKETS, BRACKET_NAMES, 100_000),
         ("fastdds", Matcher.POSIX_NOESCAPE, PLAIN_NAMES, 20_000),
     ],
 )
@@ -46,9 +47,9 @@ def test_classes_of_four_matchers_at_once_are_exact(plugins: dict[str, Plugin]) 
     """Of patterns of every implementation in one partition: each asked of its own."""
 
     def ask_all(patterns: Sequence[Pattern], names: Sequence[str]) -> list[Column]:
-        ours = [pattern for pattern in patterns if pattern.matcher is Matcher.CYCLONEDDS]
+        ours = [pattern for pattern in patterns if pattern.matcher is Matcher.SIMPLE_BRACKETS]
         answers: dict[int, Column] = {}
-        for first, second in zip_longest(ours[::2], ours[1::2], fillvalue=parse("rt/chatter", Matcher.CYCLONEDDS)):
+        for first, second in zip_longest(ours[::2], ours[1::2], fillvalue=parse("rt/chatter", Matcher.SIMPLE_BRACKETS)):
             answers[id(first)], answers[id(second)] = ask_two(plugins["cyclone"], first, second, names)
         return [answers[id(each)] if id(each) in answers else ask(each, names) for each in patterns]
 
@@ -61,6 +62,6 @@ def test_classes_of_four_matchers_at_once_are_exact(plugins: dict[str, Plugin]) 
 def test_one_text_means_what_each_implementation_makes_of_it(plugins: dict[str, Plugin]) -> None:
     names = ["a", "^", "b", "]", "]]", "a]", "-", "1"]
     for text in ("[^a]", "[a]", "[!a]", "[]a]", "[!]", "[a-]", "[a", "[b-a]", "[a]-c", "[[:digit:]]", "\\a"):
-        pattern = parse(text, Matcher.CYCLONEDDS)
+        pattern = parse(text, Matcher.SIMPLE_BRACKETS)
         column, _ = ask_two(plugins["cyclone"], pattern, pattern, names)
         assert [pattern.matches(name) for name in names] == column, text

@@ -9,9 +9,9 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec import Struct
 
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.verdicts import is_issued
+from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import START, Signed, authority, certificate, evidence, read
 from tests.oracles.identities.pool import Combination, combinations, pool
 from tests.oracles.pkits import paths

@@ -16,7 +16,7 @@ from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.rules import RULES
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import judge

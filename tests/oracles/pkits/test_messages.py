@@ -15,8 +15,8 @@ from msgspec import Struct
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
+from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import present
 from tests.keystore.builder import read as read_pem
 from tests.oracles.pkits import suite

@@ -19,9 +19,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.model.profiles import SubjectComparison
 from keystore_audit.model.subjects.comparison import names, printed, same_meaning
-from keystore_audit.model.subjects.opendds import oneline
+from keystore_audit.model.subjects.relative_names import oneline
+from keystore_audit.profiles import SubjectComparison
 from tests.keystore.builder import certificate, evidence
 from tests.keystore.documents import PERMISSIONS
 from tests.oracles.xml.ours import DocumentKind
@@ -58,7 +58,7 @@ GRANTS = (
     *("CN=/talker,,O=x", "CN=/talker" + "," * 25, "CN=/talker," + "x=1," * 19, _LONG, _LONG[:1024], _LONG[:1023]),
 )
 
-MEASURED = {"cyclone": SubjectComparison.CYCLONEDDS, "fastdds": SubjectComparison.FASTDDS_ORDERED}
+MEASURED = {"cyclone": SubjectComparison.PIECES_WITHIN, "fastdds": SubjectComparison.PIECES_IN_ORDER}
 
 
 def named(attributes: tuple[tuple[x509.ObjectIdentifier, str], ...]) -> x509.Name:
@@ -132,13 +132,13 @@ def test_fast_dds_since_2_14(
     expected: bool,
 ) -> None:
     """The rows that were measured on 2.14.6, 3.2.5 and 3.6.2 (docs/security-model.md)."""
-    assert names(grant, certified(plugins, *subject), SubjectComparison.FASTDDS_PARSED) is expected
+    assert names(grant, certified(plugins, *subject), SubjectComparison.ATTRIBUTES) is expected
 
 
 def test_cyclone_dds_11_trims(plugins: dict[str, Plugin]) -> None:
     identity = certified(plugins, (ORG, "Org"), (CN, "/talker"))
-    assert names("O=Org, CN = /talker", identity, SubjectComparison.CYCLONEDDS_TRIMMED)
-    assert not names("O=Org, CN = /talker", identity, SubjectComparison.CYCLONEDDS)
+    assert names("O=Org, CN = /talker", identity, SubjectComparison.TRIMMED_PIECES_WITHIN)
+    assert not names("O=Org, CN = /talker", identity, SubjectComparison.PIECES_WITHIN)
 
 
 ODD = '/a ,+"\\<>;#= ä\t'
@@ -189,7 +189,7 @@ def test_names_are_printed_as_openssl_prints_them(
 )
 def test_opendds(subject: tuple[tuple[x509.ObjectIdentifier, str], ...], grant: str, expected: bool) -> None:
     """Read in SubjectName.cpp; a certificate's is in its own order (Certificate.h, XN_FLAG_ONELINE)."""
-    assert names(grant, evidence(certificate(named(subject))), SubjectComparison.OPENDDS) is expected
+    assert names(grant, evidence(certificate(named(subject))), SubjectComparison.RELATIVE_NAMES) is expected
 
 
 @pytest.mark.parametrize("title", SUBJECTS)

@@ -11,8 +11,8 @@ from msgspec import Struct
 
 from keystore_audit.access import Access
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.question import Answer, Question, Ruling
+from keystore_audit.profiles import VARIANTS
 from tests.oracles.vendors import enclave
 
 PROFILES = {"cyclone": VARIANTS["cyclonedds-0.10"], "fastdds": VARIANTS["fastdds-2.9"]}

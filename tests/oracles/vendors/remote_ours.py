@@ -7,8 +7,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from keystore_audit.access import Access
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.question import Answer, Question, Ruling
+from keystore_audit.profiles import VARIANTS
 from tests.oracles.vendors.enclave import Endpoint
 
 PROFILES = {"cyclone": "cyclonedds-0.10", "fastdds": "fastdds-2.9"}

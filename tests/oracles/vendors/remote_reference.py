@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
+from keystore_audit.profiles import Matcher
 from tests.oracles.vendors.enclave import Endpoint
 from tests.oracles.vendors.pairs_material import LONG
 from tests.oracles.vendors.remote import SUBJECT, Criterion, Grant, Remote, Rule, TopicRule

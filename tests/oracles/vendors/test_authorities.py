@@ -12,9 +12,9 @@ from keystore_audit.engine.engines import Engines
 from keystore_audit.findings import Severity
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.model.formal.claim import Attacker
-from keystore_audit.model.profiles import resolve
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
+from keystore_audit.profiles import resolve
 from keystore_audit.properties.property import Status
 from tests.keystore.builder import authority, certificate
 from tests.oracles.vendors.pairs import Pairs

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.claims.ability import sent, talks
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import PrivateKey, certificate
 from tests.oracles.vendors.pairs import PATIENCE, Pairs, Side
 from tests.oracles.vendors.pairs_case import CAS, PLAIN_FIRST, PLAIN_SECOND

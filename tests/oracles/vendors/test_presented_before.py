@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.diff import compare_keystores
-from keystore_audit.model.profiles import resolve
+from keystore_audit.profiles import resolve
 from tests.keystore.builder import authority
 from tests.oracles.vendors.enclave import publish, subscribe
 from tests.oracles.vendors.pairs import Pairs, Side

@@ -14,8 +14,8 @@ import pytest
 from keystore_audit.access import Access
 from keystore_audit.assumptions import EVERY, Assumption, holds_if
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.question import Question, Ruling
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.report.content import answered_if
 from tests.oracles.vendors import recipe
 from tests.oracles.vendors.enclave import publish, subscribe

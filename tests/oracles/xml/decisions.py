@@ -8,7 +8,8 @@ from __future__ import annotations
 from keystore_audit.keystore.document import DomainRange
 from keystore_audit.keystore.governance import Governance
 from keystore_audit.keystore.permissions import Grant, Operation, Permissions
-from keystore_audit.model.matching.expression import Matcher, parse
+from keystore_audit.model.matching.expression import parse
+from keystore_audit.profiles import Matcher
 
 
 def holds(ranges: tuple[DomainRange, ...], domain: int) -> bool:

@@ -18,7 +18,7 @@ from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from tests.oracles.xml.plugins import Plugin
 
 pytestmark = pytest.mark.xdist_group("xml-oracle")

@@ -27,7 +27,7 @@ _DELETE: Final = "\x7f"
 _SPECIAL: Final = re.compile(r"[*?\[\\\0]")
 
 
-def parse_opendds(text: str) -> Reading:
+def parse_single_try(text: str) -> Reading:
     """Read `text`; its stars are to be taken as the module says: that is `Pattern.rewinds`."""
     if not _SPECIAL.search(text):
         return Reading(tokens=text)

@@ -29,7 +29,7 @@ _RANGE_FROM_CLOSE: Final = "has a - behind the ] of its brackets, which Cyclone 
 _SPECIAL: Final = re.compile(r"[*?\[\0]")
 
 
-def parse_cyclonedds(text: str) -> Reading:
+def parse_simple_brackets(text: str) -> Reading:
     """Read `text`."""
     if not _SPECIAL.search(text):
         return Reading(tokens=text)

@@ -1,0 +1,95 @@
+"""Which implementations a verdict is about: aliases, distributions of ROS 2 and middleware (design section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+from keystore_audit.errors import UsageError
+from keystore_audit.profiles.peculiarities import Profile
+from keystore_audit.profiles.table import FAMILIES, SPEC, VARIANTS
+from keystore_audit.text import meant
+
+_SUPPORTED: Final = ("humble", "jazzy", "kilted", "lyrical")
+
+DISTRIBUTIONS: Final = (*_SUPPORTED, "rolling")
+"""What ROS_DISTRO may say, where it is known here which variants run."""
+
+DEFAULT: Final[tuple[str, ...]] = tuple(
+    name for name, profile in VARIANTS.items() if profile is SPEC or {*_SUPPORTED} & {*profile.distributions}
+)
+"""`spec` and every variant that a supported distribution ships."""
+
+MIDDLEWARE: Final[Mapping[str, str]] = {word: name for name, family in FAMILIES.items() for word in family.middleware}
+"""What RMW_IMPLEMENTATION may say, by the family whose profiles tell what it does."""
+
+ALIASES: Final[Mapping[str, tuple[str, ...]]] = {
+    # Of a family every release that a supported distribution ships: users of one have the older ones, too.
+    **{
+        family: tuple(name for name in DEFAULT if VARIANTS[name].family == family)
+        for family in dict.fromkeys(MIDDLEWARE.values())
+    },
+    **{
+        distribution: tuple(name for name, profile in VARIANTS.items() if distribution in profile.distributions)
+        for distribution in DISTRIBUTIONS
+    },
+    "all": tuple(VARIANTS),
+}
+
+
+def resolve(names: Iterable[str]) -> tuple[Profile, ...]:
+    """The profiles that `names` (variants or aliases) stand for, in canonical order; none: the default ones.
+
+    Raises UsageError, with the known names and the nearest one, for a name that is neither.
+    """
+    wanted: set[str] = set()
+    for name in names:
+        if name in VARIANTS:
+            wanted.add(name)
+        elif name in ALIASES:
+            wanted.update(ALIASES[name])
+        else:
+            known = [*VARIANTS, *ALIASES]
+            raise UsageError(f"Unknown profile {name!r}.{meant(name, known)} Known: {', '.join(known)}.")
+    chosen = wanted or set(DEFAULT)
+    return tuple(profile for name, profile in VARIANTS.items() if name in chosen)
+
+
+def in_scope(distributions: Sequence[str], middleware: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """The variants that one of the `distributions` ships, that one of the `middleware` runs on, and that `names` stand
+    for; what is empty leaves all. `middleware`: families, or what RMW_IMPLEMENTATION says.
+
+    Raises UsageError for what is not known or not modelled, and where no variant is all three.
+    """
+    for word in middleware:
+        if "zenoh" in word:
+            raise UsageError(f"--rmw {word}: rmw_zenoh is not modelled; no permissions of a keystore bind it.")
+    for option, words, known in (
+        ("--distro", distributions, DISTRIBUTIONS),
+        ("--rmw", middleware, (*dict.fromkeys(MIDDLEWARE.values()), *MIDDLEWARE)),
+    ):
+        for word in words:
+            if word not in known:
+                raise UsageError(f"{option}: {word!r} is not one of {', '.join(known)}.{meant(word, known)}")
+    families = [MIDDLEWARE.get(word, word) for word in middleware]
+    found = tuple(
+        profile.name
+        for profile in resolve(names)
+        if (not distributions or not {*distributions}.isdisjoint(profile.distributions))
+        if not families or profile.family in families
+    )
+    if not found:
+        raise UsageError("No known implementation is all that --distro, --rmw and --profile say together.")
+    return found
+
+
+def running(distribution: str, middleware: str) -> tuple[str, ...]:
+    """The variants that run where ROS_DISTRO and RMW_IMPLEMENTATION say so; all default ones that they leave open.
+
+    Of a distribution that is not known here, every one: which release it ships, we cannot tell.
+    """
+    shipped = ALIASES["all"] if distribution else DEFAULT
+    if distribution in DISTRIBUTIONS:
+        shipped = ALIASES[distribution]
+    family = MIDDLEWARE.get(middleware)
+    return tuple(name for name in shipped if family is None or VARIANTS[name].family == family)
