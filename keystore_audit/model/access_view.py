@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from datetime import datetime
-from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from functools import partial
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from msgspec import Struct
-from msgspec.structs import astuple, replace
+from msgspec.structs import replace
 
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.document import DomainRange, Text
+from keystore_audit.keystore.document import DomainRange
 from keystore_audit.keystore.governance import Governance, GovernanceFile, ProtectionKind
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.permissions import Grant, Operation, Permissions, PermissionsFile
+from keystore_audit.keystore.permissions import Permissions, PermissionsFile
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.inventory import Document, Typed
-from keystore_audit.model.matching.expression import has_wildcard, parse
+from keystore_audit.model.matching.expression import parse
+from keystore_audit.model.occasions import OCCASIONS, Occasions, expressions
 from keystore_audit.model.semantics import (
     ReadDomainRule,
     ReadGrant,
-    has_one_reading,
+    ReadRule,
     read_domain_rules,
     read_grant,
+    read_rules,
 )
 from keystore_audit.model.subjects.comparison import names
-from keystore_audit.model.validity import SECOND, Dated, counts_at, read_date
-from keystore_audit.profiles import SPEC, Access, DateReading, Matcher, OpenRange, Profile
+from keystore_audit.model.validity import Dated, counts_at, read_date
+from keystore_audit.profiles import QUIRKS, SPEC, Access, Alike, DateReading, OpenRange, Profile
 
 if TYPE_CHECKING:  # most audits are told no zone
     from zoneinfo import ZoneInfo
@@ -63,8 +65,18 @@ class ReadDocument(Struct, frozen=True, kw_only=True):
 
 _UNPARSED: Final = ReadDocument()
 
+_LATER: Final = tuple(name for name, quirk in QUIRKS.items() if quirk.matters in OCCASIONS)
+"""Peculiarities that count when rights are decided; the others are done with when a document is read."""
+
 ZONE_DECIDES: Final = "is read in the robot's zone (--time-zone), which decides whether the grant counts now"
 """How a doubt ends that the robots' zone would settle."""
+
+
+class _Readings(NamedTuple):
+    """What rows make of one document, and of its rules: of each grant, whatever its dates."""
+
+    document: Alike[ReadDocument]
+    rules: Alike[tuple[tuple[ReadRule, ...], ...]]
 
 
 class AccessViews:
@@ -80,21 +92,24 @@ class AccessViews:
         zone: ZoneInfo | None,
         assumed: frozenset[Assumption] = EVERY,
     ) -> None:
-        self._files = [document.file for document in documents if document.file is not None]
+        self._held = Occasions([each.file for each in documents if each.file is not None], at, zone)
         self.at = at
         self._zone = zone
         self.assumed = assumed
         self._rows: dict[Access, Access] = {}
-        self._kept: dict[tuple[object, ...], Access] = {}
+        self._kept: dict[object, Access] = {}
         self._read: dict[tuple[Access, Typed], ReadDocument] = {}
+        self._readings: dict[Typed, _Readings] = {}
         self._deciding: dict[tuple[Access, GovernanceFile], tuple[ReadDomainRule, ...]] = {}
 
     def row(self, access: Access) -> Access:
-        """One row for all that read this keystore's documents alike."""
+        """One row for all that read this keystore's documents alike: the specification's if it does, too."""
         row = self._rows.get(access)
         if row is None:
+            if not self._kept:
+                self._kept[self._answers(SPEC.access)] = SPEC.access
             reduced = self._reduced(access)
-            row = self._kept.setdefault(astuple(reduced), reduced)
+            row = self._kept.setdefault(self._answers(reduced), reduced)
             self._rows[access] = self._rows[row] = row
         return row
 
@@ -102,8 +117,12 @@ class AccessViews:
         """What the document says."""
         found = self._read.get((access, file))
         if found is None:
-            row = self.row(access)
-            found = self._read[access, file] = self._document(file, row) if row is access else self.read(file, row)
+            known = self._readings.get(file)
+            if known is None:
+                known = self._readings[file] = _Readings(
+                    document=Alike(partial(self._document, file)), rules=Alike(partial(_rules_of, file))
+                )
+            found = self._read[access, file] = known.document.of(access)
         return found
 
     def rows(self, profiles: Iterable[Profile]) -> tuple[Access, ...]:
@@ -138,11 +157,13 @@ class AccessViews:
 
     def of_document(self, file: Typed) -> AccessViews:
         """The views of this document alone: of what it gives an occasion for."""
-        return AccessViews((Document(file.signed.file.place, file),), self.at, self._zone, self.assumed)
+        alone = AccessViews((Document(file.signed.file.place, file),), self.at, self._zone, self.assumed)
+        alone._readings = self._readings
+        return alone
 
     def unclear_name(self, topic: str, partition: str, profile: Profile) -> str | None:
         """Why it cannot be told which expressions an implementation takes to match these names; None: it can."""
-        counting = any(not _COUNTING.isdisjoint(text) for text in self._unusual_expressions)
+        counting = any(not _COUNTING.isdisjoint(text) for text in self._held.unusual_expressions)
         if profile.access.matches_octets and counting and not (topic + partition).isascii():
             return "in names beyond ASCII, ? and brackets take octets or characters, as the process's locale has it"
         if profile.local.splits_partitions and ";" in partition:
@@ -152,13 +173,13 @@ class AccessViews:
     def dates_in_local_time(self, profiles: Iterable[Profile]) -> frozenset[datetime]:
         """Dates of grants that a profile reads in the robot's zone, which we were not told, as if it were UTC."""
         readings = {profile.access.dates for profile in profiles}
-        dated = [read_date(text, reading, self._zone) for text in self._dates for reading in readings]
+        dated = [read_date(text, reading, self._zone) for text in self._held.dates for reading in readings]
         return frozenset(each.instant for each in dated if each is not None and each.local)
 
     def dated(self, profiles: Iterable[Profile], instants: Collection[datetime]) -> Iterator[tuple[Location, str]]:
         """The dates of grants that a profile takes for one of the `instants` in the robot's zone: where, and what."""
         readings = {profile.access.dates for profile in profiles}
-        for file in self._files:
+        for file in self._held.files:
             for grant in file.grants if isinstance(file, PermissionsFile) else ():
                 for verb, date in (("begins", grant.not_before), ("ends", grant.not_after)):
                     taken = [read_date(date.text, reading, self._zone) for reading in readings]
@@ -171,118 +192,32 @@ class AccessViews:
             return frozenset(), frozenset()
         bounds = []
         for texts in (
-            {grant.not_before.text for grant in self._grants},
-            {grant.not_after.text for grant in self._grants},
+            {grant.not_before.text for grant in self._held.grants},
+            {grant.not_after.text for grant in self._held.grants},
         ):
             dated = (read_date(text, DateReading.UNREADABLE_IS_PAST, self._zone) for text in texts)
             bounds.append(frozenset(each.instant for each in dated if each is not None))
         return bounds[0], bounds[1]
 
+    def _answers(self, access: Access) -> object:
+        """What the documents say, and what counts later, when rights are decided by that."""
+        return tuple([id(self.read(file, access)) for file in self._held.files]), *(getattr(access, n) for n in _LATER)
+
     def _reduced(self, access: Access) -> Access:
-        """The row with everything that no document gives an occasion for as the specification has it.
-
-        What `_occasions` does not know stays as it is: rows are then apart that could be one, and no answer is wrong.
-        Where it says the same, no document is looked at.
-        """
-        occasions = self._occasions(access)
-        specified = {name: getattr(SPEC.access, name) for name in occasions}
-        differing = {name: value for name, value in specified.items() if value != getattr(access, name)}
-        return replace(access, **{name: value for name, value in differing.items() if not occasions[name]()})
-
-    def _occasions(self, access: Access) -> Mapping[str, Callable[[], bool]]:
-        """By field of the row, whether some document gives an occasion for it."""
-        occasions: dict[str, Callable[[], bool]] = {
-            "matcher": lambda: any(
-                not parse(text, access.matcher).agrees(parse(text, Matcher.POSIX)) for text in self._unusual_expressions
-            ),
-            "matches_octets": lambda: False,  # of names, not documents: `unclear_name`
-            "open_ranges": lambda: any(
-                entry.low is None or not entry.high for entry in self._ranges if entry.low != entry.high
-            ),
-            "highest_domain": lambda: _range_refusal(self._ranges, access) is not None,
-            "reads_1_0": lambda: any(_is_1_0(file) for file in self._files),
-            "refuses_unauthenticated_with_rtps": lambda: any(map(_opens_protected_rtps, self._governances)),
-            "dates": lambda: not all(self._same_date(text, access.dates) for text in self._dates),
-            "skips_grants_out_of_date": lambda: (
-                any(len(permissions.grants) > 1 for permissions in self._permissions)
-                or (access.joins_out_of_date and occasions["joins_out_of_date"]())  # by the one grant that there is
-            ),
-            "joins_out_of_date": lambda: any(self._may_be_out_of_date(grant, access.dates) for grant in self._grants),
-            "honours_default": lambda: any(grant.default_allow for grant in self._grants),
-            "partitions": lambda: not all(map(has_one_reading, self._permissions)),
-            "relay": lambda: any(
-                criterion.operation is Operation.RELAY
-                for grant in self._grants
-                for rule in grant.rules
-                for criterion in rule.criteria
-            ),
-            "first_rule_decides_topic": lambda: any(not rule.allow for grant in self._grants for rule in grant.rules),
-            "requires_grant": lambda: any(
-                not rule.enable_join_access_control
-                for governance in self._governances
-                for rule in governance.domain_rules
-            ),
-            "any_governance_rule": lambda: any(
-                len(governance.domain_rules) > 1 or any(len(rule.topic_rules) > 1 for rule in governance.domain_rules)
-                for governance in self._governances
-            ),
-            "authenticates_origin": lambda: any(map(_authenticates_origin, self._governances)),
-        }
-        return occasions
-
-    @cached_property
-    def _governances(self) -> list[Governance]:
-        files = [file for file in self._files if isinstance(file, GovernanceFile)]
-        return [file.governance for file in files if file.governance is not None]
-
-    @cached_property
-    def _permissions(self) -> list[Permissions]:
-        files = [file for file in self._files if isinstance(file, PermissionsFile)]
-        return [file.permissions for file in files if file.permissions is not None]
-
-    @cached_property
-    def _grants(self) -> list[Grant]:
-        return [grant for permissions in self._permissions for grant in permissions.grants]
-
-    @cached_property
-    def _ranges(self) -> list[DomainRange]:
-        return list(
-            dict.fromkeys(
-                [entry for governance in self._governances for entry in _governance_ranges(governance)]
-                + [entry for permissions in self._permissions for entry in _permissions_ranges(permissions)]
-            )
-        )
-
-    @cached_property
-    def _dates(self) -> set[str]:
-        return {date.text for grant in self._grants for date in (grant.not_before, grant.not_after)}
-
-    @cached_property
-    def _unusual_expressions(self) -> list[str]:
-        """Expressions that a matcher may read in its own way."""
-        found = {expression.text for file in self._files for expression in _expressions(file)}
-        return list(filter(has_wildcard, found))
-
-    def _same_date(self, text: str, reading: DateReading) -> bool:
-        """Whether the date is what the specification has, and it does not matter now how exactly."""
-        dated, standard = read_date(text, reading, self._zone), read_date(text, DateReading.XSD, None)
-        if dated is None or standard is None or dated.instant != standard.instant:
-            return False
-        return not (dated.earliest <= self.at + SECOND and self.at - SECOND <= dated.latest)
-
-    def _may_be_out_of_date(self, grant: Grant, reading: DateReading) -> bool:
-        dates = [read_date(date.text, reading, self._zone) for date in (grant.not_before, grant.not_after)]
-        start, end = dates
-        return start is None or end is None or counts_at(start, end, self.at, reading) is not True
+        """The row with what no document gives an occasion for as the specification has it."""
+        specified = {name: getattr(SPEC.access, name) for name in _LATER}
+        differing = [name for name, value in specified.items() if getattr(access, name) != value]
+        idle = [name for name in differing if not self._held.has(QUIRKS[name].matters, access)]
+        return replace(access, **{name: specified[name] for name in idle}) if idle else access
 
     def _document(self, file: Typed, access: Access) -> ReadDocument:
         governance = file.governance if isinstance(file, GovernanceFile) else None
         permissions = file.permissions if isinstance(file, PermissionsFile) else None
         if governance is None and permissions is None:
             return _UNPARSED
-        if not access.reads_1_0 and _is_1_0(file):
+        if _is_1_0(file) and not access.reads_1_0:
             return ReadDocument(refusal="it has the form of DDS-Security 1.0")
-        undefined = self._undefined_expression(file, access.matcher)
+        undefined = _undefined_expression(file, access)
         if undefined is not None:
             return ReadDocument(doubt=undefined)
         if governance is not None:
@@ -290,24 +225,14 @@ class AccessViews:
             refusal = _range_refusal(ranges, access)
             if refusal is None and _unbounded_below(ranges, access) is not None:
                 refusal = "it has an <id_range> without <min>"
-            if refusal is None and access.refuses_unauthenticated_with_rtps and _opens_protected_rtps(governance):
+            if refusal is None and _opens_protected_rtps(governance) and access.refuses_unauthenticated_with_rtps:
                 refusal = "it allows unauthenticated participants beside a protected RTPS"
             return ReadDocument(
                 refusal=refusal, domain_rules=None if refusal else read_domain_rules(governance, access)
             )
-        return self._permissions_document(permissions, access) if permissions is not None else _UNPARSED
+        return self._permissions_document(file, permissions, access) if permissions is not None else _UNPARSED
 
-    def _undefined_expression(self, file: Typed, matcher: Matcher) -> tuple[str, int | None] | None:
-        """An expression whose meaning hangs on what an implementation has in its memory, and its line."""
-        undefined = {text for text in self._unusual_expressions if parse(text, matcher).undefined}
-        if undefined:
-            for expression in _expressions(file):
-                if expression.text in undefined:
-                    reason = f"the expression {expression.text!r} {parse(expression.text, matcher).malformed}"
-                    return reason, expression.line
-        return None
-
-    def _permissions_document(self, permissions: Permissions, access: Access) -> ReadDocument:
+    def _permissions_document(self, file: Typed, permissions: Permissions, access: Access) -> ReadDocument:
         refusal = _range_refusal(_permissions_ranges(permissions), access)
         if refusal is not None:
             return ReadDocument(refusal=refusal)
@@ -315,7 +240,7 @@ class AccessViews:
         if unbounded is not None:  # in permissions it is not refused: coming to it ends the process (measured)
             return ReadDocument(doubt=("an <id_range> without <min> ends the process that comes to it", unbounded.line))
         grants = []
-        for grant in permissions.grants:
+        for grant, rules in zip(permissions.grants, self._readings[file].rules.of(access), strict=True):
             dates = [read_date(date.text, access.dates, self._zone) for date in (grant.not_before, grant.not_after)]
             not_before, not_after = dates
             if not_before is None or not_after is None:
@@ -327,7 +252,7 @@ class AccessViews:
             if in_force is None:
                 date = grant.not_before if not_before.local and not_before.latest > self.at else grant.not_after
                 return ReadDocument(doubt=(f"{date.text!r} {ZONE_DECIDES}", date.line))
-            grants.append(read_grant(grant, *self._bounds(not_before, not_after, in_force=in_force), access))
+            grants.append(read_grant(grant, rules, *self._bounds(not_before, not_after, in_force=in_force), access))
         return ReadDocument(grants=tuple(grants))
 
     def _bounds(self, not_before: Dated, not_after: Dated, *, in_force: bool) -> tuple[datetime, datetime]:
@@ -340,9 +265,23 @@ class AccessViews:
         return start, end
 
 
+def _rules_of(file: Typed, access: Access) -> tuple[tuple[ReadRule, ...], ...]:
+    return tuple(read_rules(grant, access) for grant in file.grants) if isinstance(file, PermissionsFile) else ()
+
+
 def _is_1_0(file: Typed) -> bool:
     """Permissions of that form only mix their criteria, which every implementation reads (measured)."""
     return isinstance(file, GovernanceFile) and any(defect.kind is Kind.DDS_SECURITY_1_0 for defect in file.defects)
+
+
+def _undefined_expression(file: Typed, access: Access) -> tuple[str, int | None] | None:
+    """An expression whose meaning hangs on what an implementation has in its memory, and its line."""
+    for expression in expressions(file):
+        if "[" in expression.text:
+            pattern = parse(expression.text, access.matcher)
+            if pattern.undefined:
+                return f"the expression {expression.text!r} {pattern.malformed}", expression.line
+    return None
 
 
 def _range_refusal(ranges: Iterable[DomainRange], access: Access) -> str | None:
@@ -354,9 +293,8 @@ def _range_refusal(ranges: Iterable[DomainRange], access: Access) -> str | None:
 
 def _unbounded_below(ranges: Iterable[DomainRange], access: Access) -> DomainRange | None:
     """A range without a lower bound, where the implementation wants one."""
-    if access.open_ranges is not OpenRange.LONE_MAX_REFUSED:
-        return None
-    return next((entry for entry in ranges if entry.low is None), None)
+    unbounded = next((entry for entry in ranges if entry.low is None), None)
+    return unbounded if unbounded is not None and access.open_ranges is OpenRange.LONE_MAX_REFUSED else None
 
 
 def _opens_protected_rtps(governance: Governance) -> bool:
@@ -364,29 +302,6 @@ def _opens_protected_rtps(governance: Governance) -> bool:
         rule.allow_unauthenticated_participants and rule.rtps_protection_kind is not ProtectionKind.NONE
         for rule in governance.domain_rules
     )
-
-
-def _authenticates_origin(governance: Governance) -> bool:
-    return any(
-        rule.discovery_protection_kind.authenticates_origin
-        or rule.liveliness_protection_kind.authenticates_origin
-        or rule.rtps_protection_kind.authenticates_origin
-        or any(topic.metadata_protection_kind.authenticates_origin for topic in rule.topic_rules)
-        for rule in governance.domain_rules
-    )
-
-
-def _expressions(file: Typed) -> Iterator[Text]:
-    """Every topic and partition expression of the document."""
-    if isinstance(file, GovernanceFile):
-        for domain_rule in file.governance.domain_rules if file.governance else ():
-            yield from (topic.expression for topic in domain_rule.topic_rules)
-        return
-    for grant in file.grants:
-        for rule in grant.rules:
-            for criterion in rule.criteria:
-                yield from criterion.topics
-                yield from criterion.partitions or ()
 
 
 def _governance_ranges(governance: Governance) -> Iterator[DomainRange]:

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 from msgspec import Struct
 
-from keystore_audit.keystore.document import Text
+from keystore_audit.keystore.document import DomainRange, Text
 from keystore_audit.keystore.governance import DomainRule, Governance, TopicRule
-from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Permissions, Rule
+from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
 from keystore_audit.model.domains import Interval, covered
 from keystore_audit.model.validity import in_force
 from keystore_audit.profiles import Access, PartitionReading, RelayReading
@@ -119,7 +119,7 @@ def read_domain_rules(governance: Governance, access: Access) -> tuple[ReadDomai
     """The domain rules in order: of those that cover a domain the first counts, of its topic rules the first match."""
     return tuple(
         ReadDomainRule(
-            domains=covered(rule.domains, access.open_ranges),
+            domains=_domains(rule.domains, access),
             topic_rules=tuple(
                 ReadTopicRule(region=(Area((topic.expression.text,), None),), rule=topic) for topic in rule.topic_rules
             ),
@@ -129,47 +129,55 @@ def read_domain_rules(governance: Governance, access: Access) -> tuple[ReadDomai
     )
 
 
-def read_grant(grant: Grant, not_before: datetime, not_after: datetime, access: Access) -> ReadGrant:
-    """The grant with its rules in order: the first that matches decides, else the default."""
+def read_grant(
+    grant: Grant, rules: tuple[ReadRule, ...], not_before: datetime, not_after: datetime, access: Access
+) -> ReadGrant:
+    """The grant with its rules (`read_rules`) in order: the first that matches decides, else the default."""
     return ReadGrant(
         not_before=not_before,
         not_after=not_after,
         default_allow=grant.default_allow and access.honours_default,
-        rules=tuple(_rules(grant.rules, access)),
+        rules=rules,
         grant=grant,
     )
 
 
-def has_one_reading(permissions: Permissions) -> bool:
-    """Whether the partitions of its rules mean the same under every `PartitionReading`.
+def read_rules(grant: Grant, access: Access) -> tuple[ReadRule, ...]:
+    """The rules of the grant in order. A peculiarity is read only where some rule gives an occasion for it."""
+    criteria = [criterion for rule in grant.rules for criterion in rule.criteria]
+    # Without any list of partitions nothing is allowed outside of the default partition, and there all read alike; but
+    # a default may allow beside a deny rule.
+    lists = grant.default_allow or any(criterion.partitions is not None for criterion in criteria)
+    partitions = access.partitions if lists else PartitionReading.CRITERION
+    relays = any(criterion.operation is Operation.RELAY for criterion in criteria)
+    relay = access.relay if relays else RelayReading.RELAY
+    return tuple(_rules(grant.rules, access, partitions, relay))
 
-    Without any list of partitions nothing is allowed outside of the default partition, and there all read alike; but a
-    default may allow beside a deny rule.
-    """
-    return not any(
-        grant.default_allow
-        or any(criterion.partitions is not None for rule in grant.rules for criterion in rule.criteria)
-        for grant in permissions.grants
-    )
+
+def _domains(ranges: Sequence[DomainRange], access: Access) -> tuple[Interval, ...]:
+    bounded = all(each.low == each.high or (each.low is not None and each.high) for each in ranges)
+    return covered(ranges) if bounded else covered(ranges, access.open_ranges)
 
 
-def _rules(rules: Sequence[Rule], access: Access) -> Iterator[ReadRule]:
-    blocking = _blocking(rules, access.relay) if access.partitions is PartitionReading.RULE else ({},) * len(rules)
+def _rules(
+    rules: Sequence[Rule], access: Access, partitions: PartitionReading, relay: RelayReading
+) -> Iterator[ReadRule]:
+    blocking = _blocking(rules, relay) if partitions is PartitionReading.RULE else ({},) * len(rules)
     for rule, blocked in zip(rules, blocking, strict=True):
-        domains = covered(rule.domains, access.open_ranges)
-        regions = {operation: _region(rule, operation, access) for operation in Operation}
-        if access.relay is not RelayReading.RELAY:
+        domains = _domains(rule.domains, access)
+        regions = {operation: _region(rule, operation, partitions) for operation in Operation}
+        if relay is not RelayReading.RELAY:
             regions[Operation.RELAY] = ()
         yield _read_rule(rule, domains, regions, allow=rule.allow)
-        relayed = _topics(rule, Operation.RELAY) if access.relay is RelayReading.READ else ()
-        if rule.allow and access.partitions is PartitionReading.RULE:
+        relayed = _topics(rule, Operation.RELAY) if relay is RelayReading.READ else ()
+        if rule.allow and partitions is PartitionReading.RULE:
             if any(blocked.values()):
                 yield _read_rule(rule, domains, blocked, allow=False)
             if relayed:
                 read = {Operation.SUBSCRIBE: _everywhere(_topics(rule, Operation.SUBSCRIBE))}
                 yield _read_rule(rule, domains, read, allow=False, of_peers=True)
         if relayed:
-            read = {Operation.SUBSCRIBE: _region(rule, Operation.RELAY, access)}
+            read = {Operation.SUBSCRIBE: _region(rule, Operation.RELAY, partitions)}
             yield _read_rule(rule, domains, read, allow=rule.allow, of_peers=True)
             if rule.allow:
                 read = {Operation.SUBSCRIBE: _everywhere(relayed)}
@@ -195,11 +203,11 @@ def _read_rule(
     )
 
 
-def _region(rule: Rule, operation: Operation, access: Access) -> Region:
+def _region(rule: Rule, operation: Operation, reading: PartitionReading) -> Region:
     """What the rule decides for the operation."""
-    if access.partitions is PartitionReading.RULE:
+    if reading is PartitionReading.RULE:
         return _by_rule(rule, operation)
-    return _by_criterion(rule, operation, access.partitions)
+    return _by_criterion(rule, operation, reading)
 
 
 def _everywhere(topics: tuple[str, ...]) -> Region:

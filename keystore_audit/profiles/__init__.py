@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from keystore_audit.profiles.alike import Alike
 from keystore_audit.profiles.naming import (
     TESTED_ON,
     contrasted,
@@ -39,6 +40,7 @@ __all__ = [
     "TESTED_ON",
     "VARIANTS",
     "Access",
+    "Alike",
     "DateReading",
     "Evidence",
     "JoinCheck",

@@ -27,7 +27,7 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Question, Ruling
-from keystore_audit.model.semantics import read_grant
+from keystore_audit.model.semantics import read_rules
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
@@ -313,7 +313,7 @@ def test_an_allow_rule_blocks_where_a_later_one_allows_in_other_partitions(seed:
         for enclave in keystore.enclaves:
             permissions = enclave.permissions.permissions if enclave.permissions else None
             for grant in permissions.grants if permissions else ():
-                read = read_grant(grant, AT, AT, profile.access).rules
+                read = read_rules(grant, profile.access)
                 for operation in (Operation.PUBLISH, Operation.SUBSCRIBE):
                     denying = [each for each in read if not (each.allow or each.of_peers) and each.region(operation)]
                     listing = [(place, rule) for place, rule in enumerate(grant.rules) if _lists(rule, operation)]

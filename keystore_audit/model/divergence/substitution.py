@@ -7,7 +7,7 @@ left aside: it is that of the specification throughout.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Final
 
@@ -20,7 +20,11 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.inventory import Typed
-from keystore_audit.profiles import SPEC, Access, JoinCheck, Local, Profile
+from keystore_audit.profiles import QUIRKS, SPEC, Access, JoinCheck, Profile, check_reader
+from keystore_audit.profiles.table import GROUP, value_of
+
+NO_DECISION: Final = "no decision"
+"""The column `cause` of quirks.toml where no decision about documents hangs on a peculiarity."""
 
 
 class Cause(str, Enum):
@@ -52,31 +56,11 @@ class Cause(str, Enum):
     UNDECIDED = "undecided"
 
 
-_OF_DOCUMENTS: Final = {
-    "reads_1_0": Cause.FORM,
-    "highest_domain": Cause.HIGHEST_DOMAIN,
-    "refuses_unauthenticated_with_rtps": Cause.UNAUTHENTICATED_WITH_RTPS,
-    "open_ranges": Cause.RANGE,
-    "dates": Cause.DATE,
-    "skips_grants_out_of_date": Cause.GRANT_CHOICE,
-    "joins_out_of_date": Cause.OTHER,
-}
-_OF_PARTICIPANTS: Final = {
-    "binds_domains": Cause.RULE_DOMAINS,
-    "starts_ungoverned": Cause.UNGOVERNED,
-    "joins": Cause.JOIN,
-}
-_OF_RULES: Final = {
-    "matcher": Cause.EXPRESSION,
-    "honours_default": Cause.DEFAULT,
-    "partitions": Cause.DENY_IN_PARTITION,  # one of four: the rule that decides tells which
-    "relay": Cause.RELAY,
-    "first_rule_decides_topic": Cause.TOPIC_DENIED,
-    "requires_grant": Cause.GRANT_REQUIRED,
-    "any_governance_rule": Cause.ANY_GOVERNANCE_RULE,
-}
-"""Fields of `Access` and `Local`, in the order in which they are cured: what makes a document count at all comes before
-what single rules mean."""
+check_reader("model.divergence", "cause", {*(cause.value for cause in Cause), NO_DECISION})
+
+_CURED: Final = tuple((name, Cause(quirk.cause)) for name, quirk in QUIRKS.items() if quirk.cause in {*Cause})
+"""Peculiarities in the order in which they are cured: what makes a document count at all comes before what single
+rules mean."""
 
 PARTITION_CAUSES: Final = frozenset(
     {Cause.DENY_IN_PARTITION, Cause.DENY_WITHOUT_PARTITION, Cause.CROSSED_PARTITIONS, Cause.FINAL_RULE}
@@ -106,47 +90,46 @@ class Reader(Struct, frozen=True, kw_only=True):
 
 
 class Stages:
-    """The stages of one keystore's readers: equal rows are one profile.
+    """The stages of one keystore's readers: those that read and start alike are one profile.
 
-    What topics can be called (the other fields of `Local`) is not a matter of documents, and is the specification's.
+    What topics can be called, and whatever else decides nothing about documents, is the specification's.
     """
 
     def __init__(self, accesses: AccessViews) -> None:
         self._accesses = accesses
-        self._profiles: dict[tuple[Access, tuple[object, ...]], Profile] = {}
+        self._profiles: dict[object, Profile] = {}
 
     def readers(self, profiles: Iterable[Profile]) -> tuple[Reader, ...]:
         """The profiles, those that read and start alike together."""
         found: dict[int, tuple[Profile, list[str]]] = {}
         for profile in profiles:
-            reading = self._profile(profile.access, profile.local)
+            values = {name: value_of(profile, name) for name, _cause in _CURED}
+            reading = self._with(profile.access, values)
             found.setdefault(id(reading), (reading, []))[1].append(profile.name)
         return tuple(Reader(names=tuple(names), stages=tuple(self._stages(each))) for each, names in found.values())
 
-    def _profile(self, access: Access, local: Local) -> Profile:
+    def _with(self, access: Access, values: Mapping[str, object]) -> Profile:
+        """The specification but for the access row and the values, those of the rows that are read alike as one."""
+        local = replace(SPEC.local, **{name: value for name, value in values.items() if GROUP[name] == "local"})
+        access = replace(access, **{name: value for name, value in values.items() if GROUP[name] == "access"})
         row = self._accesses.row(access)
-        kept = {name: getattr(local, name) for name in _OF_PARTICIPANTS}
-        local = replace(SPEC.local, **kept)
-        key = (row, astuple(local))
+        key = row, astuple(local)
         if key not in self._profiles:
-            self._profiles[key] = replace(SPEC, name=f"stage {len(self._profiles)}", access=row, local=local)
+            access = row if row is SPEC.access else access
+            self._profiles[key] = replace(SPEC, name=f"stage {len(self._profiles)}", access=access, local=local)
         return self._profiles[key]
 
     def _stages(self, profile: Profile) -> Iterator[Stage]:
         """From the profile itself to the specification."""
-        goal = self._profile(SPEC.access, SPEC.local)
+        goal = self._with(SPEC.access, {})
         yield Stage(cured=None, profile=profile)
-        for names, of_participants in ((_OF_DOCUMENTS, False), (_OF_PARTICIPANTS, True), (_OF_RULES, False)):
-            for name, cause in names.items():
-                access, local = profile.access, profile.local
-                theirs: Access | Local = goal.local if of_participants else goal.access
-                if getattr(local if of_participants else access, name) == getattr(theirs, name):
-                    continue
-                if of_participants:
-                    local = replace(local, **{name: getattr(theirs, name)})
-                else:
-                    access = replace(access, **{name: getattr(theirs, name)})
-                cured = self._profile(access, local)
+        values = {name: value_of(profile, name) for name, _cause in _CURED}
+        access = profile.access
+        for name, cause in _CURED:
+            specified = value_of(SPEC, name)
+            if values[name] != specified:
+                values[name] = specified
+                cured = self._with(access, values)
                 if cured is not profile:
                     yield Stage(cured=cause, profile=cured)
                 profile = cured

@@ -22,7 +22,16 @@ from keystore_audit.model.intended.policy_grant import PolicyGrant
 from keystore_audit.model.matching.expression import has_wildcard, naming, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC
 from keystore_audit.model.rights import Difference, RuleLists, Step, compare
-from keystore_audit.model.semantics import DEFAULT_PARTITION, DIRECTIONS, Area, ReadGrant, ReadRule, Region, read_grant
+from keystore_audit.model.semantics import (
+    DEFAULT_PARTITION,
+    DIRECTIONS,
+    Area,
+    ReadGrant,
+    ReadRule,
+    Region,
+    read_grant,
+    read_rules,
+)
 from keystore_audit.model.validity import BEGINNING
 from keystore_audit.profiles import Access, Matcher, Profile
 
@@ -188,7 +197,10 @@ class _Sides:
 
     def __init__(self, meant: PolicyGrant, kinds: Sequence[_Kind], domains: Sequence[tuple[Interval, ...]]) -> None:
         self._rights = meant.rights
-        self._meant = {kind: read_grant(meant.grant, BEGINNING, BEGINNING, kind.access) for kind in kinds}
+        self._meant = {
+            kind: read_grant(meant.grant, read_rules(meant.grant, kind.access), BEGINNING, BEGINNING, kind.access)
+            for kind in kinds
+        }
         regions: dict[ReadRegion, None] = {}
         listing = [
             (kind.matcher, rule.region(operation))

@@ -1,0 +1,138 @@
+"""What the documents of a keystore give an occasion for: without one, implementations that differ decide alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import datetime
+from functools import cached_property
+from typing import TYPE_CHECKING, Final
+
+from keystore_audit.keystore.document import Text
+from keystore_audit.keystore.governance import Governance, GovernanceFile
+from keystore_audit.keystore.permissions import Grant, Permissions, PermissionsFile
+from keystore_audit.model.inventory import Typed
+from keystore_audit.model.matching.expression import has_wildcard, parse
+from keystore_audit.model.validity import counts_at, read_date
+from keystore_audit.profiles import SPEC, Access, check_reader
+
+if TYPE_CHECKING:  # most audits are told no zone
+    from zoneinfo import ZoneInfo
+
+
+class Occasions:
+    """What the `files` hold, at `at` (aware UTC); `zone`: where the robot is, None if not said."""
+
+    def __init__(self, files: Sequence[Typed], at: datetime, zone: ZoneInfo | None) -> None:
+        self.files = files
+        self._at = at
+        self._zone = zone
+
+    def has(self, occasion: str, access: Access) -> bool:
+        """Whether there is one of that name for what the row does."""
+        return OCCASIONS[occasion](self, access)
+
+    @cached_property
+    def governances(self) -> list[Governance]:
+        """Those that could be parsed."""
+        files = [file for file in self.files if isinstance(file, GovernanceFile)]
+        return [file.governance for file in files if file.governance is not None]
+
+    @cached_property
+    def permissions(self) -> list[Permissions]:
+        """Those that could be parsed."""
+        files = [file for file in self.files if isinstance(file, PermissionsFile)]
+        return [file.permissions for file in files if file.permissions is not None]
+
+    @cached_property
+    def grants(self) -> list[Grant]:
+        """All of them."""
+        return [grant for permissions in self.permissions for grant in permissions.grants]
+
+    @cached_property
+    def dates(self) -> set[str]:
+        """Their texts."""
+        return {date.text for grant in self.grants for date in (grant.not_before, grant.not_after)}
+
+    @cached_property
+    def unusual_expressions(self) -> list[str]:
+        """Expressions that a matcher may read in its own way."""
+        found = {expression.text for file in self.files for expression in expressions(file)}
+        return list(filter(has_wildcard, found))
+
+    def may_be_out_of_date(self, grant: Grant, access: Access) -> bool:
+        """Whether it is not for certain that the grant counts."""
+        dates = [read_date(date.text, access.dates, self._zone) for date in (grant.not_before, grant.not_after)]
+        start, end = dates
+        return start is None or end is None or counts_at(start, end, self._at, access.dates) is not True
+
+
+def expressions(file: Typed) -> Iterator[Text]:
+    """Every topic and partition expression of the document."""
+    if isinstance(file, GovernanceFile):
+        for domain_rule in file.governance.domain_rules if file.governance else ():
+            yield from (topic.expression for topic in domain_rule.topic_rules)
+        return
+    for grant in file.grants:
+        for rule in grant.rules:
+            for criterion in rule.criteria:
+                yield from criterion.topics
+                yield from criterion.partitions or ()
+
+
+def _another_reading(held: Occasions, access: Access) -> bool:
+    usual = SPEC.access.matcher
+    return any(not parse(text, access.matcher).agrees(parse(text, usual)) for text in held.unusual_expressions)
+
+
+def _out_of_date(held: Occasions, access: Access) -> bool:
+    return any(held.may_be_out_of_date(grant, access) for grant in held.grants)
+
+
+def _several_or_out_of_date(held: Occasions, access: Access) -> bool:
+    several = any(len(permissions.grants) > 1 for permissions in held.permissions)
+    return several or (access.joins_out_of_date and _out_of_date(held, access))  # by the one grant that there is
+
+
+def _denial(held: Occasions, _access: Access) -> bool:
+    return any(not rule.allow for grant in held.grants for rule in grant.rules)
+
+
+def _open_join(held: Occasions, _access: Access) -> bool:
+    rules = (rule for governance in held.governances for rule in governance.domain_rules)
+    return any(not rule.enable_join_access_control for rule in rules)
+
+
+def _several_rules(held: Occasions, _access: Access) -> bool:
+    return any(
+        len(governance.domain_rules) > 1 or any(len(rule.topic_rules) > 1 for rule in governance.domain_rules)
+        for governance in held.governances
+    )
+
+
+def _origin(held: Occasions, _access: Access) -> bool:
+    return any(
+        kind.authenticates_origin
+        for governance in held.governances
+        for rule in governance.domain_rules
+        for kind in (
+            rule.discovery_protection_kind,
+            rule.liveliness_protection_kind,
+            rule.rtps_protection_kind,
+            *(topic.metadata_protection_kind for topic in rule.topic_rules),
+        )
+    )
+
+
+OCCASIONS: Final[Mapping[str, Callable[[Occasions, Access], bool]]] = {
+    "an expression that matchers read differently": _another_reading,
+    "several grants, or one that may be out of date": _several_or_out_of_date,
+    "a grant that may be out of date": _out_of_date,
+    "a deny rule": _denial,
+    "join access control is off": _open_join,
+    "several rules of the governance": _several_rules,
+    "a kind WITH_ORIGIN_AUTHENTICATION": _origin,
+    "always": lambda _held, _access: True,
+}
+"""By the column `matters` of quirks.toml: whether some document gives an occasion for a peculiarity."""
+
+check_reader("model.occasions", "matters", {*OCCASIONS, "as read", "never"})
