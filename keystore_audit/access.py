@@ -13,16 +13,14 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.keystore import Enclave, read_keystore
-from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point, governed_domains
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.formal.effective import EffectiveRights
 from keystore_audit.model.inventory import system_documents
-from keystore_audit.model.meaning import Usability
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.question import Answer, Question, Ruling, joint
+from keystore_audit.model.question import Answer, Question, Ruling, Usability, joint
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import Profile
 from keystore_audit.text import meant, some
@@ -122,20 +120,14 @@ class Access:
             doubtful = "whether a participant starts cannot be told"
             known = doubtful if usability.usable is None else "no participant starts"
             reason = f"{known}: {'; '.join(usability.reasons)}"
-        accepted = self._accepted(enclave, question.operation, channel, profile)
+        accepted = self._effective.accepted(enclave.path, profile.name, question.operation)
         return Answer(
             usable=usability.usable,
             decision=decision,
-            effective=accepted if unclear is None else Ruling.UNKNOWN,
+            effective=accepted.ruling(channel) if unclear is None else Ruling.UNKNOWN,
             reason=reason,
             location=location,
         )
-
-    def _accepted(self, enclave: Enclave, operation: Operation, channel: int, profile: Profile) -> Ruling:
-        if self._effective.must(enclave.path, profile.name, operation) >> channel & 1:
-            return Ruling.ALLOW
-        may = self._effective.may(enclave.path, profile.name, operation) >> channel & 1
-        return Ruling.UNKNOWN if may else Ruling.DENY
 
 
 def _unknown_enclave(path: str, known: Sequence[str]) -> str:

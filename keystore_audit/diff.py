@@ -19,8 +19,8 @@ from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.globs import Globs
+from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.comparison.change import Change, Comparison, Direction, Layer, Unread
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.comparison.kept import with_what_was

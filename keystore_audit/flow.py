@@ -18,7 +18,8 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.claims.claims import Claim, with_claims
+from keystore_audit.model.claims.claims import with_claims
+from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.claim import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.participants.doubt import keystore_doubts

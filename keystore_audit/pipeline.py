@@ -64,7 +64,7 @@ from keystore_audit.settings.suppressions import accepted_by
 
 if TYPE_CHECKING:
     from keystore_audit.intent.policy import Policy
-    from keystore_audit.model.claims.claims import Claim
+    from keystore_audit.model.claims.stated import Claim
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
     from keystore_audit.model.intended.wiring import WiredNode

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from keystore_audit.engine.horizon import Horizon
 from keystore_audit.findings import Location, Severity, Suppression
 from keystore_audit.gate import complete, verdict, while_accepted
-from keystore_audit.model.meaning import Doubt
+from keystore_audit.model.question import Doubt
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import Verdict

@@ -14,8 +14,8 @@ from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_case import plainest
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
 from keystore_audit.engine.shorter_subjects import shorter_subjects
-from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.forwards import Determinism
+from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.claim import ClaimKind
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES, Answer, Status

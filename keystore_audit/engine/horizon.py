@@ -12,8 +12,8 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import usability_by_profile
-from keystore_audit.model.meaning import Usability
 from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.question import Usability
 from keystore_audit.model.trust.revocation import lists_carried
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 from keystore_audit.profiles import DateReading, Profile

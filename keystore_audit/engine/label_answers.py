@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from keystore_audit.model.claims.claims import Claim, LabelPair
+from keystore_audit.model.claims.stated import Claim, LabelPair
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, LabelResult, ProfileResult, PropertyResult
 

@@ -15,19 +15,22 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.channels import ReadRegion
-from keystore_audit.model.claims.claims import Claim, lasting, with_claims
-from keystore_audit.model.claims.forwards import Declared, with_determinism
+from keystore_audit.model.claims.claims import lasting, with_claims
+from keystore_audit.model.claims.forwarding import with_determinism
+from keystore_audit.model.claims.forwards import Declared
 from keystore_audit.model.claims.places import NamedPlace, place_regions, with_places
+from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.divergence.find import divergences
 from keystore_audit.model.formal.attacker import enclaves_views
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.protection import protection
 from keystore_audit.model.formal.system import ChannelAtom, Reading, System
-from keystore_audit.model.meaning import Doubt, Meaning, UngovernedTopics, Usability
+from keystore_audit.model.meaning import Meaning, UngovernedTopics
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.question import Doubt, Usability
 from keystore_audit.model.ros.patterns import ros_patterns
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import SPEC, Profile

@@ -9,35 +9,13 @@ from msgspec import Struct, field
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.question import Doubt, Usability
 
 if TYPE_CHECKING:  # `can` has no part in either
     from keystore_audit.model.anomalies.anomaly import Anomaly
     from keystore_audit.model.divergence.substitution import Cause
     from keystore_audit.model.formal.system import System
     from keystore_audit.model.ros.patterns import RosPatterns
-
-
-class Usability(Struct, frozen=True, kw_only=True):
-    """Whether a participant of the enclave would be created in some domain; None: cannot be told.
-
-    Each reason is a sentence.
-    """
-
-    usable: bool | None
-    reasons: tuple[str, ...]
-
-
-class Doubt(Struct, frozen=True, kw_only=True):
-    """Something that could not be read, so that it counts as able to do anything.
-
-    `enclave`: the enclave's path, None where it concerns several or an unnamed one. `profiles`: those that may act on
-    it; empty: all.
-    """
-
-    enclave: str | None
-    location: Location
-    reason: str
-    profiles: tuple[str, ...] = ()
 
 
 class UngovernedTopics(Struct, frozen=True, kw_only=True):

@@ -22,6 +22,29 @@ class Ruling(str, Enum):
     UNKNOWN = "unknown"
 
 
+class Usability(Struct, frozen=True, kw_only=True):
+    """Whether a participant of the enclave would be created in some domain; None: cannot be told.
+
+    Each reason is a sentence.
+    """
+
+    usable: bool | None
+    reasons: tuple[str, ...]
+
+
+class Doubt(Struct, frozen=True, kw_only=True):
+    """Something that could not be read, so that it counts as able to do anything.
+
+    `enclave`: the enclave's path, None where it concerns several or an unnamed one. `profiles`: those that may act on
+    it; empty: all.
+    """
+
+    enclave: str | None
+    location: Location
+    reason: str
+    profiles: tuple[str, ...] = ()
+
+
 class Question(Struct, frozen=True, kw_only=True):
     """May the enclave (its path) do this on a DDS topic, in a domain of 0..232 and a partition ("": the default)?"""
 

@@ -19,7 +19,8 @@ from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificat
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels
-from keystore_audit.model.claims.claims import Claim, claim_regions
+from keystore_audit.model.claims.claims import claim_regions
+from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.system import (
     CertificateAtom,
     DocumentAtom,

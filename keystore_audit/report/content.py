@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from keystore_audit.assumptions import CONDITIONS, Assumption, Needed, holds_if
 from keystore_audit.findings import Finding, Outcomes, Severity
 from keystore_audit.given import GivenFile
-from keystore_audit.model.meaning import Usability
+from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, PropertyResult

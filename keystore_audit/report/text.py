@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from keystore_audit.assumptions import CONDITIONS
 from keystore_audit.findings import Finding, Outcomes, Result, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.model.meaning import Usability
+from keystore_audit.model.question import Usability
 from keystore_audit.profiles import implementations, shipped_by
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus, ProfileResult, PropertyResult

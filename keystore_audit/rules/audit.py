@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import ZONE_DECIDES
-from keystore_audit.model.meaning import Doubt
+from keystore_audit.model.question import Doubt
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import (
     AlloyResult,

@@ -26,7 +26,7 @@ from keystore_audit.findings import (
     fingerprint,
 )
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.meaning import Doubt
+from keystore_audit.model.question import Doubt
 from keystore_audit.properties.result import Place, PropertyResult
 from keystore_audit.rules.contents import Contents
 from keystore_audit.rules.context import Context

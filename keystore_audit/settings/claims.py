@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from keystore_audit.errors import UsageError
-from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.forwards import Declared, Determinism, Forward
 from keystore_audit.model.claims.globs import Globs
+from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.properties import BY_ID

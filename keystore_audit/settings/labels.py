@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.claims.labels import (
+from keystore_audit.model.claims.stated import (
+    Claim,
     CyclicOrder,
     Declassifier,
     Labelled,

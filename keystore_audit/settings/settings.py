@@ -12,9 +12,8 @@ from keystore_audit.assumptions import Assumption, Declaration
 from keystore_audit.errors import UsageError
 from keystore_audit.given import GivenFile
 from keystore_audit.keystore.foreign import DeclaredFiles
-from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.forwards import Declared, Determinism
-from keystore_audit.model.claims.labels import Labelling
+from keystore_audit.model.claims.stated import Claim, Labelling
 from keystore_audit.model.trust.authorities import Authorities
 from keystore_audit.profiles import in_scope
 from keystore_audit.settings.acceptances import read_accepted, read_suppressions

@@ -15,8 +15,8 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.globs import Globs
+from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of

@@ -21,9 +21,9 @@ from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore import stray_identity
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.places import NamedPlace
+from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.formal.system import EnclaveAtom, Reading, System

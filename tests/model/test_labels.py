@@ -10,9 +10,9 @@ import pytest
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
-from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.claims.labels import (
+from keystore_audit.model.claims.stated import (
+    Claim,
     CyclicOrder,
     Declassifier,
     Labelled,

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from keystore_audit.assumptions import Assumption, Needed
 from keystore_audit.findings import Finding, Location, Outcomes, Result, Row, Severity, Suppression, fingerprint
-from keystore_audit.model.meaning import Usability
+from keystore_audit.model.question import Usability
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult

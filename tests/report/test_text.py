@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from rich.cells import cell_len
 
 from keystore_audit.findings import Finding, Location, Outcome, Result, Severity
-from keystore_audit.model.meaning import Usability
+from keystore_audit.model.question import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.remedy import decision

@@ -31,7 +31,8 @@ from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Rol
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Permissions, PermissionsFile, Rule
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.keystore.smime import Signature, SignedDocument
-from keystore_audit.model.meaning import Doubt, Meaning
+from keystore_audit.model.meaning import Meaning
+from keystore_audit.model.question import Doubt
 from keystore_audit.profiles import DEFAULT, VARIANTS
 from keystore_audit.rules import RULES, registry
 from keystore_audit.rules.context import Context

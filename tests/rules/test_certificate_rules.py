@@ -19,7 +19,7 @@ from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.crl import read_crl
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
-from keystore_audit.model.meaning import Usability
+from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.remedy import Act
 from keystore_audit.rules import BY_CODE

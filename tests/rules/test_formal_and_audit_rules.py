@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from keystore_audit import audit
 from keystore_audit.findings import Location, Result, Severity
 from keystore_audit.keystore.files import Status as FileStatus
-from keystore_audit.model.meaning import Doubt
+from keystore_audit.model.question import Doubt
 from keystore_audit.properties import BY_ID, PROPERTIES, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult, PropertyResult

@@ -8,9 +8,8 @@ from msgspec.structs import replace
 
 from keystore_audit.engine.label_answers import with_label_answers
 from keystore_audit.findings import Location, Severity
-from keystore_audit.model.claims.claims import Claim, LabelPair
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.claims.labels import Labelled, Labelling, chain
+from keystore_audit.model.claims.stated import Claim, Labelled, Labelling, LabelPair, chain
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step

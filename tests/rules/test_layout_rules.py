@@ -14,8 +14,8 @@ from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.foreign import DeclaredFiles, Foreign
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
-from keystore_audit.model.meaning import Usability
 from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
 from tests.cli.keystores import AT, answer, rule
 from tests.cli.keystores import keystore as built

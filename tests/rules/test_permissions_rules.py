@@ -16,7 +16,7 @@ from keystore_audit.keystore.permissions import Grant
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.matching.coverage import EVERYTHING, MAX_CANDIDATES, covers
 from keystore_audit.model.matching.expression import parse
-from keystore_audit.model.meaning import Usability
+from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS, Matcher
 from tests.rules.evidence import (
     AT,

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from keystore_audit import toml
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
-from keystore_audit.model.claims.claims import Claim
 from keystore_audit.model.claims.globs import Globs
+from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.settings.positions import Position, positions
 from keystore_audit.settings.settings import read_settings

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 from hashlib import sha256
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING
 
-from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.errors import UsageError
-from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims.globs import (
@@ -26,78 +23,25 @@ from keystore_audit.model.claims.globs import (
     topic_regions,
 )
 from keystore_audit.model.claims.named_enclaves import at_large, named_enclaves, with_all_certificates
+from keystore_audit.model.claims.stated import (
+    RESTING_ON_STARTS,
+    RESTING_ON_SUBJECTS,
+    Claim,
+    Labelling,
+    check_granted,
+    check_labels,
+    granted_channels,
+    label_regions,
+    marked,
+)
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import Reading, System, apart, together
-from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import AMBIENT
+from keystore_audit.model.question import Usability
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 
 if TYPE_CHECKING:
-    from keystore_audit.model.claims.labels import Labelling
     from keystore_audit.model.participants.usability import Usabilities
-
-RESTING_ON_STARTS: Final = frozenset({ClaimKind.ABLE, ClaimKind.SEPARATE_DOMAINS})
-"""Kinds of claims that ask which enclaves start."""
-
-RESTING_ON_SUBJECTS: Final = frozenset({ClaimKind.ONLY_PUBLISH, ClaimKind.ENCRYPTED})
-"""Kinds of claims that ask whom grants name that is no enclave here."""
-
-
-class LabelPair(Struct, frozen=True, kw_only=True):
-    """Two labels between which nothing may flow. `id`: of all claims that say so; `labelling`: where they come from."""
-
-    id: str
-    source: str
-    target: str
-    labelling: Labelling
-
-
-Marks = tuple[tuple[str, str], ...]
-"""Globs on enclaves or DDS topics, each with the place where it stands: `FILE:LINE:COLUMN`."""
-
-
-class Marked(Protocol):
-    """What settings say of globs."""
-
-    @property
-    def place(self) -> str:
-        """Where it stands."""
-
-    @property
-    def marks(self) -> Marks:
-        """Where its globs stand."""
-
-
-class Claim(Struct, frozen=True, kw_only=True):
-    """A property that a user asserts, or a question about a flow.
-
-    `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
-    `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE:COLUMN`,
-    empty for a question of the command line; `marks`: where its globs stand, if known. `labels`: where labels make it.
-    `source` may be empty for ONLY_PUBLISH alone: one enclave may publish then, whichever it is.
-    """
-
-    id: str
-    statement: str
-    kind: ClaimKind
-    attacker: Attacker
-    source: Globs
-    target: Globs
-    severity: Severity = Severity.HIGH
-    through: tuple[str, ...] = ()
-    include_ambient: bool = False
-    until: datetime | None = None
-    location: Location
-    place: str
-    marks: Marks = ()
-    labels: LabelPair | None = None
-
-    @property
-    def meaning(self) -> str:
-        """What is claimed, apart from its name, its words, its severity and its end: equal for equal claims."""
-        places = (self.source, self.target, Globs(enclaves=self.through))
-        sides = [[sorted(place.enclaves), sorted(place.topics), place.outsider] for place in places]
-        return json.dumps([self.kind.value, self.attacker.value, sides, self.include_ambient])
 
 
 def lasting(
@@ -129,8 +73,6 @@ def claim_regions(claims: Iterable[Claim]) -> tuple[ReadRegion, ...]:
         if claim.kind is ClaimKind.ABLE:
             regions[IN_DEFAULT_PARTITION] = None
     for labelling in _labellings(claims):
-        from keystore_audit.model.claims.labels import label_regions  # most settings have no labels
-
         regions.update(dict.fromkeys(label_regions(labelling)))
     return tuple(regions)
 
@@ -138,12 +80,6 @@ def claim_regions(claims: Iterable[Claim]) -> tuple[ReadRegion, ...]:
 def _labellings(claims: Iterable[Claim]) -> list[Labelling]:
     """What the settings say of labels, once."""
     return list({id(claim.labels.labelling): claim.labels.labelling for claim in claims if claim.labels}.values())
-
-
-def check_granted(topic: str, channels: Channels, used: frozenset[int], place: str) -> None:
-    """Raises errors.UsageError for a glob that matches no channel `used`: misspelt, so that everything would hold."""
-    if not channels.regions[region_of((topic,))] & used:
-        raise UsageError(f"{at(place)}no permissions document grants anything on the DDS topic {topic!r}.")
 
 
 def with_claims(
@@ -194,8 +130,6 @@ def _check(claims: Sequence[Claim], systems: Sequence[System], channels: Channel
     paths = [enclave.path for enclave in keystore.enclaves]
     used = granted_channels(systems)
     for labelling in _labellings(claims):
-        from keystore_audit.model.claims.labels import check_labels
-
         check_labels(labelling, paths, channels, used)
     for claim in claims:
         for glob in (*claim.source.enclaves, *claim.target.enclaves, *claim.through):
@@ -227,24 +161,6 @@ def _only_itself(claim: Claim, paths: Sequence[str]) -> str:
     found = all_matching(claim.source.enclaves, paths)
     same = len(found) == 1 and found == all_matching(claim.target.enclaves, paths)
     return repr(min(found)) if same else ""
-
-
-def marked(what: Marked, glob: str) -> str:
-    """Where the glob stands, else where what it belongs to does."""
-    return dict(what.marks).get(glob, what.place)
-
-
-def granted_channels(systems: Sequence[System]) -> frozenset[int]:
-    """Channels that some document, as some implementation reads it, allows something on, or that may be one."""
-    everything = frozenset(range(len(systems[0].channels)))
-    granted: set[int] = set()
-    for system in systems:
-        if system.has_doubt or any(grant.default_allow for grant in system.grants):
-            return everything
-        for rule in system.rules:
-            if rule.allow:
-                granted |= rule.publish | rule.subscribe | rule.relay
-    return frozenset(granted)
 
 
 class _Resolution:

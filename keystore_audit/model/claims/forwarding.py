@@ -7,11 +7,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from msgspec import Struct
 from msgspec.structs import replace
 
+from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.claims.forwards import Declared, Determinism, Forward
-from keystore_audit.model.claims.globs import by_default, matching, region_of
+from keystore_audit.model.claims.forwards import UNREAD, Declared, Determinism, Forward
+from keystore_audit.model.claims.globs import by_default, matching, named_paths, nearest, region_of
 from keystore_audit.model.claims.named_enclaves import means_everybody
+from keystore_audit.model.claims.stated import check_granted, granted_channels, marked
 from keystore_audit.model.domains import contains
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.behaviour import (
@@ -30,8 +32,8 @@ from keystore_audit.model.formal.flow import Flows, Lane
 from keystore_audit.model.formal.own_rights import OwnRights
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
-from keystore_audit.model.meaning import Usability
 from keystore_audit.model.names import AMBIENT
+from keystore_audit.model.question import Usability
 
 
 class _Plan(Struct, frozen=True, kw_only=True):
@@ -310,3 +312,58 @@ def _few(inputs: Iterable[InputAtom]) -> Iterator[InputAtom]:
         seen[kind] = seen.get(kind, 0) + 1
         if seen[kind] <= (1 if each.differs is Differs.ALWAYS else 2):
             yield each
+
+
+def with_determinism(
+    systems: Sequence[System],
+    declared: Declared,
+    channels: Channels,
+    keystore: Keystore,
+    usability: Mapping[tuple[str, str], Usability],
+    domain: int | None,
+) -> tuple[System, ...]:
+    """The systems with the claims of determinism as facts. `usability`: by directory and profile. `domain`: the one
+    that the robots use, None: any.
+
+    Raises errors.UsageError for what is declared of something that is not in the keystore.
+    """
+    if not declared.claims or not systems:
+        return tuple(systems)
+    _check(declared, systems, channels, keystore)
+    resolved = [Forwarding(system, declared, channels, keystore, usability, domain) for system in systems]
+    atoms = [[each.atom(claim) for claim in declared.claims] for each in resolved]
+    for number in range(len(declared.claims)):
+        read: dict[tuple[str, ...], object] = {}
+        for each, found in zip(resolved, atoms, strict=True):
+            told = each.told(found[number])
+            if read.setdefault(each.system.profiles, told) != told:
+                read[each.system.profiles] = None
+        for each, found in zip(resolved, atoms, strict=True):
+            if read[each.system.profiles] is None:
+                found[number] = replace(found[number], behaviours=(), undecided=UNREAD)
+    return tuple(replace(each.system, determinism=tuple(found)) for each, found in zip(resolved, atoms, strict=True))
+
+
+def _check(declared: Declared, systems: Sequence[System], channels: Channels, keystore: Keystore) -> None:
+    """Raises errors.UsageError for names that find nothing, and for an enclave that is high and has forwards."""
+    paths = [enclave.path for enclave in keystore.enclaves]
+    used = granted_channels(systems)
+    for forward in declared.forwards:
+        if forward.enclave not in paths:
+            near = nearest(forward.enclave, paths)
+            raise UsageError(
+                f"{marked(forward, forward.enclave)}: {forward.enclave!r} is no enclave of this keystore{near}."
+            )
+        for topic in (*forward.sources, *forward.targets):
+            check_granted(topic, channels, used, marked(forward, topic))
+    for claim in declared.claims:
+        for topic in (*claim.low, *claim.high.topics):
+            check_granted(topic, channels, used, marked(claim, topic))
+        for glob in claim.high.enclaves:
+            found = named_paths(glob, paths, marked(claim, glob))
+            for forward in declared.forwards:
+                if forward.enclave in found:
+                    raise UsageError(
+                        f"{claim.place}: {forward.enclave!r} is high, and what it does is declared at {forward.place}: "
+                        "name the topics that it gets instead."
+                    )

@@ -9,9 +9,9 @@ from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, ReadRegion
-from keystore_audit.model.claims.claims import check_granted, granted_channels
 from keystore_audit.model.claims.globs import Globs, named_paths, region_of, topic_regions
 from keystore_audit.model.claims.named_enclaves import at_large, means_everybody, named_enclaves, nameless
+from keystore_audit.model.claims.stated import check_granted, granted_channels
 from keystore_audit.model.formal.claim import PlaceAtom
 from keystore_audit.model.formal.system import System
 

@@ -9,7 +9,7 @@ from msgspec import Struct
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims.globs import Globs, matching
-from keystore_audit.model.claims.labels import Labelling
+from keystore_audit.model.claims.stated import Labelling
 from keystore_audit.model.comparison.change import Influenced, Layer
 from keystore_audit.model.comparison.drafts import Draft
 from keystore_audit.model.comparison.sides import Sides

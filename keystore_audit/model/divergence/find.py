@@ -31,8 +31,8 @@ from keystore_audit.model.divergence.substitution import (
     Stages,
     odd_documents,
 )
-from keystore_audit.model.divergence.values import LocalValues, PeerValues, Value, attributed, differing
-from keystore_audit.model.formal.bit_sets import bits, members
+from keystore_audit.model.divergence.values import LocalValues, PeerValues, attributed, differing
+from keystore_audit.model.formal.bit_sets import Bounds, bits, members
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import AMBIENT_TOPICS
@@ -151,7 +151,7 @@ class _Comparison:
     def decisions(self, enclave: Enclave, operation: Operation, local: LocalValues) -> None:
         """Compares the decisions about an operation of the enclave's own participants."""
 
-        def value(profile: Profile) -> Value:
+        def value(profile: Profile) -> Bounds:
             return local.decided(enclave, profile, operation)
 
         def parts(before: Profile, after: Profile, channels: int) -> Iterator[Part]:
@@ -162,7 +162,7 @@ class _Comparison:
     def rights(self, enclave: Enclave, operation: Operation, peers: PeerValues) -> None:
         """Compares what peers accept of an operation, but where decisions differ already in the same way."""
 
-        def value(profile: Profile) -> Value:
+        def value(profile: Profile) -> Bounds:
             return peers.accepted(enclave.path, profile, operation)
 
         def parts(before: Profile, after: Profile, channels: int) -> Iterator[Part]:
@@ -193,7 +193,7 @@ class _Comparison:
         self,
         enclave: Enclave,
         operation: Operation,
-        value: Callable[[Profile], Value],
+        value: Callable[[Profile], Bounds],
         parts: Callable[[Profile, Profile, int], Iterator[Part]],
         *,
         decided: bool,
@@ -239,7 +239,7 @@ class _Comparison:
         found: _Found,
         enclave: Enclave,
         operation: Operation,
-        values: Sequence[Value],
+        values: Sequence[Bounds],
         channels: int,
         *,
         more: bool,

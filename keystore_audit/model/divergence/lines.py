@@ -21,6 +21,7 @@ from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.effective import Peers
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import Typed
+from keystore_audit.model.rights import Step, compare
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.validity import in_force, read_date
 from keystore_audit.profiles import PartitionReading, Profile
@@ -39,13 +40,14 @@ _Both = tuple[Profile, Profile]
 """The profile before it is cured of something, and after."""
 
 
-class _Decider(NamedTuple):
-    """Decides about channels that none before it decides about; `is_rule`: not the default or the want of a rule."""
+class _Line(NamedTuple):
+    """Where a step stands; `is_rule`: it is not the default or the want of a rule."""
 
-    channels: int
-    ruling: object
     location: Location | None
     is_rule: bool
+
+
+_Step = Step[_Line]
 
 
 class DecidingLines:
@@ -117,7 +119,8 @@ class DecidingLines:
         self, ours: _Peers, theirs: _Peers, realm: int, number: int, operation: Operation, both: _Both
     ) -> Iterator[Part]:
         """Every line that the peers of a realm take differently, the governance's first, whatever channels it names."""
-        yield from self._parts(_governance(ours, realm, operation), _governance(theirs, realm, operation), -1, both[0])
+        for topics in (_topics, _open_topics):
+            yield from self._parts(topics(ours, realm, operation), topics(theirs, realm, operation), -1, both[0])
         identity = ours.system.enclaves[number].identity
         joins: list[Part] = []
         for document in sorted(ours.realms[realm].accepted | theirs.realms[realm].accepted):
@@ -133,46 +136,26 @@ class DecidingLines:
                 yield Part(-1, self._dated(place, subject, *both), None, None)
         yield from joins
 
-    def _parts(
-        self, ours: Iterable[_Decider], theirs: Iterable[_Decider], channels: int, before: Profile
-    ) -> Iterator[Part]:
+    def _parts(self, ours: Iterable[_Step], theirs: Iterable[_Step], channels: int, before: Profile) -> Iterator[Part]:
         """Of the channels, those that the two lists decide differently about, by the two that decide."""
-        others, left, undecided = list(theirs), [], channels
-        for two in others:
-            left.append(two.channels & undecided)
-            undecided &= ~two.channels
-        open_, start = channels, 0
-        for one in ours:
-            mine = one.channels & open_
-            open_ &= ~mine
-            while start < len(left) and not left[start]:  # both mostly decide in one order, of thousands
-                start += 1
-            for number in range(start, len(left) if mine else 0):
-                part = mine & left[number]
-                if not part:
-                    continue
-                mine &= ~part
-                left[number] &= ~part
-                two = others[number]
-                if one.ruling != two.ruling:
-                    first, second = _ordered(one, two)
-                    location = first.location or second.location
-                    if location is not None:
-                        cause = self._partition_cause(one, before)
-                        yield Part(part, location, second.location if first.location else None, cause)
-                if not mine:
-                    break
+        for channels_, one, two in compare(ours, list(theirs), channels):
+            first, second = _ordered(one.by, two.by)
+            location = first.location or second.location
+            if location is not None:
+                cause = self._partition_cause(one, before)
+                yield Part(channels_, location, second.location if first.location else None, cause)
 
-    def _partition_cause(self, decider: _Decider, before: Profile) -> Cause:
+    def _partition_cause(self, step: _Step, before: Profile) -> Cause:
         """What of partitions is read differently, where that is the cause."""
         if before.access.partitions is PartitionReading.CRITERION_DEFAULT:
             return Cause.DENY_WITHOUT_PARTITION
         if before.access.partitions is PartitionReading.CRITERION_NAMED:
             return Cause.OTHER
-        if decider.ruling is True:
+        if step.allow:
             return Cause.CROSSED_PARTITIONS
-        line = decider.location.line if decider.location is not None else None
-        place = decider.location.path if decider.location is not None else ""
+        location = step.by.location
+        line = location.line if location is not None else None
+        place = location.path if location is not None else ""
         return Cause.FINAL_RULE if self._allowing(place).get(line) else Cause.DENY_IN_PARTITION
 
     def _allowing(self, place: str) -> dict[int | None, bool]:
@@ -243,7 +226,7 @@ def _whole(file: Typed | None) -> Location | None:
     return Location(path=file.signed.file.place, line=typed.line if typed is not None else None)
 
 
-def _ordered(one: _Decider, two: _Decider) -> tuple[_Decider, _Decider]:
+def _ordered(one: _Line, two: _Line) -> tuple[_Line, _Line]:
     """The two, the one first that is read differently: a rule before what holds without one, the earlier rule first."""
     if one.is_rule != two.is_rule:
         return (one, two) if one.is_rule else (two, one)
@@ -257,30 +240,36 @@ def _same(one: ReadGrant | None, other: ReadGrant | None) -> bool:
     return (one.grant if one is not None else None) is (other.grant if other is not None else None)
 
 
-def _steps(local: LocalValues, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[_Decider]:
+def _steps(local: LocalValues, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[_Step]:
     steps = list(local.rights.steps(enclave, profile, operation))
     for step in steps:
-        yield _Decider(step.channels, step.allow, step.by.location, step is not steps[-1])
+        yield Step(step.channels, step.allow, _Line(step.by.location, step is not steps[-1]))
 
 
-def _governance(peers: _Peers, realm: int, operation: Operation) -> Iterator[_Decider]:
-    """What the governance says of a topic: everybody may, permissions are asked, or there is no such topic."""
-    protection = peers.realms[realm].protection
-    controlled = protection.write_controlled if operation is Operation.PUBLISH else protection.read_controlled
-    free = 0 if operation is Operation.RELAY else protection.governed & ~controlled
+def _topics(peers: _Peers, realm: int, _operation: Operation) -> Iterator[_Step]:
+    """Which topics there are by the governance."""
     for rule in peers.system.topic_rules:
         parent = peers.system.domain_rules[rule.domain_rule]
         if parent.document == peers.system.realms[realm].governance:
-            channels = bits(rule.channels) & peers.permissions.within(parent.domains) & protection.governed
-            yield _Decider(channels & free, "everybody", rule.location, True)
-            yield _Decider(channels & ~free, "asked", rule.location, True)
-    yield _Decider(-1, "nobody", None, False)
+            named = bits(rule.channels) & peers.permissions.within(parent.domains)
+            yield Step(named & peers.realms[realm].protection.governed, True, _Line(rule.location, True))
+    yield Step(-1, False, _Line(None, False))
 
 
-def _rules(peers: _Peers, grant: int, operation: Operation) -> Iterator[_Decider]:
+def _open_topics(peers: _Peers, realm: int, operation: Operation) -> Iterator[_Step]:
+    """Which of them are everybody's: permissions are not asked."""
+    protection = peers.realms[realm].protection
+    controlled = protection.write_controlled if operation is Operation.PUBLISH else protection.read_controlled
+    free = 0 if operation is Operation.RELAY else protection.governed & ~controlled
+    for step in _topics(peers, realm, operation):
+        yield Step(step.channels & free, True, step.by)
+        yield Step(step.channels & ~free, False, step.by)
+
+
+def _rules(peers: _Peers, grant: int, operation: Operation) -> Iterator[_Step]:
     """What the rules of a grant decide, and its default."""
     atom = peers.system.grants[grant]
     for rule in peers.decisions.rules[grant]:
         channels = bits(rule.named(operation)) & peers.permissions.within(rule.domains)
-        yield _Decider(channels, rule.allow, rule.location, True)
-    yield _Decider(-1, atom.default_allow, atom.location, False)
+        yield Step(channels, rule.allow, _Line(rule.location, True))
+    yield Step(-1, atom.default_allow, _Line(atom.location, False))

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 
-from msgspec import Struct
-
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights
+from keystore_audit.model.formal.bit_sets import Bounds
 from keystore_audit.model.formal.effective import EffectiveRights
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.participants.doubt import enclave_doubts
@@ -21,19 +20,7 @@ from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import Profile
 
 
-class Value(Struct, frozen=True):
-    """A set (of channels) in bits: what is in it for certain, and what may be."""
-
-    must: int
-    may: int
-
-
-def certain(allowed: int) -> Value:
-    """A set without doubt."""
-    return Value(allowed, allowed)
-
-
-def differing(values: Sequence[Value]) -> int:
+def differing(values: Sequence[Bounds]) -> int:
     """What is for certain in one of the sets and for certain not in another."""
     somewhere, everywhere = 0, -1
     for value in values:
@@ -42,7 +29,7 @@ def differing(values: Sequence[Value]) -> int:
     return somewhere & ~everywhere
 
 
-def attributed(stages: Sequence[Value], wanted: int) -> Iterator[tuple[int, bool, int]]:
+def attributed(stages: Sequence[Bounds], wanted: int) -> Iterator[tuple[int, bool, int]]:
     """To which stage each member of `wanted` is due that the first and the last stage decide differently.
 
     (stage, whether the first one allows, members): the earliest stage that decides as the last one does.
@@ -70,24 +57,24 @@ class LocalValues:
         self._at = at
         self._anywhere = Usabilities(domain, accesses)
         self._members = [channels.bits_in(domain) for domain in range(len(channels.domains))]
-        self._decided: dict[tuple[str, str, Operation], Value] = {}
+        self._decided: dict[tuple[str, str, Operation], Bounds] = {}
         self.rights = LocalRights(accesses, channels, at)
 
-    def starts(self, enclave: Enclave, profile: Profile) -> Value:
+    def starts(self, enclave: Enclave, profile: Profile) -> Bounds:
         """Whether a participant is created, as a set of one member."""
         usable = self._anywhere.of(enclave, self._at, profile).usable
-        return Value(int(usable is True), int(usable is not False))
+        return Bounds(int(usable is True), int(usable is not False))
 
-    def decided(self, enclave: Enclave, profile: Profile, operation: Operation) -> Value:
+    def decided(self, enclave: Enclave, profile: Profile, operation: Operation) -> Bounds:
         """The channels on which the operation is allowed to participants that are created there."""
         key = enclave.files.directory, profile.name, operation
         if key not in self._decided:
             row = self._accesses.row(profile.access)
             if enclave_doubts(enclave, profile.trust, row, self._accesses):
-                self._decided[key] = Value(0, sum(self._members))
+                self._decided[key] = Bounds(0, sum(self._members))
             else:
                 allowed = self.rights.allowed(enclave, profile, operation)
-                self._decided[key] = certain(allowed & self._where_it_starts(enclave, profile, allowed))
+                self._decided[key] = Bounds.exact(allowed & self._where_it_starts(enclave, profile, allowed))
         return self._decided[key]
 
     def starts_in(self, enclave: Enclave, profile: Profile, channels: int) -> int:
@@ -126,10 +113,9 @@ class PeerValues:
                 systems.append(builder.build(kind, profiles=(profile.name,), reading=Reading.MUST))
         self._effective = EffectiveRights(systems)
 
-    def accepted(self, path: str, profile: Profile, operation: Operation) -> Value:
+    def accepted(self, path: str, profile: Profile, operation: Operation) -> Bounds:
         """The channels on which some peer accepts the operation from the enclave."""
-        name = self._row[profile.name]
-        return Value(self._effective.must(path, name, operation), self._effective.may(path, name, operation))
+        return self._effective.accepted(path, self._row[profile.name], operation)
 
     def system(self, profile: Profile) -> System:
         """The facts behind it, what could not be read counting as anything."""

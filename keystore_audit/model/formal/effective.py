@@ -11,7 +11,7 @@ from functools import cached_property
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import RealmView, enclaves_views
-from keystore_audit.model.formal.bit_sets import union
+from keystore_audit.model.formal.bit_sets import Bounds, union
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import EnclaveAtom, Reading, System
 
@@ -57,11 +57,8 @@ class EffectiveRights:
             for profile in system.profiles:
                 self._peers[profile, system.reading] = peers
 
-    def may(self, path: str, profile: str, operation: Operation) -> int:
-        """The channels on which some peer may accept the operation, what could not be read counting as anything."""
-        return self._peers[profile, Reading.MAY].accepted(path, operation)
-
-    def must(self, path: str, profile: str, operation: Operation) -> int:
-        """The channels on which some peer accepts it for certain. Without doubt both are equal."""
-        peers = self._peers.get((profile, Reading.MUST)) or self._peers[profile, Reading.MAY]
-        return peers.accepted(path, operation)
+    def accepted(self, path: str, profile: str, operation: Operation) -> Bounds:
+        """The channels on which some peer accepts the operation; what could not be read may accept anything."""
+        may = self._peers[profile, Reading.MAY]
+        must = self._peers.get((profile, Reading.MUST), may)
+        return Bounds(must.accepted(path, operation), may.accepted(path, operation))

@@ -25,8 +25,8 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.intended.drift_rights import Comparison, DriftedRights, Taken
 from keystore_audit.model.intended.policy_grant import PolicyGrant, policy_grant
 from keystore_audit.model.inventory import documents_of, may_be_taken, permissions_cas
-from keystore_audit.model.meaning import Doubt
 from keystore_audit.model.participants.doubt import document_doubt, identity_doubt
+from keystore_audit.model.question import Doubt
 from keystore_audit.model.semantics import deciding_grant
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.profiles import Profile, SubjectComparison

@@ -23,7 +23,7 @@ from keystore_audit.model.inventory import (
     permissions_at_large,
     permissions_cas,
 )
-from keystore_audit.model.meaning import Doubt
+from keystore_audit.model.question import Doubt
 from keystore_audit.model.subjects.comparison import is_printable
 from keystore_audit.model.trust.revocation import list_unread
 from keystore_audit.model.trust.verdicts import (

@@ -16,7 +16,6 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import Typed
-from keystore_audit.model.meaning import Usability
 from keystore_audit.model.participants.doubt import enclave_doubts
 from keystore_audit.model.participants.joining import Governed, governed, join_refusals
 from keystore_audit.model.participants.sight import (
@@ -26,6 +25,7 @@ from keystore_audit.model.participants.sight import (
     key_refusals,
     sight_of,
 )
+from keystore_audit.model.question import Usability
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import list_broken, list_missing, list_used, lists_read, revoked

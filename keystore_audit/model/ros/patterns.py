@@ -25,7 +25,7 @@ from keystore_audit.profiles import VARIANTS, Matcher, Profile
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from keystore_audit.model.meaning import Usability
+    from keystore_audit.model.question import Usability
 
 
 _BEFORE_FOXY: Final = frozenset((LayoutKind.FLAT, LayoutKind.ARDENT))

@@ -18,7 +18,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import governed_domains
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.bit_sets import bits, members, union
+from keystore_audit.model.formal.bit_sets import Bounds, bits, members, union
 from keystore_audit.model.formal.effective import EffectiveRights
 from keystore_audit.model.formal.safeguard import Safeguard
 from keystore_audit.model.formal.system import Reading
@@ -32,31 +32,29 @@ from keystore_audit.profiles import Profile
 
 
 class Rights(Struct, frozen=True, kw_only=True):
-    """What one enclave may do with one operation: bit sets over the names of the table.
+    """What one enclave may do with one operation, over the `names` of the table (all of them, as a bit set).
 
-    `names`: all of them. `allowed`, `undecided`: the decision of its own implementation. `accepted`: some peer takes
-    it; `disputed`: that cannot be told.
+    `decided`: by its own implementation; `taken`: by some peer.
     """
 
     names: int
-    allowed: int
-    undecided: int
-    accepted: int
-    disputed: int
+    decided: Bounds
+    taken: Bounds
 
-    def decision(self, name: int) -> Ruling:
-        """What its own implementation does."""
-        return _ruling(self.allowed, self.undecided, name)
+    @property
+    def allowed(self) -> int:
+        """What its own implementation allows for certain."""
+        return self.decided.must
 
-    def effective(self, name: int) -> Ruling:
-        """What peers do."""
-        return _ruling(self.accepted, self.disputed, name)
+    @property
+    def accepted(self) -> int:
+        """What some peer takes for certain."""
+        return self.taken.must
 
-
-def _ruling(allow: int, unknown: int, name: int) -> Ruling:
-    if allow >> name & 1:
-        return Ruling.ALLOW
-    return Ruling.UNKNOWN if unknown >> name & 1 else Ruling.DENY
+    @property
+    def disputed(self) -> int:
+        """Where it cannot be told whether peers take it."""
+        return self.taken.unknown
 
 
 class EnclaveRights(Struct, frozen=True, kw_only=True):
@@ -69,15 +67,15 @@ class EnclaveRights(Struct, frozen=True, kw_only=True):
     def otherwise(self, operation: Operation, rest: int) -> tuple[Ruling, Ruling]:
         """Decision and effective of whatever no document lists (`AccessTable.rest`)."""
         right = self.rights[operation]
-        return right.decision(rest), right.effective(rest)
+        return right.decided.ruling(rest), right.taken.ruling(rest)
 
     def exceptions(self, operation: Operation, rest: int) -> Iterable[tuple[int, Ruling, Ruling]]:
         """The names of which something else holds: place, decision and effective."""
         right = self.rights[operation]
-        every = (right.allowed, right.undecided, right.accepted, right.disputed)
+        every = (right.decided.must, right.decided.may, right.taken.must, right.taken.may)
         differing = union(~held if held >> rest & 1 else held for held in every)
         for name in members(differing & right.names):
-            yield name, right.decision(name), right.effective(name)
+            yield name, right.decided.ruling(name), right.taken.ruling(name)
 
 
 class Group(Struct, frozen=True, kw_only=True):
@@ -94,7 +92,8 @@ class Group(Struct, frozen=True, kw_only=True):
     def has_unknown(self) -> bool:
         """Whether anything in it could not be decided."""
         return any(
-            enclave.usable is None or any(right.undecided or right.disputed for right in enclave.rights.values())
+            enclave.usable is None
+            or any(right.decided.unknown or right.taken.unknown for right in enclave.rights.values())
             for enclave in self.enclaves.values()
         )
 
@@ -192,16 +191,12 @@ class _Table:
         rights = {}
         unclear = self._unclear[profile.name]
         for operation in Operation:
-            allowed = self._allowed(enclave, profile, operation) if usability.usable else 0
-            must = self._window.of(self._effective.must(enclave.path, profile.name, operation))
-            may = self._window.of(self._effective.may(enclave.path, profile.name, operation))
-            rights[operation] = Rights(
-                names=self._window.all,
-                allowed=allowed & ~unclear,
-                undecided=self._window.all if usability.usable is None else unclear if usability.usable else 0,
-                accepted=must & ~unclear,
-                disputed=may & ~must | unclear,
-            )
+            decided = Bounds(0, 0 if usability.usable is False else self._window.all)
+            if usability.usable:
+                decided = Bounds.exact(self._allowed(enclave, profile, operation)).but(unclear)
+            taken = self._effective.accepted(enclave.path, profile.name, operation)
+            taken = Bounds(self._window.of(taken.must), self._window.of(taken.may)).but(unclear)
+            rights[operation] = Rights(names=self._window.all, decided=decided, taken=taken)
         return EnclaveRights(usable=usability.usable, reasons=usability.reasons, rights=rights)
 
     def _allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:

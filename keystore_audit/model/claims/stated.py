@@ -6,19 +6,108 @@ for every two labels between which the lattice lets nothing through; the engines
 
 from __future__ import annotations
 
+import json
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from itertools import combinations
-from typing import Final
+from typing import Final, Protocol
 
 from msgspec import Struct
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.channels import Channels, ReadRegion
-from keystore_audit.model.claims.claims import Claim, LabelPair, Marks, check_granted, marked
-from keystore_audit.model.claims.globs import Globs, named_paths, region_of
+from keystore_audit.model.claims.globs import Globs, at, named_paths, region_of
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.system import System
+
+RESTING_ON_STARTS: Final = frozenset({ClaimKind.ABLE, ClaimKind.SEPARATE_DOMAINS})
+"""Kinds of claims that ask which enclaves start."""
+
+RESTING_ON_SUBJECTS: Final = frozenset({ClaimKind.ONLY_PUBLISH, ClaimKind.ENCRYPTED})
+"""Kinds of claims that ask whom grants name that is no enclave here."""
+
+
+class LabelPair(Struct, frozen=True, kw_only=True):
+    """Two labels between which nothing may flow. `id`: of all claims that say so; `labelling`: where they come from."""
+
+    id: str
+    source: str
+    target: str
+    labelling: Labelling
+
+
+Marks = tuple[tuple[str, str], ...]
+"""Globs on enclaves or DDS topics, each with the place where it stands: `FILE:LINE:COLUMN`."""
+
+
+class Marked(Protocol):
+    """What settings say of globs."""
+
+    @property
+    def place(self) -> str:
+        """Where it stands."""
+
+    @property
+    def marks(self) -> Marks:
+        """Where its globs stand."""
+
+
+class Claim(Struct, frozen=True, kw_only=True):
+    """A property that a user asserts, or a question about a flow.
+
+    `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
+    `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE:COLUMN`,
+    empty for a question of the command line; `marks`: where its globs stand, if known. `labels`: where labels make it.
+    `source` may be empty for ONLY_PUBLISH alone: one enclave may publish then, whichever it is.
+    """
+
+    id: str
+    statement: str
+    kind: ClaimKind
+    attacker: Attacker
+    source: Globs
+    target: Globs
+    severity: Severity = Severity.HIGH
+    through: tuple[str, ...] = ()
+    include_ambient: bool = False
+    until: datetime | None = None
+    location: Location
+    place: str
+    marks: Marks = ()
+    labels: LabelPair | None = None
+
+    @property
+    def meaning(self) -> str:
+        """What is claimed, apart from its name, its words, its severity and its end: equal for equal claims."""
+        places = (self.source, self.target, Globs(enclaves=self.through))
+        sides = [[sorted(place.enclaves), sorted(place.topics), place.outsider] for place in places]
+        return json.dumps([self.kind.value, self.attacker.value, sides, self.include_ambient])
+
+
+def marked(what: Marked, glob: str) -> str:
+    """Where the glob stands, else where what it belongs to does."""
+    return dict(what.marks).get(glob, what.place)
+
+
+def granted_channels(systems: Sequence[System]) -> frozenset[int]:
+    """Channels that some document, as some implementation reads it, allows something on, or that may be one."""
+    everything = frozenset(range(len(systems[0].channels)))
+    granted: set[int] = set()
+    for system in systems:
+        if system.has_doubt or any(grant.default_allow for grant in system.grants):
+            return everything
+        for rule in system.rules:
+            if rule.allow:
+                granted |= rule.publish | rule.subscribe | rule.relay
+    return frozenset(granted)
+
+
+def check_granted(topic: str, channels: Channels, used: frozenset[int], place: str) -> None:
+    """Raises errors.UsageError for a glob that matches no channel `used`: misspelt, so that everything would hold."""
+    if not channels.regions[region_of((topic,))] & used:
+        raise UsageError(f"{at(place)}no permissions document grants anything on the DDS topic {topic!r}.")
+
 
 MAX_CLAIMS: Final = 400
 """Claims that labels make: a hundred pairs of labels between which nothing may flow."""
