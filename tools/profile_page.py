@@ -16,7 +16,7 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from keystore_audit.profiles import ALIASES, QUIRKS, SPEC, VARIANTS, Evidence, Profile  # noqa: E402
-from keystore_audit.profiles.table import GROUP, answer, inflected, sharing, value_of  # noqa: E402
+from keystore_audit.profiles.table import GROUP, answer, inflected, sharing  # noqa: E402
 
 PAGE: Final = ROOT / "docs" / "profiles.md"
 _TABLE: Final = re.compile(r"(<!-- table: (\w+) -->).*?(<!-- end -->)", re.DOTALL)
@@ -73,15 +73,13 @@ def _whom(name: str, alike: list[Profile]) -> Iterator[str]:
         letter = "" if profile is SPEC else _LETTERS[QUIRKS[name].known(profile)]
         by_letter.setdefault(letter, []).append(profile)
     for letter, known in by_letter.items():
-        whole = [each for each in known if _is_known_alike(name, each)]
-        named = dict.fromkeys([*sharing(name, whole), *(each.title for each in known if each not in whole)])
+        told = _known(name, known[0])
+        named = sharing(known, lambda each, told=told: _known(name, each) == told)  # type: ignore[misc]
         yield ", ".join(named) + (f" ({letter})" if letter else "")
 
 
-def _is_known_alike(name: str, profile: Profile) -> bool:
-    """Whether of all releases of its family the same is known in the same way."""
-    family = [each for each in VARIANTS.values() if each.family == profile.family]
-    return len({(value_of(each, name), QUIRKS[name].known(each)) for each in family}) == 1
+def _known(name: str, profile: Profile) -> tuple[str, str]:
+    return answer(name, profile), QUIRKS[name].known(profile)
 
 
 def main() -> int:

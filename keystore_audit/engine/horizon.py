@@ -16,7 +16,7 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
 from keystore_audit.model.trust.revocation import lists_carried
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
-from keystore_audit.profiles import DateReading, Profile
+from keystore_audit.profiles import DateReading, Profile, doing
 from keystore_audit.properties import Answer, Status
 from keystore_audit.text import counted, some
 
@@ -26,7 +26,7 @@ MAX_MOMENTS = 64
 Beyond, the horizon is the last one looked at: earlier than the truth, never later.
 """
 
-_LOCAL = {DateReading.ROBOT_TIME: "Fast DDS", DateReading.SHIFTED_CLOCK: "OpenDDS"}
+_LOCAL = {reading: doing("dates", reading) for reading in (DateReading.ROBOT_TIME, DateReading.SHIFTED_CLOCK)}
 """Who reads dates of grants in the zone of the robot."""
 
 

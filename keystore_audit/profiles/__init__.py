@@ -11,6 +11,7 @@ from keystore_audit.profiles.naming import (
     implementations,
     scope_of,
     shipped_by,
+    told,
 )
 from keystore_audit.profiles.peculiarities import (
     Access,
@@ -64,4 +65,5 @@ __all__ = [
     "running",
     "scope_of",
     "shipped_by",
+    "told",
 ]

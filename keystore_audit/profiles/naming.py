@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.profiles.peculiarities import Profile
@@ -48,9 +48,20 @@ def scope_of(names: Sequence[str]) -> str:
     return f"{where} with {' and '.join(profile.title for profile in known)}"
 
 
-def doing(name: str, value: object) -> str:
-    """`Fast DDS and OpenDDS`: who of all has the value of a peculiarity."""
-    return _listed(sharing(name, (each for each in VARIANTS.values() if value_of(each, name) == value)))
+def doing(name: str, *values: object) -> str:
+    """`Fast DDS and OpenDDS`: who of all has one of these values of a peculiarity, the specification apart."""
+    return _listed(_who(name, *values))
+
+
+def told(name: str, values: Collection[object], sentence: str) -> str:
+    """The sentence with who has one of these values for `{who}`, and its verbs, `[takes|take]`, accordingly."""
+    who = _who(name, *values)
+    return inflected(sentence, several=len(who) > 1).replace("{who}", _listed(who))
+
+
+def _who(name: str, *values: object) -> list[str]:
+    having = [each for each in VARIANTS.values() if each is not SPEC and value_of(each, name) in values]
+    return sharing(having, lambda profile: value_of(profile, name) in values)
 
 
 def contrasted(name: str) -> str:
@@ -61,7 +72,7 @@ def contrasted(name: str) -> str:
     return "; ".join(
         f"{_listed(who)}: {inflected(answer(name, alike[0]), several=len(who) > 1)}"
         for alike in by_value.values()
-        for who in (sharing(name, alike),)
+        for who in (_sharing_value(name, alike),)
     )
 
 
@@ -82,8 +93,12 @@ def _explanations(cause: str, deviating: Sequence[Profile]) -> Iterator[str]:
             if told:
                 by_sentence.setdefault(told, []).append(profile)
         for sentence, alike in by_sentence.items():
-            who = sharing(name, alike)
+            who = _sharing_value(name, alike)
             yield inflected(sentence, several=len(who) > 1).replace("{who}", _listed(who))
+
+
+def _sharing_value(name: str, alike: Sequence[Profile]) -> list[str]:
+    return sharing(alike, lambda profile: value_of(profile, name) == value_of(alike[0], name))
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -7,7 +7,7 @@ value a sentence. Who explains or folds by single peculiarities says with `check
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from enum import Enum
 from pathlib import Path
 from typing import Any, Final
@@ -158,12 +158,10 @@ def inflected(sentence: str, *, several: bool) -> str:
     return _VERB.sub(lambda verb: verb[2 if several else 1], sentence)
 
 
-def sharing(name: str, profiles: Iterable[Profile]) -> list[str]:
-    """Those that have a value of the peculiarity in common: a family where all its releases do, else the releases."""
+def sharing(profiles: Iterable[Profile], common: Callable[[Profile], bool]) -> list[str]:
+    """The profiles, named as a family where what is `common` to them is so of all its releases, else as releases."""
     named: dict[str, None] = {}
     for profile in profiles:
-        value = value_of(profile, name)
-        releases = [each for each in VARIANTS.values() if each.family == profile.family]
-        common = all(value_of(each, name) == value for each in releases)
-        named[FAMILIES[profile.family].title if common else profile.title] = None
+        whole = all(common(each) for each in VARIANTS.values() if each.family == profile.family)
+        named[FAMILIES[profile.family].title if whole else profile.title] = None
     return list(named)

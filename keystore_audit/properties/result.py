@@ -10,6 +10,7 @@ from msgspec import Struct
 
 from keystore_audit.assumptions import Assumption
 from keystore_audit.findings import Location, Severity
+from keystore_audit.profiles import SubjectComparison, doing
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property, Status
 from keystore_audit.text import some
@@ -149,7 +150,8 @@ class AssertedResult(UserResult, frozen=True, kw_only=True):
     def _named(self) -> str:
         also = self.also_named or {}
         told = some((f"{subject} by the grant of {text}" for text, subject in also.items()), MAX_FORGERS)
-        return f"Cyclone DDS lets shorter subjects publish too, where there are such: {told}." if told else ""
+        who = doing("subjects", SubjectComparison.PIECES_WITHIN, SubjectComparison.TRIMMED_PIECES_WITHIN)
+        return f"{who} lets shorter subjects publish too, where there are such: {told}." if told else ""
 
     @property
     def _forging(self) -> str:

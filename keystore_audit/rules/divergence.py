@@ -19,7 +19,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
-from keystore_audit.profiles import VARIANTS
+from keystore_audit.profiles import TESTED_ON, VARIANTS, JoinCheck, doing, explained, facts
 from keystore_audit.remedy import decision
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.domain import meet
@@ -30,7 +30,7 @@ from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse
 from keystore_audit.rules.wording import VERBS, either, listed, located, places, quoted
 
-MEASURED: Final = "measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2, others as docs/profiles.md tells"
+MEASURED: Final = f"measured on {TESTED_ON}, others as docs/profiles.md tells"
 
 
 def _of(context: Context, *causes: Cause) -> Iterator[list[Divergence]]:
@@ -48,10 +48,17 @@ def spoken_of(use: DocumentUse, context: Context, cause: Cause) -> frozenset[int
     )
 
 
-def said(context: Context, why: str, *causes: Cause) -> Iterator[Violation]:
-    """One violation for each document with divergences of these causes; `why` is the beginning of its message."""
-    for found in _of(context, *causes):
-        yield _violation(found, why)
+def said(context: Context, cause: Cause, why: str = "") -> Iterator[Violation]:
+    """One violation for each document with divergences of the cause; `why` is the beginning of its message.
+
+    Without it, what the table of peculiarities says of those that deviate.
+    """
+    for found in _of(context, cause):
+        yield _violation(found, why or _explained(found))
+
+
+def _explained(found: Sequence[Divergence]) -> str:
+    return explained(found[0].cause.value, {name for divergence in found for name in divergence.deviating})
 
 
 def _violation(found: Sequence[Divergence], why: str) -> Violation:
@@ -187,7 +194,7 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
     """
     wide = [divergence for found in _unspoken(context, Cause.RULE_DOMAINS) for divergence in found]
     if wide:  # all in one: it is most often the governance that is wider than every grant
-        yield _violation(wide, "Fast DDS applies a rule of another domain")
+        yield _violation(wide, _explained(wide))
 
 
 @rule(
@@ -205,24 +212,27 @@ def join_checked_differently(_keystore: Keystore, context: Context) -> Iterator[
     """
     to_the_letter: list[Divergence] = []
     for found in _unspoken(context, Cause.JOIN):
-        to_the_letter += [divergence for divergence in found if divergence.deviating == {"opendds"}]
-        if rest := [divergence for divergence in found if divergence.deviating != {"opendds"}]:
+        to_the_letter += [divergence for divergence in found if divergence.deviating <= _TO_THE_LETTER]
+        if rest := [divergence for divergence in found if not divergence.deviating <= _TO_THE_LETTER]:
             yield _violation(rest, "The grant lets the enclave join a domain under some implementations alone")
     if to_the_letter:
         yield _table_63(to_the_letter, context)
+
+
+_TO_THE_LETTER: Final = {name for name, each in VARIANTS.items() if each.local.joins is JoinCheck.TABLE_63}
 
 
 def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
     """What OpenDDS refuses, and no grant can mend: it is the governance, most often that of `ros2 security`."""
     concerned = {path for divergence in found for path in divergence.enclaves}
     files = (e.governance for e in context.keystore.enclaves if e.path in concerned and e.governance is not None)
-    said = _violation(found, "OpenDDS takes Table 63 to the letter and starts nobody where everything is controlled")
+    said = _violation(found, _explained(found))
     return replace(
         said,
         locations=places((*(Location(path=file.signed.file.place) for file in files), *said.locations)),
         remedy=decision(
-            "Use another implementation: what OpenDDS asks for, join access control off or a topic without "
-            "access control, weakens all of them."
+            f"Use another implementation: what {doing('joins', JoinCheck.TABLE_63)} asks for, join access control off "
+            "or a topic without access control, weakens all of them."
         ),
     )
 
@@ -239,14 +249,14 @@ def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterat
 
     Asked for the domain of --domain, else for a governance that covers no domain at all.
     """
-    yield from said(context, "The governance does not cover the domain", Cause.UNGOVERNED)
+    yield from said(context, Cause.UNGOVERNED, "The governance does not cover the domain")
 
 
 @rule(
     "KA612",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime in UTC); measured on Fast DDS 2.9.1 and Cyclone DDS "
-    "0.10.2 with their clocks set",
+    clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime in UTC); "
+    f"measured on {TESTED_ON} with their clocks set",
     remedy=in_permissions(
         "Write dates as 2026-01-31T00:00:00, without zone, fraction and 24:00, until 2262, and a day before "
         "and after what is needed"
@@ -261,7 +271,7 @@ def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vio
     that is to begin then has begun, one that is to end then has expired. Without --time-zone what hangs on the zone is
     unknown, and no finding of this rule.
     """
-    yield from said(context, "A date of a grant is read differently", Cause.DATE)
+    yield from said(context, Cause.DATE, "A date of a grant is read differently")
 
 
 @rule(
@@ -284,8 +294,7 @@ def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation
 @rule(
     "KA615",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches); read in the source of OpenDDS "
-    "(AccessControlBuiltInImpl.cpp)",
+    clause=f"DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches); {facts.ANY_RULE_READ}",
     remedy=in_governance(
         "Let no two rules of the governance match one topic, or give both the same access control: correct them"
     ),
@@ -296,11 +305,7 @@ def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterato
     So is one of a later domain rule for there to be the topic. Elsewhere the first that matches decides. Judged where
     opendds is among the chosen profiles; not measured.
     """
-    yield from said(
-        context,
-        "OpenDDS goes by any matching rule, of whichever domain rule, where others take the first",
-        Cause.ANY_GOVERNANCE_RULE,
-    )
+    yield from said(context, Cause.ANY_GOVERNANCE_RULE)
 
 
 @rule(
@@ -314,7 +319,9 @@ def decided_differently(_keystore: Keystore, context: Context) -> Iterator[Viola
 
     The net below the others. It leaves the audit incomplete where there are too many classes of names to compare.
     """
-    yield from said(context, "Implementations decide differently", Cause.OTHER)
+    for found in _of(context, Cause.OTHER):
+        why = _explained(found)
+        yield _violation(found, f"Implementations decide differently{f' ({why})' if why else ''}")
     for found in _of(context, Cause.UNDECIDED):
         yield Violation(
             message="Implementations read the documents differently, and there are too many classes of names to say "

@@ -11,7 +11,7 @@ from keystore_audit.keystore.document import Text
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.validity import read_date
-from keystore_audit.profiles import DateReading, Profile, implementations
+from keystore_audit.profiles import TESTED_ON, DateReading, Profile, implementations
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import spoken_of
 from keystore_audit.rules.effect import instant_of
@@ -91,7 +91,7 @@ def _reading(date: Text, reading: DateReading) -> object:
 @rule(
     "KA613",
     Severity.LOW,
-    clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",
+    clause=f"DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime); measured on {TESTED_ON}",
     remedy=in_permissions("Write dates as 2026-01-31T00:00:00, in UTC and without a zone, until 2262"),
     applies=speaks,
     stops=True,

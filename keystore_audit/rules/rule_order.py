@@ -8,6 +8,7 @@ from typing import Final
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.divergence.substitution import Cause
+from keystore_audit.profiles import contrasted, facts
 from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import MEASURED, said
 from keystore_audit.rules.registry import Violation, rule
@@ -30,7 +31,7 @@ def deny_rule_with_partitions(_keystore: Keystore, context: Context) -> Iterator
 
     Later rules that allow the topic elsewhere are not reached there.
     """
-    yield from said(context, "Fast DDS does not look at the partitions of a deny rule", Cause.DENY_IN_PARTITION)
+    yield from said(context, Cause.DENY_IN_PARTITION)
 
 
 @rule(
@@ -45,11 +46,7 @@ def deny_rule_without_partitions(_keystore: Keystore, context: Context) -> Itera
     A later rule that allows the topic in a partition counts there. ROS 2 nodes use the default partition; whoever
     controls a node chooses.
     """
-    yield from said(
-        context,
-        "Cyclone DDS applies a deny rule without partitions to the default one alone",
-        Cause.DENY_WITHOUT_PARTITION,
-    )
+    yield from said(context, Cause.DENY_WITHOUT_PARTITION)
 
 
 @rule(
@@ -63,9 +60,7 @@ def partitions_of_several_criteria(_keystore: Keystore, context: Context) -> Ite
 
     Peers on Fast DDS accept it too, so that what was meant for one partition reaches another.
     """
-    yield from said(
-        context, "Fast DDS allows the topics of one criterion in the partitions of another", Cause.CROSSED_PARTITIONS
-    )
+    yield from said(context, Cause.CROSSED_PARTITIONS)
 
 
 @rule(
@@ -79,7 +74,7 @@ def later_rule_for_other_partitions(_keystore: Keystore, context: Context) -> It
 
     It asks no later rule once one lists the topic, in whatever partition; others go on.
     """
-    yield from said(context, "Fast DDS asks no rule after the first that lists the topic", Cause.FINAL_RULE)
+    yield from said(context, Cause.FINAL_RULE)
 
 
 @rule(
@@ -94,20 +89,16 @@ def deny_rule_blocks_topic(_keystore: Keystore, context: Context) -> Iterator[Vi
     Where read and write access control are on, the first rule that lists a topic decides there whether it can be
     created; so denying to publish denies to subscribe. Cyclone DDS 11 does it right.
     """
-    yield from said(context, "On Cyclone DDS 0.10 a deny rule takes away the whole topic", Cause.TOPIC_DENIED)
+    yield from said(context, Cause.TOPIC_DENIED)
 
 
-_RELAY: Final = (
-    "What <relay> gives differs (the specification: to pass submessages on; Fast DDS: a peer's reader gets data; "
-    "Cyclone DDS and OpenDDS: nothing)"
-)
+_RELAY: Final = f"What <relay> gives differs ({contrasted('relay')})"
 
 
 @rule(
     "KA609",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.3.2.3 (relay); measured on Fast DDS 2.9.1: a reader that may relay alone "
-    "receives plain data",
+    clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (relay); {facts.RELAY_MEASURED}",
     remedy=in_permissions("Take the <relay> criteria out; no ROS 2 implementation relays"),
 )
 def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -115,14 +106,14 @@ def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vi
 
     High where that lets somebody read. Cyclone DDS and OpenDDS pass the element over, so that nothing relays there.
     """
-    yield from said(context, _RELAY, Cause.RELAY)
+    yield from said(context, Cause.RELAY, _RELAY)
 
 
 @rule(
     "KA610",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch); measured on libc, ACE and "
-    "Cyclone DDS 0.10.2",
+    clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch); "
+    f"{facts.EXPRESSIONS_MEASURED}",
     remedy=in_permissions("Name each topic, or use one * at the end and neither brackets nor backslashes"),
 )
 def expression_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -131,4 +122,4 @@ def expression_read_differently(_keystore: Keystore, context: Context) -> Iterat
     Brackets with ^, classes or a ] first, and backslashes, are read in four ways. Found by comparing the sets of all
     names, not by the text; names beyond ASCII are matched by character here and by octet on Cyclone DDS.
     """
-    yield from said(context, "An expression matches different names", Cause.EXPRESSION)
+    yield from said(context, Cause.EXPRESSION, "An expression matches different names")

@@ -18,14 +18,16 @@ from functools import partial
 from typing import Final
 
 from keystore_audit.model.matching.tokens import ANY_CHARACTER, NO_CHARACTER, CharSet, Reading, Single, scanned
+from keystore_audit.profiles import Matcher, told
 
-_NEVER: Final = "which Cyclone DDS never matches"
+_NEVER: Final = told("matcher", {Matcher.SIMPLE_BRACKETS}, "which {who} never [matches|match]")
+_TAKES: Final = told("matcher", {Matcher.SIMPLE_BRACKETS}, "which {who} [takes|take]")
 _NOTHING_CLOSES: Final = f"has a [ that nothing closes, {_NEVER}"
 _EMPTY: Final = f"has brackets with nothing in them, {_NEVER}"
-_ALL_BUT_NOTHING: Final = "has [!] with nothing in it, which Cyclone DDS takes for any character and then a ]"
+_ALL_BUT_NOTHING: Final = f"has [!] with nothing in it, {_TAKES} for any character and then a ]"
 _NO_RANGE_END: Final = f"has a range in brackets that ends in ] or not at all, {_NEVER}"
 _EMPTY_RANGE: Final = "has a range in brackets that ends before it begins, which is empty"
-_RANGE_FROM_CLOSE: Final = "has a - behind the ] of its brackets, which Cyclone DDS takes for a range from ] on"
+_RANGE_FROM_CLOSE: Final = f"has a - behind the ] of its brackets, {_TAKES} for a range from ] on"
 _SPECIAL: Final = re.compile(r"[*?\[\0]")
 
 

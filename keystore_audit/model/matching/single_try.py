@@ -17,12 +17,14 @@ from functools import partial
 from typing import Final
 
 from keystore_audit.model.matching.tokens import LAST_CHARACTER, NO_CHARACTER, CharSet, Reading, Single, scanned
+from keystore_audit.profiles import Matcher, doing
 
+_WHO: Final = doing("matcher", Matcher.SINGLE_TRY)
 _READS_BEYOND: Final = (
-    "has a [ that nothing closes: OpenDDS reads on in the memory behind it, so nobody can say what it matches"
+    f"has a [ that nothing closes: {_WHO} reads on in the memory behind it, so nobody can say what it matches"
 )
-_NOT_BEHIND: Final = "has a range in brackets that does not end behind its beginning, of which OpenDDS takes both ends"
-_ENDS_IN_DELETE: Final = "has a range in brackets that ends in the character DEL, which OpenDDS takes for any character"
+_NOT_BEHIND: Final = f"has a range in brackets that does not end behind its beginning, of which {_WHO} takes both ends"
+_ENDS_IN_DELETE: Final = f"has a range in brackets that ends in the character DEL, which {_WHO} takes for any character"
 _DELETE: Final = "\x7f"
 _SPECIAL: Final = re.compile(r"[*?\[\\\0]")
 

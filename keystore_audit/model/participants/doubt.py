@@ -35,7 +35,7 @@ from keystore_audit.model.trust.verdicts import (
     may_take,
     stands_alone,
 )
-from keystore_audit.profiles import Access, Profile, Trust
+from keystore_audit.profiles import Access, Profile, Trust, facts
 
 
 def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews) -> Iterator[Doubt]:
@@ -215,15 +215,12 @@ def _key_doubt(enclave: Enclave) -> Doubt | None:
     """
     file = enclave.files.files[Role.KEY]
     if Role.KEY in enclave.files.pkcs11:
-        return _doubt(enclave, enclave.files.pkcs11[Role.KEY].path, _PKCS11)
+        return _doubt(enclave, enclave.files.pkcs11[Role.KEY].path, facts.PKCS11)
     if file.status.unknown:
         return _doubt(enclave, file.path, f"key could not be read: {file.detail}")
     defects = enclave.key.defects if enclave.key else ()
     unreadable = first_opaque(defects)
     return None if unreadable is None else _doubt(enclave, unreadable.path, unreadable.detail)
-
-
-_PKCS11 = "a PKCS#11 reference, which Fast DDS reads in place of the .pem file"
 
 
 def _file_doubt(
@@ -235,7 +232,7 @@ def _file_doubt(
     """
     file = enclave.files.files[role]
     if role in enclave.files.pkcs11:
-        return _doubt(enclave, enclave.files.pkcs11[role].path, _PKCS11)
+        return _doubt(enclave, enclave.files.pkcs11[role].path, facts.PKCS11)
     if file.status.unknown:
         return _doubt(enclave, file.path, f"{role.value} could not be read: {file.detail}")
     if read is None or not read.defects:
