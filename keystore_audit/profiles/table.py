@@ -149,7 +149,9 @@ SPEC: Final = VARIANTS["spec"]
 def answer(name: str, profile: Profile) -> str:
     """What the implementation does of the peculiarity, with the verbs as in `inflected`."""
     value = value_of(profile, name)
-    told = f"{value:,}" if isinstance(value, int) else value if isinstance(value, str) else ", ".join(value or ())
+    told = (
+        f"{value:,}" if isinstance(value, int) else value if isinstance(value, str) else ", ".join(sorted(value or ()))
+    )
     return QUIRKS[name].answers[value_name(value)].replace("{}", told)
 
 
