@@ -77,7 +77,7 @@ def audit(
     """
     check_arguments(locals())
     from keystore_audit.model.local_time import time_zone as zone_named
-    from keystore_audit.rules.named import rule_code
+    from keystore_audit.rules.registry import rule_code
     from keystore_audit.settings.authorities import expected
     from keystore_audit.settings.settings import read_baseline, read_settings
 

@@ -18,8 +18,8 @@ from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import PEERS_IN_SCOPE, Verdict, conditions_of
 from keystore_audit.rules import BY_CODE
-from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement
+from keystore_audit.rules.registry import Context
 from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance, check_codes, check_dates, first_end, limited
 from keystore_audit.text import shorten, terminal
 

@@ -57,8 +57,8 @@ from keystore_audit.report.content import (
 from keystore_audit.report.excerpts import excerpts
 from keystore_audit.report.not_checked import unread, untested
 from keystore_audit.rules import RULES
-from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
+from keystore_audit.rules.registry import Context
 from keystore_audit.rules.wording import listed
 from keystore_audit.settings.suppressions import accepted_by
 

@@ -43,7 +43,7 @@ def command(word: str, keystore: str | None, **given: Any) -> int:
     from keystore_audit.cli.output import write_stdout
     from keystore_audit.properties import BY_ID
     from keystore_audit.rules import RULES
-    from keystore_audit.rules.named import rule_meant
+    from keystore_audit.rules.registry import rule_meant
 
     rules = {key: rule for rule in RULES for key in (rule.code, rule.name)}
     rule = rules.get(word.upper()) or rules.get(word.lower())

@@ -82,7 +82,7 @@ def zone_name(value: str) -> ZoneInfo:
 
 def rule_code(value: str) -> str:
     """Return the code of a rule or of a family (`KA2`); KA9, the audit itself, always runs."""
-    from keystore_audit.rules.named import rule_code as code
+    from keystore_audit.rules.registry import rule_code as code
 
     return read(code, value)
 

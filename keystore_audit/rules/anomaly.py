@@ -16,8 +16,7 @@ from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.names import ros_name
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.remedy import decision
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, speaks
 from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sole

@@ -12,11 +12,10 @@ from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.names import ros_name
 from keystore_audit.remedy import outside
 from keystore_audit.rules.anomaly import folded, named, odd
-from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import spoken_of
-from keystore_audit.rules.partition import of_no_node
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
+from keystore_audit.rules.restrictions import of_no_node
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
 from keystore_audit.rules.wording import MAX_LISTED, listed, more_like, quoted, sole
 

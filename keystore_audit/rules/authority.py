@@ -13,12 +13,10 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.model.trust.authorities import Anchors, authority_files, trusted
 from keystore_audit.model.trust.verdicts import is_authority
 from keystore_audit.remedy import decision
-from keystore_audit.rules.acceptance import UNPINNED
 from keystore_audit.rules.certificate import at, what
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import RENEW_AUTHORITY, SEPARATE
-from keystore_audit.rules.subjects import CertificateUse
+from keystore_audit.rules.subjects import UNPINNED, CertificateUse
 from keystore_audit.rules.wording import listed, located, paths, places, quoted, sole
 
 

@@ -7,11 +7,10 @@ from collections.abc import Iterator, Sequence
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.matching.coverage import TOPICS, allows_everything, covering
-from keystore_audit.model.matching.expression import WILDCARDS, has_wildcard, parse
-from keystore_audit.profiles import VARIANTS, Matcher, implementations
-from keystore_audit.rules.context import Context
+from keystore_audit.model.matching.expression import WILDCARDS, Matcher, has_wildcard, parse
+from keystore_audit.model.profiles import VARIANTS, implementations
 from keystore_audit.rules.permissions import about
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import PermissionsUse, speaks
 from keystore_audit.rules.wording import either, listed, places, quoted, sole

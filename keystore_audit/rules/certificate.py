@@ -1,6 +1,6 @@
-"""KA2: certificate files, their dates and their form (DDS-Security 1.1, 9.3; RFC 5280).
+"""KA2: certificate files, their dates, form and algorithms (DDS-Security 1.1, 9.3; RFC 5280; NIST SP 800-57, 800-131A).
 
-Identities and authorities as such are in `identity.py` and `authority.py`, keys and signatures in `algorithm.py`.
+Identities and authorities as such are in `identity.py` and `authority.py`.
 """
 
 from __future__ import annotations
@@ -13,12 +13,14 @@ from keystore_audit.keystore.certificate import IN_DER, Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
+from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust.authorities import trusted
 from keystore_audit.remedy import Remedy, decision, outside
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Violation, rule
-from keystore_audit.rules.remedies import ISSUE_AGAIN, RENEW_AUTHORITY
-from keystore_audit.rules.subjects import CertificateUse
+from keystore_audit.rules.private_key import authority_anew
+from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.remedies import ISSUE_AGAIN, RENEW_AUTHORITY, issue_again
+from keystore_audit.rules.subjects import CertificateUse, is_identity
 from keystore_audit.rules.wording import defective, either, listed, located, of_kinds, paths, quoted, sole
 from keystore_audit.text import instant
 
@@ -259,4 +261,80 @@ def irregular_serial_number(use: CertificateUse, _context: Context) -> Iterator[
         if certificate.serial <= 0 or octets > MAX_SERIAL_OCTETS:
             got = f"{octets} octets" if certificate.serial > 0 else "a number that is not positive"
             message = f"{what(use, certificate)} has an irregular serial number: got {got}, expected 1 to 20 octets."
+            yield at(use, certificate, message, remedy=remedy(use))
+
+
+@rule(
+    "KA216",
+    Severity.HIGH,
+    clause="NIST SP 800-57 Part 1, 5.6; DDS-Security 1.1, 9.3.1",
+    remedy=issue_again("Use keys on prime256v1, as sros2 does."),
+    stops=True,
+)
+def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+    """The key is shorter than RSA 2048 or EC 256: whoever breaks it is this identity or this authority.
+
+    How the key was made, and whether it is one of the known bad ones, is not looked at.
+    """
+    for certificate in use.in_use:
+        if is_weak_kind(certificate.key_kind):
+            message = (
+                f"{what(use, certificate)} has a weak key: got {certificate.key_kind}, expected RSA 2048 or EC 256."
+            )
+            yield at(use, certificate, message, remedy=_anew(use))
+
+
+def _anew(use: CertificateUse) -> Remedy | None:
+    """How to replace an authority: it takes another key."""
+    return authority_anew(use.roles, "The authority needs another key.")
+
+
+@rule(
+    "KA217",
+    Severity.MEDIUM,
+    clause="DDS-Security 1.1, 9.3.1 (RSA with 2,048 bits or EC on prime256v1); measured",
+    remedy=issue_again("Use keys on prime256v1, as sros2 does."),
+    applies=is_identity,
+    stops=True,
+)
+def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[Violation]:
+    """The identity's key is strong enough but of a kind that the specification does not name.
+
+    Cyclone DDS takes RSA with 2,048 bits and any curve of 256 bits and refuses the rest; Fast DDS starts (measured).
+    High where a chosen profile of Cyclone DDS refuses the enclave.
+    """
+    for certificate in use.in_use[:1]:
+        kind = certificate.key_kind
+        if kind not in ("RSA 2048", "EC secp256r1") and not is_weak_kind(kind):
+            taken = {name: profile.trust.identity_keys for name, profile in VARIANTS.items()}
+            refusing = [name for name, kinds in taken.items() if kinds is not None and kind not in kinds]
+            yield at(
+                use,
+                certificate,
+                f"{what(use, certificate)} has a key that the specification does not name"
+                f"{' and Cyclone DDS refuses' if refusing else ''}: got {kind}, expected EC secp256r1 or RSA 2048.",
+                profiles=("spec", *refusing),
+                severity=Severity.HIGH if context.refused(use.enclaves, "cyclonedds") else None,
+            )
+
+
+@rule(
+    "KA218",
+    Severity.HIGH,
+    clause="NIST SP 800-131A; DDS-Security 1.1, 9.3.1 (SHA-256)",
+    remedy=ISSUE_AGAIN,
+    stops=True,
+)
+def weak_signature_algorithm(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+    """The certificate is signed over SHA-1 or MD5, for which two contents with one digest have been made.
+
+    Of an authority's own signature over itself nothing depends, but what makes it signs the rest alike. Fast DDS takes
+    sha1WithRSAEncryption, Cyclone DDS any digest (measured).
+    """
+    for certificate in use.in_use:
+        if is_weak_algorithm(certificate.signature_algorithm):
+            message = (
+                f"{what(use, certificate)} is signed with {certificate.signature_algorithm}, expected SHA-256 as in "
+                "ecdsa-with-SHA256."
+            )
             yield at(use, certificate, message, remedy=remedy(use))

@@ -21,12 +21,9 @@ from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
 from keystore_audit.profiles import TESTED_ON, VARIANTS, JoinCheck, doing, explained, facts
 from keystore_audit.remedy import decision
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.domain import meet
-from keystore_audit.rules.governance import COVER_DOMAIN
-from keystore_audit.rules.permissions import ALLOW_DOMAINS
-from keystore_audit.rules.registry import Violation, rule
-from keystore_audit.rules.remedies import in_governance, in_permissions
+from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.remedies import ALLOW_DOMAINS, COVER_DOMAIN, in_governance, in_permissions
+from keystore_audit.rules.restrictions import meet
 from keystore_audit.rules.subjects import DocumentUse
 from keystore_audit.rules.wording import VERBS, either, listed, located, places, quoted
 

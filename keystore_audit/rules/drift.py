@@ -17,8 +17,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.names import ros_name
 from keystore_audit.remedy import decision
-from keystore_audit.rules.context import Context, given
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, given, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, CREATE_PERMISSION
 from keystore_audit.rules.wording import MAX_QUOTED, VERBS, listed, places, quoted
 from keystore_audit.text import shorten

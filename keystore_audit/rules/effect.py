@@ -18,10 +18,8 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.revocation import revoked
 from keystore_audit.model.trust.verdicts import is_issued
-from keystore_audit.model.validity import read_date
-from keystore_audit.profiles import VARIANTS, DateReading, SubjectComparison, Trust
-from keystore_audit.rules.acceptance import ROWS
-from keystore_audit.rules.subjects import governance_uses
+from keystore_audit.model.validity import DateReading, read_date
+from keystore_audit.rules.subjects import ROWS, governance_uses
 
 _BY_TRUST: Final = {trust: [profile.name for profile in VARIANTS.values() if profile.trust == trust] for trust in ROWS}
 """The names of the implementations that trust alike: each row is asked once."""

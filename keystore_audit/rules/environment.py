@@ -20,8 +20,7 @@ from keystore_audit.intent.environment import (
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.profiles import DISTRIBUTIONS, MIDDLEWARE, running
 from keystore_audit.remedy import outside
-from keystore_audit.rules.context import Context, given
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, given, rule
 from keystore_audit.rules.wording import quoted
 from keystore_audit.text import meant
 

@@ -1,7 +1,7 @@
 """KA4: the governance document, its form and its access control (DDS-Security 1.1, 9.4.1.2).
 
-Protection kinds are in `protection.py`, domains in `domain.py`. Rules about what a document says apply where somebody
-may take it: what a document says that every implementation refuses is of no consequence.
+Protection kinds are in `protection.py`, domains in `restrictions.py`. Rules about what a document says apply where
+somebody may take it: what a document says that every implementation refuses is of no consequence.
 """
 
 from __future__ import annotations
@@ -21,16 +21,10 @@ from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.remedy import Act, Remedy, decision
 from keystore_audit.rules.contents import signed_bytes, told
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, speaks
 from keystore_audit.rules.wording import defective, of_kinds, paths, places, quoted, sole
-
-COVER_DOMAIN: Final = in_governance(
-    "Set ROS_DOMAIN_ID to a domain that the governance covers, or let it cover this one (and <domains> in "
-    "permissions.xml too)"
-)
 
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
 DIFFER: Final = "implementations differ in what they make of it."

@@ -20,24 +20,16 @@ from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.verdicts import is_authority, issue, may_have_issued, vouches
 from keystore_audit.profiles import VARIANTS, Profile, implementations
 from keystore_audit.remedy import Act, decision, mechanical
-from keystore_audit.rules.acceptance import FAST_DDS
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject, what
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.exchange import EXCHANGED, exchange_for
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import ISSUE_AGAIN, issue_again
-from keystore_audit.rules.subjects import CertificateUse
+from keystore_audit.rules.subjects import EXCHANGED, FAST_DDS, CertificateUse, exchange_for, is_identity
 from keystore_audit.rules.who_takes import Taken
 from keystore_audit.rules.wording import located, paths, places, quoted, sole
 from keystore_audit.text import instant
 
 _SHARED: Final = ("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves")
 """What is violated where an enclave has the key of another identity."""
-
-
-def is_identity(use: CertificateUse, _context: Context) -> bool:
-    """Whether some enclave takes its identity from this file."""
-    return Role.CERTIFICATE in use.roles and bool(use.certificates.certificates)
 
 
 def _carriers(use: CertificateUse) -> Iterator[tuple[Enclave, Certificate]]:

@@ -29,8 +29,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.question import Doubt
 from keystore_audit.properties.result import Place, PropertyResult
 from keystore_audit.rules.contents import Contents
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation
+from keystore_audit.rules.registry import Context, Rule, Violation
 from keystore_audit.rules.remedies import Filling
 from keystore_audit.rules.subjects import (
     Crash,

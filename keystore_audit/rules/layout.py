@@ -15,12 +15,10 @@ from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.remedy import Act, decision, outside
-from keystore_audit.rules.acceptance import FAST_DDS
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.missing_files import RUN_TIME_FILES, about, file_name, in_state, is_linked
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.files import RUN_TIME_FILES, about, file_name, in_state, is_linked
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, LINK_AGAIN
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
+from keystore_audit.rules.subjects import FAST_DDS, DocumentUse, GovernanceUse
 from keystore_audit.rules.wording import MAX_QUOTED, listed, paths, places, quoted, sole
 from keystore_audit.text import counted, shorten
 

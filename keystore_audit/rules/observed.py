@@ -19,8 +19,7 @@ from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
 from keystore_audit.profiles import MIDDLEWARE
 from keystore_audit.remedy import decision
-from keystore_audit.rules.context import Context, given
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, given, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, in_permissions
 from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sentence
 from keystore_audit.text import counted, meant

@@ -1,13 +1,13 @@
 """KA5: permissions documents, their form and their grants (DDS-Security 1.1, 9.4.1.3).
 
-Dates are in `validity.py`, domains in `domain.py`, how far grants reach in `breadth.py`. Rules about what a document
-says apply where somebody may take it: what a document says that every implementation refuses is of no consequence.
+Dates are in `grants.py`, domains in `restrictions.py`, how far grants reach in `breadth.py`. Rules about what a
+document says apply where somebody may take it: what every implementation refuses says nothing of consequence.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from typing import Any, Final
+from typing import Any
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.certificate import Certificate
@@ -21,21 +21,14 @@ from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.model.trust.verdicts import Acceptance
 from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison
 from keystore_audit.remedy import Remedy, decision
-from keystore_audit.rules.acceptance import ROWS, verdict
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject
 from keystore_audit.rules.contents import dated
-from keystore_audit.rules.context import Context
 from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
-from keystore_audit.rules.subjects import PermissionsUse, speaks
+from keystore_audit.rules.subjects import ROWS, PermissionsUse, speaks, verdict
 from keystore_audit.rules.wording import defective, listed, located, places, quoted, sole
-
-ALLOW_DOMAINS: Final = in_permissions(
-    "Give the grant an allow rule for every domain that the governance covers (sros2 writes that of ROS_DOMAIN_ID, set "
-    "as on the robots)"
-)
 
 
 def subjects(use: PermissionsUse) -> frozenset[str]:

@@ -1,17 +1,86 @@
-"""How a rule is declared: its identity, clause and remedy stand next to the function that judges."""
+"""How a rule is declared, and what it may look at: identity, clause and remedy stand next to the function."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from datetime import datetime, timedelta
 from inspect import cleandoc
 from types import FunctionType
-from typing import Any, Final, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, cast
 
 from msgspec import Struct
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.errors import UsageError
+from keystore_audit.findings import OF_THE_AUDIT, Location, Severity
+from keystore_audit.intent.environment import Environment
+from keystore_audit.keystore.identity import Beside
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.model.meaning import Meaning
+from keystore_audit.model.profiles import Profile
+from keystore_audit.model.trust.authorities import Authorities
+from keystore_audit.properties.result import EngineRun, PropertyResult
 from keystore_audit.remedy import Remedy
-from keystore_audit.rules.context import Context
+from keystore_audit.settings.suppressions import Acceptance
+from keystore_audit.text import meant
+
+if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs none of it
+    from keystore_audit.model.intended.drift import Drift
+    from keystore_audit.model.intended.observed import Observation
+
+_T = TypeVar("_T")
+
+
+def given(value: _T | None) -> _T:
+    """What an option gave; only rules that apply where it did ask for it."""
+    if value is None:
+        raise ValueError("a rule asks for what was not given")
+    return value
+
+
+class Context(Struct, frozen=True, kw_only=True):
+    """The evidence, its meaning, the engines' answers and the options of this audit.
+
+    `at` is the audit instant (aware UTC), `expires_within` the notice for coming expiry, `deployed` whether
+    the tree goes on a robot. `profiles` are the chosen ones; findings about signers are judged under every
+    known variant (`model.profiles.VARIANTS`). `observed`: graphs and launch files compared with the keystore, None
+    where none were named.
+    """
+
+    keystore: Keystore
+    meaning: Meaning
+    results: tuple[PropertyResult, ...]
+    engines: tuple[EngineRun, ...]
+    at: datetime
+    expires_within: timedelta
+    deployed: bool
+    profiles: tuple[Profile, ...]
+    beside: Beside | None = None
+    """The other keystores of this run; None: there are none."""
+    environment: Environment | None = None
+    """What the robots' processes start with; None where no file says so."""
+    drift: Drift | None = None
+    """The keystore compared with the policy; None where none was named."""
+    observed: Observation | None = None
+    authorities: Authorities = Authorities()
+    """Those that settings or options declare."""
+    acceptances: tuple[Acceptance, ...] = ()
+    """Findings that settings and a baseline accept, in the order in which they are looked for."""
+
+    def chose(self, profiles: Iterable[Profile]) -> bool:
+        """Whether some of them are among the chosen ones."""
+        return not {*self.profiles}.isdisjoint(profiles)
+
+    def unless_all(self, names: Collection[str]) -> tuple[str, ...]:
+        """Those of the chosen profiles with these names; none where it is all of them, as violations have it."""
+        found = tuple(profile.name for profile in self.profiles if profile.name in names)
+        return () if len(found) == len(self.profiles) else found
+
+    def refused(self, enclaves: Iterable[Enclave], vendor: str = "") -> bool:
+        """Whether one of them does not start under a chosen profile (of this vendor), whatever the reason."""
+        chosen = [profile.name for profile in self.profiles if profile.name.startswith(vendor)]
+        known = (self.meaning.usability.get((each.files.directory, name)) for each in enclaves for name in chosen)
+        return any(usability is not None and usability.usable is False for usability in known)
+
 
 S = TypeVar("S")
 
@@ -123,3 +192,30 @@ def register(made: Rule[Any]) -> None:
     if not made.docstring:
         raise ValueError(f"rule {made.code} {made.name} has no docstring")
     REGISTERED[made.code] = REGISTERED[made.name] = made
+
+
+def rule_code(word: str) -> str:
+    """The code of a rule or of a family (`KA2`), in capitals.
+
+    Raises UsageError for an unknown one, and for one of KA9, the audit itself, which always runs.
+    """
+    code = word.upper()
+    known = sorted({word for made in REGISTERED.values() for word in (made.family, made.code)})
+    if code.startswith(OF_THE_AUDIT):
+        raise UsageError(f"{word!r}: KA9 says what became of the audit itself, and always runs.")
+    if code not in known:
+        hint = rule_meant(word, known)
+        raise UsageError(f"{word!r} is no rule's code.{hint} `keystore-audit rules` lists them.")
+    return code
+
+
+def rule_meant(word: str, known: Sequence[str]) -> str:
+    """` Did you mean …?` with the code or name among `known` that is nearest to `word`, or nothing.
+
+    Codes are compared place by place: the letters of all of them are alike. Another family is never meant.
+    """
+    family = [code for code in known if code[:3] == word.upper()[:3]]
+    if family:
+        nearest = max(family, key=lambda code: sum(a == b for a, b in zip(code, word.upper(), strict=False)))
+        return f" Did you mean {nearest}?"
+    return meant(word.lower(), (name for name in known if name.islower()))

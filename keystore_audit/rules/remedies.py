@@ -47,6 +47,16 @@ def sign_again(text: str) -> Remedy:
     return mechanical(text, Act.SIGN)
 
 
+COVER_DOMAIN: Final = in_governance(
+    "Set ROS_DOMAIN_ID to a domain that the governance covers, or let it cover this one (and <domains> in "
+    "permissions.xml too)"
+)
+
+ALLOW_DOMAINS: Final = in_permissions(
+    "Give the grant an allow rule for every domain that the governance covers (sros2 writes that of ROS_DOMAIN_ID, set "
+    "as on the robots)"
+)
+
 LINKED: Final = (Role.GOVERNANCE, Role.IDENTITY_CA, Role.PERMISSIONS_CA)
 """Of what sros2 makes a link in each enclave but the root's."""
 

@@ -16,10 +16,8 @@ from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import NO_IDENTITIES, list_missing, names_revoked
 from keystore_audit.profiles import VARIANTS, implementations
 from keystore_audit.remedy import Act, Remedy, decision
-from keystore_audit.rules.acceptance import FAST_DDS
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Violation, rule
-from keystore_audit.rules.subjects import RevocationUse, revocation_uses
+from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.subjects import FAST_DDS, RevocationUse, revocation_uses
 from keystore_audit.rules.wording import (
     defective,
     listed,

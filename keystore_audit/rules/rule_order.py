@@ -9,9 +9,8 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.profiles import contrasted, facts
-from keystore_audit.rules.context import Context
 from keystore_audit.rules.divergence import MEASURED, said
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
 
 _NO_DENIAL: Final = (

@@ -19,13 +19,10 @@ from keystore_audit.model.trust.signer_path import path_refusal, signer_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, may_sign, vouches
 from keystore_audit.profiles import VARIANTS, Profile, implementations
 from keystore_audit.remedy import Act, decision
-from keystore_audit.rules.acceptance import SPEC, accepting
 from keystore_audit.rules.contents import signed_bytes
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.exchange import EXCHANGED, exchange
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import sign_again
-from keystore_audit.rules.subjects import DocumentUse, SignedUse
+from keystore_audit.rules.subjects import EXCHANGED, SPEC, DocumentUse, SignedUse, accepting, exchange
 from keystore_audit.rules.wording import located, of_kinds, paths, places, quoted, sole
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"

@@ -23,9 +23,8 @@ from keystore_audit.model.inventory import (
 from keystore_audit.model.participants.stray_identity import Admitted, admitted
 from keystore_audit.model.trust.verdicts import Acceptance, envelope
 from keystore_audit.remedy import decision
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.missing_files import renaming
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.files import renaming
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import SIGN_AGAIN
 from keystore_audit.rules.subjects import stray_uses
 from keystore_audit.rules.who_takes import Taken

@@ -1,9 +1,9 @@
-"""What rules are about: each distinct file and each enclave once, however many links lead there."""
+"""What rules are about: each distinct file and each enclave once, and who takes a signed document."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, TypeVar
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final, TypeVar
 
 from msgspec import Struct
 
@@ -11,7 +11,7 @@ from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import RevocationList
-from keystore_audit.keystore.defect import Defect
+from keystore_audit.keystore.defect import Defect, first_opaque
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -19,9 +19,93 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.inventory import permissions_at_large
-from keystore_audit.model.trust.verdicts import Envelope, envelope
-from keystore_audit.rules.acceptance import genuine_for, may_be_taken
-from keystore_audit.rules.context import Context
+from keystore_audit.model.profiles import VARIANTS, Profile, Trust
+from keystore_audit.model.trust.verdicts import Acceptance, Envelope, document_verdict, envelope, vouches
+from keystore_audit.remedy import Remedy, decision
+from keystore_audit.rules.registry import Context
+
+ROWS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
+"""The trust rows of all known variants, the specification's first."""
+
+SPEC: Final = VARIANTS["spec"].trust
+"""The row by which a document is genuine: a certificate of the permissions CA file made every signature."""
+
+FAST_DDS: Final = tuple(name for name in VARIANTS if name.startswith("fastdds"))
+"""The names of the variants of Fast DDS."""
+
+UNPINNED: Final = tuple(profile for profile in VARIANTS.values() if not profile.trust.pins_signer)
+"""The variants that take documents from any signer that chains to the permissions CA, and not from it alone."""
+
+
+def unread_authority(enclave: Enclave) -> bool:
+    """Whether it is unknown whom the enclave takes documents from: a robot may read a CA file that we did not."""
+    read = enclave.permissions_ca
+    return (
+        enclave.files.files[Role.PERMISSIONS_CA].status.unknown
+        or Role.PERMISSIONS_CA in enclave.files.pkcs11
+        or (read is not None and first_opaque(read.defects) is not None)
+    )
+
+
+def accepting(signed: SignedDocument, files: Iterable[CertificateFile]) -> tuple[Profile, ...]:
+    """The known variants under which an enclave with one of these permissions CA files takes the document."""
+    takes = {trust for trust in ROWS for file in files if document_verdict(signed, file, trust) is Acceptance.ACCEPTED}
+    return tuple(profile for profile in VARIANTS.values() if profile.trust in takes)
+
+
+def verdict(signed: SignedDocument, enclave: Enclave, trust: Trust) -> Acceptance:
+    """What the enclave does with the document; UNKNOWN too where its permissions CA could not be read."""
+    said = document_verdict(signed, enclave.permissions_ca, trust)
+    if said is not Acceptance.REFUSED or not unread_authority(enclave):
+        return said
+    return said if envelope(signed).verdict is Acceptance.REFUSED else Acceptance.UNKNOWN
+
+
+def may_be_taken(signed: SignedDocument, enclaves: Sequence[Enclave]) -> bool:
+    """Whether some known implementation may take the document in some of the enclaves.
+
+    Where none may, what its XML says is of no consequence: the signature's finding says everything.
+    """
+    return any(verdict(signed, enclave, trust) is not Acceptance.REFUSED for trust in ROWS for enclave in enclaves)
+
+
+def genuine_for(signed: SignedDocument, enclaves: Sequence[Enclave]) -> int:
+    """How many of the enclaves have a permissions CA that signed the document."""
+    return sum(verdict(signed, enclave, SPEC) is Acceptance.ACCEPTED for enclave in enclaves)
+
+
+EXCHANGED: Final = "The files of the two authorities hold each other's certificate."
+
+_IN_PUBLIC: Final = decision(
+    "Exchange public/identity_ca.cert.pem and public/permissions_ca.cert.pem; likewise the keys in private/ "
+    "if they are exchanged too, and copies in enclaves."
+)
+_COPIES: Final = decision(
+    "Exchange identity_ca.cert.pem and permissions_ca.cert.pem in the folders of the enclaves, which have copies of "
+    "them; and in public/, and their keys in private/, only where these are exchanged too."
+)
+
+
+def exchange(enclaves: Collection[Enclave], signer: Certificate) -> Remedy | None:
+    """What to do where that is so, as far as these enclaves and the signer of a document of theirs tell."""
+    exchanged = all(
+        any(signer.sha256 == authority.sha256 for authority in enclave.trusts(Role.IDENTITY_CA))
+        and enclave.identity is not None
+        and any(vouches(authority, enclave.identity) for authority in enclave.trusts(Role.PERMISSIONS_CA))
+        for enclave in enclaves
+    )
+    if not exchanged:
+        return None
+    authorities = (authority for enclave in enclaves for authority in enclave.trusts(Role.PERMISSIONS_CA))
+    return _IN_PUBLIC if any(authority.path.startswith("public/") for authority in authorities) else _COPIES
+
+
+def exchange_for(enclave: Enclave) -> Remedy | None:
+    """The same of one enclave, by whoever signed its documents."""
+    documents = (each for each in (enclave.permissions, enclave.governance) if each is not None)
+    signers = (c for each in documents for made in each.signed.signatures for c in made.verified_by)
+    return next((remedy for signer in signers if (remedy := exchange([enclave], signer)) is not None), None)
+
 
 _Document = TypeVar("_Document", GovernanceFile, PermissionsFile)
 
@@ -152,6 +236,11 @@ def taken(use: DocumentUse, _context: Context) -> bool:
 def speaks(use: GovernanceUse | PermissionsUse, _context: Context) -> bool:
     """When rules about what a document says apply."""
     return use.speaks
+
+
+def is_identity(use: CertificateUse, _context: Context) -> bool:
+    """Whether some enclave takes its identity from this file."""
+    return Role.CERTIFICATE in use.roles and bool(use.certificates.certificates)
 
 
 class Refusal(Struct, frozen=True, kw_only=True):

@@ -35,8 +35,8 @@ from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.question import Doubt
 from keystore_audit.profiles import DEFAULT, VARIANTS
 from keystore_audit.rules import RULES, registry
-from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import Judgement, judge
+from keystore_audit.rules.registry import Context
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
 START = datetime(2020, 1, 1, tzinfo=timezone.utc)

@@ -11,7 +11,7 @@ from keystore_audit.model.formal.system import NodeAtom
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import AlloyResult, ProfileResult
-from keystore_audit.rules.asserted import breach
+from keystore_audit.rules.formal import breach
 from tests.engine.systems import healthy as built
 from tests.rules.evidence import context, healthy, judged, meaning
 

@@ -23,7 +23,7 @@ from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.remedy import Act
 from keystore_audit.rules import BY_CODE
-from keystore_audit.rules.algorithm import weak_key, weak_signature_algorithm
+from keystore_audit.rules.certificate import weak_key, weak_signature_algorithm
 from keystore_audit.rules.subjects import certificate_uses
 from tests.rules.evidence import (
     AT,

@@ -18,9 +18,8 @@ from keystore_audit.properties import Status
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.remedy import decision
 from keystore_audit.rules import RULES
-from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import MAX_MESSAGE, judge
-from keystore_audit.rules.registry import Rule, Violation
+from keystore_audit.rules.registry import Context, Rule, Violation
 from tests.rules.evidence import (
     absent,
     allow,

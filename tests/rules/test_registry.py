@@ -14,8 +14,7 @@ from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.remedy import Kind, decision
 from keystore_audit.rules import BY_CODE, RULES
-from keystore_audit.rules.context import Context
-from keystore_audit.rules.registry import Rule, Violation, rule
+from keystore_audit.rules.registry import Context, Rule, Violation, rule
 from tests.rules import (
     test_accepted_rules,
     test_alloy_rules,

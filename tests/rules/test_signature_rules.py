@@ -15,8 +15,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.profiles import DEFAULT, VARIANTS, implementations
 from keystore_audit.rules import BY_CODE
-from keystore_audit.rules.acceptance import UNPINNED
-from keystore_audit.rules.subjects import permissions_uses
+from keystore_audit.rules.subjects import UNPINNED, permissions_uses
 from tests.rules.evidence import (
     DAY,
     PERMISSIONS_CA,

@@ -18,8 +18,8 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.rules import RULES
-from keystore_audit.rules.context import Context
 from keystore_audit.rules.judge import judge
+from keystore_audit.rules.registry import Context
 from tests.oracles.pkits.suite import pem
 
 REFUSALS = frozenset({"denied", "unusable"})

@@ -1,0 +1,305 @@
+"""KA1: the files that every run time needs, who may write them, and what else lies in the keystore."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Final
+
+from msgspec.structs import replace
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.model.participants.joining import UNGRANTED
+from keystore_audit.model.participants.sight import REQUIRED, UNLOADED
+from keystore_audit.model.participants.usability import UNGOVERNED
+from keystore_audit.model.profiles import VARIANTS, implementations
+from keystore_audit.remedy import Act, Remedy, decision, mechanical
+from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.remedies import (
+    ALLOW_DOMAINS,
+    COVER_DOMAIN,
+    CREATE_ENCLAVE,
+    CREATE_PERMISSION,
+    ISSUE_AGAIN,
+    LINK_AGAIN,
+    LINKED,
+    RENEW_AUTHORITY,
+    linked_in,
+)
+from keystore_audit.rules.subjects import Refusal
+from keystore_audit.rules.wording import listed, places
+from keystore_audit.text import PLAIN_PATH, counted
+
+RUN_TIME_FILES: Final = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
+
+_MAKE_AGAIN: Final = decision(f"Make what is missing: {CREATE_ENCLAVE}.")
+
+
+_FOR_WANT_OF: Final = {  # create_enclave would make it, and put permissions that allow everything over those there are
+    **dict.fromkeys(LINKED, LINK_AGAIN),
+    Role.PERMISSIONS: mechanical(
+        f"Where permissions.xml is there, read it and sign it. Else write a policy: {CREATE_PERMISSION}.",
+        Act.SIGN,
+    ),
+    Role.CERTIFICATE: ISSUE_AGAIN,
+    Role.KEY: ISSUE_AGAIN,
+}
+
+_RESTS_ON: Final = {  # the property that is violated without the file: nobody vouches, or nobody signed
+    Role.IDENTITY_CA: "identities-chain-to-the-identity-ca",
+    Role.PERMISSIONS_CA: "documents-signed-by-the-permissions-ca",
+}
+
+
+def about(enclave: Enclave, file: File, message: str, *, undecided: bool = False) -> Violation:
+    """A violation about one file of an enclave."""
+    return Violation(message=message, locations=(Location(path=file.path),), enclave=enclave.path, undecided=undecided)
+
+
+def _absent(enclave: Enclave, file: File, message: str) -> Violation:
+    files = enclave.files.files
+    explains = frozenset(told for role, told in _RESTS_ON.items() if files[role].path == file.path)
+    return replace(about(enclave, file, message), explains=explains)
+
+
+def _how_to_make(enclave: Enclave, missing: File) -> Remedy:
+    """What makes the one file that is missing, or the enclave where nothing of it is there but a key."""
+    files = enclave.files.files
+    role = next(role for role in REQUIRED if files[role].path == missing.path)
+    there = any(files[each].status is Status.PRESENT for each in REQUIRED if each is not Role.KEY)
+    if role is Role.GOVERNANCE and enclave.path == "/":  # what the others link to
+        return decision("Restore it, or sign governance.xml.", Act.EDIT_GOVERNANCE)
+    return _FOR_WANT_OF[role] if there else _MAKE_AGAIN
+
+
+def is_linked(enclave: Enclave, file: File) -> bool:
+    """Whether sros2 has a link in the file's place."""
+    files = enclave.files.files
+    return any(files[role].path == file.path for role in linked_in(enclave))
+
+
+def renaming(keystore: Keystore) -> Callable[[str, Role], str]:
+    """What to do first with a file that lies in the folder of an enclave and may be what it lacks in this role:
+    `talker.crt`, `Cert.pem`, `permission.p7s`. Nothing where the enclave lacks nothing, or a shell would read the name
+    otherwise.
+    """
+    enclaves = {enclave.files.directory: enclave for enclave in keystore.enclaves}
+
+    def remedy(path: str, role: Role) -> str:
+        enclave = enclaves.get(path.rpartition("/")[0] or ".")
+        if enclave is None or enclave.files.files[role].status is not Status.MISSING or not PLAIN_PATH.fullmatch(path):
+            return ""
+        wanted = enclave.files.files[role].path
+        return f"If it is the {wanted.rpartition('/')[2]} that {enclave.path} lacks (KA101), give it that name."
+
+    return remedy
+
+
+def in_state(files: Iterable[File], *statuses: Status) -> tuple[File, ...]:
+    """Those of the files that are in one of these states, each path once."""
+    return tuple({file.path: file for file in files if file.status in statuses}.values())
+
+
+def _required(enclave: Enclave) -> Iterator[File]:
+    """Required files; a `.p11` file may stand in for the `.pem`."""
+    return (enclave.files.files[role] for role in REQUIRED if role not in enclave.files.pkcs11)
+
+
+def file_name(file: File) -> str:
+    """The file's name without its directory."""
+    return file.path.rpartition("/")[2]
+
+
+@rule(
+    "KA101",
+    Severity.HIGH,
+    clause=RUN_TIME_FILES,
+    remedy=decision(
+        "Make the one file that is missing, as its finding says: `ros2 security create_enclave` would write "
+        "permissions that allow everything over those there are. Where there is nothing but a key: "
+        f"{CREATE_ENCLAVE}."
+    ),
+    explains=tuple(_RESTS_ON.values()),
+    stops=True,
+)
+def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+    """A file that every run time needs is not there.
+
+    Under Enforce the enclave's nodes do not start; under any other strategy they start without security. The check
+    cannot know which strategy the robot uses.
+    """
+    for file in in_state(_required(enclave), Status.MISSING, Status.DIRECTORY):
+        got = "a directory" if file.status is Status.DIRECTORY else "nothing"
+        message = f"{enclave.path} cannot start: expected a file {file_name(file)}, there is {got}."
+        yield replace(_absent(enclave, file, message), remedy=_how_to_make(enclave, file))
+
+
+@rule(
+    "KA102",
+    Severity.HIGH,
+    clause=RUN_TIME_FILES,
+    remedy=decision(
+        "Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy).", Act.LINK
+    ),
+    explains=tuple(_RESTS_ON.values()),
+    stops=True,
+)
+def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+    """A run-time file is a link that leads nowhere: its target is missing, or the links go in a circle.
+
+    Copying a part of a keystore does that. A revocation list that is such a link revokes nothing, and nobody is told.
+    """
+    for file in in_state(_required(enclave), Status.DANGLING, Status.LOOP):
+        message = f"{enclave.path} cannot start: {file_name(file)} is a link that leads nowhere ({file.detail})."
+        yield replace(_absent(enclave, file, message), remedy=_how_to_make(enclave, file))
+    for crl in in_state([enclave.files.files[Role.CRL]], Status.DANGLING, Status.LOOP):
+        yield about(enclave, crl, f"{file_name(crl)} is a link that leads nowhere ({crl.detail}): nothing is revoked.")
+
+
+@rule(
+    "KA121",
+    Severity.LOW,
+    clause="ros2/sros2, keystore layouts; ros2/rmw_dds_common, security.cpp (the files that a run time reads); CWE-538",
+    remedy=decision(
+        "Take out of the tree what no run time reads. Where it has to be there, name it in the settings: its path "
+        '(`[files] foreign = ["maps/**"]`), or its hash where it is not read (`accepted = ["sha256:..."]`).'
+    ),
+)
+def foreign_file(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Files or directories lie in the keystore that neither sros2 nor the DDS-Security plugins know by place and name.
+
+    No run time needs them, and whoever has the robot has them. They are read as OpenSSL reads files, whatever they are
+    called: documents, certificates and keys in them count (KA660, KA663, KA668, KA118). What was not read may hold
+    others: too large, not readable, no text, base64 that nobody decodes. Verdicts then assume that it does not, and no
+    statement passes. Patterns in settings take files out of this finding, and never out of the reading. High in a tree
+    that goes on a robot (--deployed).
+    """
+    declared = keystore.declared
+    found = [
+        each
+        for each in keystore.foreign
+        if each.file.sha256 not in declared.accepted and not declared.names(each.file.path)
+    ]
+    if found:
+        tops = {each.top: each.top if each.top == each.file.path else f"{each.top}/" for each in found}
+        unread = [each for each in found if each.unread]
+        said = f" {counted(len(unread), 'of them was', 'of them were')} not read." if unread else ""
+        if any(".git" in each.file.path.split("/") for each in found):
+            said += " The history that git keeps in .git may hold keys that were taken out long ago."
+        yield Violation(
+            message=f"{counted(len(found), 'foreign file')} in the keystore: {listed(tops.values())}.{said}",
+            locations=places(Location(path=path) for path in tops),
+            severity=Severity.HIGH if context.deployed else None,
+            key="\n".join(each.file.path for each in found),
+        )
+
+
+_GROUP: Final = 0o020
+_EVERYBODY: Final = 0o002
+_STICKY: Final = 0o1000
+
+_AUTHORITIES: Final = (Role.IDENTITY_CA, Role.PERMISSIONS_CA)
+
+
+def _written_by_others(file: File) -> bool:
+    """Whether others than the owner may write it. Unknown where there are no modes: then nothing is said."""
+    mode = file.mode or 0
+    return bool(mode & _EVERYBODY or (mode & _GROUP and file.shared_group))
+
+
+@rule(
+    "KA119",
+    Severity.HIGH,
+    clause="DDS-Security 1.1, 9.3.1 and 9.4.1 (the CA certificates decide who is trusted); CWE-732",
+    remedy=mechanical("Compare what is there with what was issued: whoever could write may have done so.", Act.CLOSE),
+)
+def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Others than the owner may write CA certificates, folders on the way to what enclaves read, or files of enclaves.
+
+    Whoever may put a CA certificate of his own into the place of both is everybody to those who trust it. What the
+    authorities signed nobody can change unseen, but an older document or list of theirs can be put back: a step less.
+    Whoever may write cert.p11 or key.p11 can have the enclave use something else on its token: a step less, too. High
+    in a tree that goes on a robot (--deployed), medium elsewhere, as in the checkout of a pipeline. CA certificates,
+    folders, signed files and addresses of a token are a finding each. A file's group counts unless it is the owner's
+    own: where the two have one number, as on distributions that give every user a group (0664 is usual there). A group
+    of another number counts even if its user is alone in it: that is known to the machine on which the files are used,
+    and to no keystore. In a sticky folder others can add files but replace none: it does not count, unless it is an
+    enclave's, where a crl.pem or a `.p11` may be added, which Fast DDS takes before the `.pem`. Who is in a group, who
+    owns what, access control lists and folders above the keystore are not looked at.
+    """
+    enclaves = keystore.layout.enclaves
+    authorities = {
+        file.place: file
+        for file in (
+            *keystore.layout.authorities,
+            *(by[role] for each in enclaves for by in (each.files, each.pkcs11) for role in _AUTHORITIES if role in by),
+        )
+    }
+    signed = {
+        file.place: file
+        for each in enclaves
+        for role, file in each.files.items()
+        if file.place not in authorities and role is not Role.KEY  # KA108 has that one
+    }
+    addresses = [file for each in enclaves for file in each.pkcs11.values() if file.place not in authorities]
+    severity, less = (Severity.HIGH, Severity.MEDIUM) if context.deployed else (Severity.MEDIUM, Severity.LOW)
+    trusted = "whoever puts a CA certificate of his own there issues identities or signs rights that the enclaves trust"
+    own = {each.directory for each in enclaves}
+    folders = [each for each in keystore.layout.folders if each.place in own or not (each.mode or 0) & _STICKY]
+    yield from _found(authorities.values(), ("CA certificate", "CA certificates"), trusted, severity)
+    replaced = "whoever may write in one replaces what it leads to, with CA certificates of his own"
+    yield from _found(folders, ("folder", "folders"), replaced, severity)
+    again = "whoever kept an older one of its authority can put it back"
+    yield from _found(signed.values(), ("signed file", "signed files"), again, less)
+    another = "whoever may write one has its enclave take another key or certificate from the token"
+    yield from _found(addresses, ("PKCS #11 address", "PKCS #11 addresses"), another, less)
+
+
+def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Severity) -> Iterator[Violation]:
+    modes = {file.place: f"{(file.mode or 0) & 0o7777:04o}" for file in files if _written_by_others(file)}
+    if modes:
+        shown = listed(f"{place} ({mode})" for place, mode in modes.items())
+        yield Violation(
+            message=f"Others than the owner may write {counted(len(modes), *called)}: {shown}; {so}.",
+            locations=places(Location(path=place) for place in modes),
+            severity=severity,
+            key="\n".join(f"{place} {mode}" for place, mode in sorted(modes.items())),
+            contents=False,
+        )
+
+
+@rule(
+    "KA117",
+    Severity.HIGH,
+    clause="DDS-Security 1.1, 8.2.1 and 9.4.3 (a participant is created only with valid credentials); measured",
+    remedy=decision(
+        "Make of what the message names what every implementation takes, and sros2 makes: keys on "
+        "prime256v1, certificates and documents signed over SHA-256, one self-signed certificate in each CA "
+        "file."
+    ),
+)
+def enclave_does_not_start(refusal: Refusal, _context: Context) -> Iterator[Violation]:
+    """An implementation creates no participant for the enclave, and no finding of high severity says why.
+
+    The last net: what other rules call medium, or have no words for, is no pass where a robot would stand still. The
+    reasons are those of the report's table of enclaves.
+    """
+    for reasons, names in refusal.profiles.items():
+        who = implementations(VARIANTS[name] for name in names)
+        yield Violation(
+            message=f"{refusal.enclave.path} does not start under {who}: {'; '.join(reasons)}.",
+            locations=(Location(path=refusal.enclave.files.directory),),
+            enclave=refusal.enclave.path,
+            profiles=names,
+            key="\0".join(reasons),
+            remedy=next((_BY_REASON[begins] for begins in _BY_REASON if _all_begin(reasons, begins)), None),
+        )
+
+
+_BY_REASON: Final = {UNGOVERNED: COVER_DOMAIN, (UNGRANTED,): ALLOW_DOMAINS, UNLOADED: RENEW_AUTHORITY}
+
+
+def _all_begin(reasons: Sequence[str], begins: tuple[str, ...]) -> bool:
+    return all(reason.startswith(begins) for reason in reasons)

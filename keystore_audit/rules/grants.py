@@ -1,0 +1,335 @@
+"""KA5: whom grants name, when they are in force (read as `spec` has it), and what ends the process of a reader."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+from functools import lru_cache
+from typing import Final
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.grouped import grouped
+from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.permissions import Grant
+from keystore_audit.model.claims.ability import sent
+from keystore_audit.model.inventory import identities_at_large
+from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison, implementations
+from keystore_audit.model.subjects.comparison import matching, same_meaning
+from keystore_audit.remedy import Act, decision
+from keystore_audit.rules.contents import dated
+from keystore_audit.rules.effect import instant_of
+from keystore_audit.rules.governance import in_document
+from keystore_audit.rules.permissions import about, own_grants
+from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.remedies import in_permissions
+from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, permissions_uses, speaks
+from keystore_audit.rules.wording import located, places, quoted
+from keystore_audit.text import instant
+
+_SAFE_FORM: Final = (
+    "Use subjects that every implementation reads alike: one CN, the enclave's path, whose parts are not all parts of "
+    "another enclave's path; in the grant `CN=/path` to the letter, ASCII, without blanks, quotes and escapes. Issue "
+    "the certificates again where that changes a subject."
+)
+
+_Named = tuple[Grant, PermissionsUse, Certificate, tuple[Profile, ...]]
+"""A grant, the document that holds it, a certificate, and the variants under which the grant names it."""
+
+
+def _identities(keystore: Keystore) -> dict[str, Certificate]:
+    """Those of enclaves, by SHA-256."""
+    firsts = (enclave.identity for enclave in keystore.enclaves)
+    return {first.sha256: first for first in firsts if first is not None}
+
+
+@lru_cache(maxsize=1)  # both rules ask
+def _named(keystore: Keystore, at: datetime) -> tuple[_Named, ...]:
+    """Of identities at large as well, of which it is known that somebody has the key."""
+    at_large = {e.certificate.sha256: e.certificate for e in identities_at_large(keystore, at) if e.key is None}
+    return tuple(_grants_and_identities(keystore, [*(at_large | _identities(keystore)).values()]))
+
+
+def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]) -> Iterator[_Named]:
+    """Each grant of a document that may be taken, with each identity that some variants, not all, take it to name."""
+    held = ((grant, use) for use in permissions_uses(keystore) if use.speaks for grant in use.document.grants)
+    grants = grouped(held, lambda each: each[0].subject_name.text)
+    tables = {comparison: matching(list(grants), identities, comparison) for comparison in SubjectComparison}
+    for subject, holders in grants.items():
+        for number in dict.fromkeys(number for table in tables.values() for number in table[subject]):
+            comparisons = [comparison for comparison, table in tables.items() if number in table[subject]]
+            if len(comparisons) < len(tables):
+                naming = tuple(p for p in VARIANTS.values() if p.trust.subjects in comparisons)
+                for grant, use in holders:
+                    yield grant, use, identities[number], naming
+
+
+@rule(
+    "KA519",
+    Severity.CRITICAL,
+    clause="DDS-Security 1.1, 9.4.1.3 (subject_name); DistinguishedName.cpp of Fast DDS, access_control_utils.c of "
+    "Cyclone DDS; measured",
+    remedy=decision(_SAFE_FORM, Act.EDIT_PERMISSIONS),
+)
+def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """Some implementation takes a grant to name an identity whose subject is another one.
+
+    Peers take whatever validly signed document an enclave presents, so that this identity has the rights of the grant.
+    Fast DDS since 2.14 counts attributes and looks each up by its type, so that a repeated one stands for others.
+    Cyclone DDS cuts names at `,`, `/` and `|` and wants every piece of the certificate's in the grant's: `/robot` has
+    the rights of `/robot/arm`, and `/arm/robot` as well. High where no chosen profile does so. Identities that no
+    enclave has count where somebody has the key and an identity CA vouches for them (KA228, KA668).
+    """
+    enclaves = _identities(keystore)
+    subjects = {each.subject for each in enclaves.values()}
+    for grant, use, certificate, naming in _named(keystore, context.at):
+        # Text of the same meaning, in another order say, is another subject where an identity has the text itself.
+        to_the_letter = grant.subject_name.text in subjects and grant.subject_name.text != certificate.subject
+        if same_meaning(grant.subject_name.text, certificate) and not to_the_letter:
+            continue
+        whoever = (
+            "that enclave" if certificate.sha256 in enclaves else f"whoever has the identity in {certificate.path}"
+        )
+        yield Violation(
+            message=f"The grant of {quoted(grant.subject_name.text)} names {quoted(certificate.subject)} too, for "
+            f"{implementations(naming)}: {whoever} has its rights.",
+            locations=_places(use, grant, certificate),
+            severity=None if context.chose(naming) else Severity.HIGH,
+            profiles=tuple(profile.name for profile in naming),
+            key=f"{grant.subject_name.text}\0{certificate.subject}",
+        )
+
+
+@rule(
+    "KA520",
+    Severity.HIGH,
+    clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 2253; measured",
+    remedy=decision(
+        "Write <subject_name> as the message writes the identity's subject. Where that is read "
+        f"differently too: {_SAFE_FORM}",
+        Act.EDIT_PERMISSIONS,
+    ),
+    stops=True,
+)
+def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[Violation]:
+    """A grant means an identity, and some implementations do not find it: the enclave has no rights there.
+
+    Order, blanks, quotes, escapes, characters beyond ASCII and repeated attributes are read differently. High where a
+    chosen profile does not find it, else low.
+    """
+    enclaves = _identities(keystore)
+    for grant, use, certificate, naming in _named(keystore, context.at):
+        if certificate.sha256 not in enclaves or not same_meaning(grant.subject_name.text, certificate):
+            continue
+        missing = [profile for profile in VARIANTS.values() if profile not in naming]
+        yield Violation(
+            message=f"The grant of {quoted(grant.subject_name.text)} does not name the identity "
+            f"{quoted(certificate.subject)} for {implementations(missing)}, though it means that subject.",
+            locations=_places(use, grant, certificate),
+            severity=None if context.chose(missing) else Severity.LOW,
+            profiles=tuple(profile.name for profile in missing),
+            key=f"{grant.subject_name.text}\0{certificate.subject}",
+        )
+
+
+def _places(use: PermissionsUse, grant: Grant, certificate: Certificate) -> tuple[Location, ...]:
+    return places((use.at(grant.subject_name.line), located(certificate, "the identity")))
+
+
+_LATER = in_permissions("Let the grant end later")
+_CLAUSE = "DDS-Security 1.1, 9.4.1.3 (validity: not_before, not_after)"
+
+
+def _dated(use: PermissionsUse) -> Iterator[tuple[Grant, datetime, datetime]]:
+    """Grants that name an enclave which carries the document, with the instants between which they are in force."""
+    for grant in own_grants(use):
+        start, end = instant_of(grant.not_before), instant_of(grant.not_after)
+        if start is not None and end is not None:
+            yield grant, start, end
+
+
+def _whose(grant: Grant) -> str:
+    return f"The grant of {quoted(grant.subject_name.text)}"
+
+
+@rule(
+    "KA505",
+    Severity.HIGH,
+    clause=_CLAUSE,
+    remedy=_LATER,
+    applies=speaks,
+    stops=True,
+)
+def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """The grant of the enclave is past its not_after, so that it cannot start, and peers refuse it.
+
+    Dates without a zone are read as UTC; Fast DDS reads every date in the zone of the machine (measured), which shifts
+    it by up to 14 hours. Sessions that run already go on where the implementation has no timer for it.
+    """
+    for grant, start, end in _dated(use):
+        if start <= end < context.at:
+            message = f"{_whose(grant)} expired at {instant(end)} (audited for {instant(context.at)})."
+            yield about(use, grant, grant.not_after.line, message, key=dated(grant))
+
+
+@rule(
+    "KA506",
+    Severity.HIGH,
+    clause=_CLAUSE,
+    remedy=in_permissions("Wait until then, or let the grant begin earlier"),
+    applies=speaks,
+    stops=True,
+)
+def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """The grant of the enclave is before its not_before, so that it cannot start, and peers refuse it.
+
+    A robot without a battery behind its clock may start before every not_before; that cannot be seen here.
+    """
+    for grant, start, end in _dated(use):
+        if context.at < start <= end:
+            message = f"{_whose(grant)} is valid from {instant(start)} on (audited for {instant(context.at)})."
+            yield about(use, grant, grant.not_before.line, message, key=dated(grant))
+
+
+@rule(
+    "KA507",
+    Severity.MEDIUM,
+    clause=_CLAUSE,
+    remedy=_LATER,
+    applies=speaks,
+)
+def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """The grant of the enclave ends within the notice period (--expires-within, 30 days): then nothing new starts."""
+    for grant, start, end in _dated(use):
+        if start <= end and context.at <= end and end - context.at <= context.expires_within:
+            message = (
+                f"{_whose(grant)} expires at {instant(end)}, in {(end - context.at).days} days (notice: "
+                f"{context.expires_within.days})."
+            )
+            yield about(use, grant, grant.not_after.line, message, key=dated(grant))
+
+
+@rule(
+    "KA513",
+    Severity.LOW,
+    clause=_CLAUSE,
+    remedy=in_permissions("Let the grant end with the identity"),
+    applies=speaks,
+)
+def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """The grant ends later than the identity that it names.
+
+    The next identity of that name has its rights without anybody signing them: a signed grant cannot be taken back
+    before it ends.
+    """
+    ends: dict[str, datetime] = {}
+    for enclave in use.enclaves:
+        first = enclave.identity
+        if first is not None:
+            ends[first.subject] = max(first.not_after, ends.get(first.subject, first.not_after))
+    for grant, start, end in _dated(use):
+        identity_ends = ends[grant.subject_name.text]
+        if start <= end and end > identity_ends:
+            message = f"{_whose(grant)} is good until {instant(end)}, the identity only until {instant(identity_ends)}."
+            yield about(use, grant, grant.not_after.line, message, key=dated(grant))
+
+
+@rule(
+    "KA516",
+    Severity.HIGH,
+    clause=_CLAUSE,
+    remedy=in_permissions("Let not_before come before not_after"),
+    applies=speaks,
+    stops=True,
+)
+def validity_inverted(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """The grant ends before it begins: it is never in force. Zones count: `Z` and `+02:00` name different instants."""
+    for grant, start, end in _dated(use):
+        if start > end:
+            message = f"{_whose(grant)} begins at {instant(start)} and ends before that, at {instant(end)}."
+            yield about(use, grant, grant.not_before.line, message, key=dated(grant))
+
+
+_CRASHES: Final = "whoever reads it, the enclave or a peer, crashes, and one signed file stops a robot."
+
+_MEASURED: Final = "fastdds-2.9"
+
+
+@rule(
+    "KA517",
+    Severity.CRITICAL,
+    clause="Measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1; the XSD of DDS-Security 1.1 lets it pass",
+    remedy=decision("Find out who signed it, and take the empty element out of the .xml.", Act.EDIT),
+    stops=True,
+)
+def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+    """A <topic> or <topic_expression> is empty: implementations dereference nothing and die (measured).
+
+    Permissions come from peers too, so that one document which the authority signed takes others down. What an
+    implementation without the fault makes of it is unknown.
+    """
+    yield from in_document(use, _CRASHES, Kind.EMPTY_TOPIC)
+
+
+@rule(
+    "KA518",
+    Severity.CRITICAL,
+    clause="Measured on Cyclone DDS 0.10.2, read in 11.0.1 (access_control_parser.c); schema-invalid",
+    remedy=in_permissions("Find out who signed it, and give the rule its <domains>"),
+    stops=True,
+)
+def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """A rule has no <domains>: Cyclone DDS dereferences nothing and dies (measured), Fast DDS refuses the document.
+
+    Permissions come from peers too, so that one document which the authority signed takes others down.
+    """
+    yield from in_document(use, _CRASHES, Kind.RULE_WITHOUT_DOMAINS)
+
+
+@rule(
+    "KA521",
+    Severity.CRITICAL,
+    clause="Measured: Fast DDS 2.9.1 and 2.14.6 crash; schema-invalid",
+    remedy=in_permissions("Find out who signed it, and write the document anew"),
+    stops=True,
+)
+def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """The document, or the date of a grant, is empty: Fast DDS 2.9 and 2.14 dereference nothing and die (measured).
+
+    Others refuse the document. Permissions come from peers too, so that one document which the authority signed takes
+    others down.
+    """
+    yield from in_document(use, _CRASHES, Kind.EMPTY_ELEMENT)
+
+
+@rule(
+    "KA522",
+    Severity.MEDIUM,
+    clause="Measured on Fast DDS 2.9.1; ros2/sros2#228",
+    remedy=decision(
+        "Say several names by one expression, take out rules that the nodes do not use, or give the nodes "
+        "several enclaves. Then sign the documents again with the permissions CA."
+    ),
+)
+def permissions_too_large(use: PermissionsUse, context: Context) -> Iterator[Violation]:
+    """Certificate and permissions do not fit in a message of the handshake: on Fast DDS the enclave talks to nobody.
+
+    High under Fast DDS 2.9, where its process ends as soon as it answers a peer's handshake (measured); where it asks
+    first, there is an error in its log alone. Other versions of Fast DDS were not asked. Cyclone DDS sends them in
+    parts (measured). How much fits depends on the kind of key: 63,000 octets with all, 63,700 with none.
+    """
+    for enclave in use.enclaves:
+        octets = sent(enclave)
+        limits = {p.name: p.local.most_sent for p in context.profiles if p.local.most_sent is not None}
+        unfit = tuple(name for name, limit in limits.items() if octets > limit)
+        if unfit:
+            yield Violation(
+                message=f"{enclave.path} shows its peers {octets:,} octets of certificate and permissions; in a "
+                f"handshake of Fast DDS 2.9.1 {min(limits.values()):,} fit, else it talks to nobody and dies of it.",
+                severity=Severity.HIGH if _MEASURED in unfit else None,
+                locations=(Location(path=use.signed.file.place),),
+                enclave=enclave.path,
+                profiles=unfit,
+                key="",
+            )

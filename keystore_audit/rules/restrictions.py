@@ -1,0 +1,360 @@
+"""KA4 to KA6: the domains, partitions and data tags that rules are limited to."""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final, NamedTuple
+
+from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Text
+from keystore_audit.keystore.permissions import Criterion, Grant, Operation
+from keystore_audit.keystore.permissions import Rule as PermissionsRule
+from keystore_audit.model.domains import covered, describe, domain_bits
+from keystore_audit.model.matching.expression import Matcher, has_wildcard, parse
+from keystore_audit.model.matching.partition_patterns import EVERY_PARTITION
+from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
+from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.model.profiles.access import PartitionReading
+from keystore_audit.model.semantics import DEFAULT_PARTITION
+from keystore_audit.remedy import Act, decision
+from keystore_audit.rules.permissions import about
+from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.remedies import in_governance, in_permissions
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
+from keystore_audit.rules.wording import VERBS, listed, more_like, quoted, sole
+
+
+def meet(some: Iterable[DomainRange], others: Iterable[DomainRange]) -> bool:
+    """Whether they share a domain."""
+    return bool(domain_bits(covered(some)) & domain_bits(covered(others)))
+
+
+def _open_range(domains: DomainRange) -> str | None:
+    """What an `<id_range>` with one bound means to whom, None where it has both."""
+    if domains.high is None and domains.low is not None:
+        return (
+            f"<id_range> has no <max>: Fast DDS and Cyclone DDS read domain {domains.low} alone, the specification and "
+            "OpenDDS everything from it on"
+        )
+    if domains.low is None and domains.high is not None:
+        return f"<id_range> has no <min>: Cyclone DDS refuses the document, the others read 0 to {domains.high}"
+    return "<id_range> has no bounds: implementations differ in what they read" if domains.low is None else None
+
+
+@rule(
+    "KA419",
+    Severity.MEDIUM,
+    clause="DDS-Security 1.1, 9.4.1.2.4 and its governance XSD (id_range); measured",
+    remedy=in_governance("Write both <min> and <max>"),
+    applies=speaks,
+)
+def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+    """An <id_range> lacks <min> or <max>, and implementations read different domains in it (measured)."""
+    for domains in use.document.domains:
+        why = _open_range(domains)
+        if why is not None:
+            yield Violation(
+                message=f"{why}.",
+                locations=(use.at(domains.line),),
+                enclave=sole(use.enclaves),
+                key=f"{domains.low} {domains.high}",
+            )
+
+
+_LIMITED: Final = tuple(profile for profile in VARIANTS.values() if profile.access.highest_domain is not None)
+_HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in _LIMITED)))
+"""Cyclone DDS, access_control_parser.c: it refuses the whole document above it (measured)."""
+
+
+@rule(
+    "KA420",
+    Severity.MEDIUM,
+    clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
+    remedy=decision("Use domain ids up to 230.", Act.EDIT),
+    applies=taken,
+    stops=True,
+)
+def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
+    """A governance or permissions document names a domain above 230.
+
+    Cyclone DDS refuses the whole document, so that its enclaves start in no domain: high where it is among the chosen
+    profiles. Above 232 there are no ports.
+    """
+    for domains in _ranges(use):
+        highest = max(domains.low or 0, domains.high or 0)
+        if highest > _HIGHEST:
+            yield Violation(
+                message=f"Domain {highest}, expected at most {_HIGHEST} (ports end at {MAX_DOMAIN}): "
+                "Cyclone DDS refuses the whole document.",
+                locations=(use.at(domains.line),),
+                enclave=sole(use.enclaves),
+                severity=Severity.HIGH if context.chose(_LIMITED) else None,
+                profiles=tuple(profile.name for profile in _LIMITED) if highest <= MAX_DOMAIN else (),
+                key=f"{domains.low} {domains.high}",
+            )
+
+
+def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
+    """Every range of domains of the document."""
+    if isinstance(use, GovernanceUse):
+        yield from use.document.domains
+    if isinstance(use, PermissionsUse):
+        for grant in use.document.grants:
+            for permission_rule in grant.rules:
+                yield from permission_rule.domains
+
+
+@rule(
+    "KA508",
+    Severity.HIGH,
+    clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
+    remedy=decision(
+        "Let both name one domain, that of ROS_DOMAIN_ID on the robots, in the .xml. If enclaves carry "
+        "different governances (KA416), begin there.",
+        Act.EDIT,
+    ),
+    applies=speaks,
+    stops=True,
+)
+def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """No allow rule of the enclave's grant names a domain that its governance covers, so that it can take part in none.
+
+    Fast DDS creates the participant all the same, and peers refuse its endpoints (measured).
+    """
+    grants: dict[str, Grant] = {}
+    for grant in use.document.grants:
+        grants.setdefault(grant.subject_name.text, grant)
+    for enclave in use.enclaves:
+        file, first = enclave.governance, enclave.identity
+        own = grants.get(first.subject) if first is not None else None
+        if file is None or file.governance is None or own is None or own.default_allow:
+            continue
+        governed, allowed = file.domains, own.allowed_domains
+        if allowed and not meet(governed, allowed):
+            yield Violation(
+                message=f"{enclave.path} can take part in no domain: its grant allows domain "
+                f"{describe(covered(allowed))}, its governance covers {describe(covered(governed))}.",
+                locations=(
+                    use.at(own.line),
+                    Location(path=file.signed.file.place, line=file.governance.line, message="the governance"),
+                ),
+                enclave=enclave.path,
+                key=own.subject_name.text,
+            )
+
+
+@rule(
+    "KA515",
+    Severity.MEDIUM,
+    clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD (id_range); measured",
+    remedy=in_permissions("Write both <min> and <max>"),
+    applies=speaks,
+)
+def rule_domain_range_open(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """An <id_range> of a rule lacks <min> or <max>, and implementations read different domains in it (measured).
+
+    Critical without <min>: evaluating such a rule crashes Cyclone DDS 0.10.2 (measured with its plugin). Permissions
+    come from peers too, so that one signed document takes others down.
+    """
+    for grant in use.document.grants:
+        for permission_rule in grant.rules:
+            for domains in permission_rule.domains:
+                why = _open_range(domains)
+                if why is not None:
+                    key = f"{grant.subject_name.text} {domains.low} {domains.high}"
+                    crashes = domains.low is None
+                    message = (
+                        f"{why}.{' Cyclone DDS 0.10 dies when it comes to the rule (measured).' if crashes else ''}"
+                    )
+                    severity = Severity.CRITICAL if crashes else None
+                    yield about(use, grant, domains.line, message, key=key, severity=severity)
+
+
+@rule(
+    "KA638",
+    Severity.HIGH,
+    clause="DDS-Security 1.1, 9.4.1.3.2.3 (data_tags); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",
+    remedy=in_permissions("ROS 2 has no data tags: take <data_tags> out, and allow or deny what remains"),
+    applies=speaks,
+)
+def data_tags_ignored(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """A rule is limited to endpoints with certain data tags, and every implementation applies it to all endpoints.
+
+    To the specification an allow rule with tags allows these alone, and a deny rule leaves all others alone. High where
+    more is allowed than it says, medium where more is denied. Everything else here is decided as implementations do,
+    without the tags, under `spec` too.
+    """
+    for grant, each, criterion in _tagged(use):
+        verb, operation = "allows" if each.allow else "denies", criterion.operation.value
+        topics = [text.text for text in criterion.topics]
+        yield about(
+            use,
+            grant,
+            criterion.line,
+            f"A rule {verb} {operation} of {listed(map(quoted, topics))} to endpoints with certain data tags "
+            f"alone, and every implementation passes over the tags: it {verb} it to all.",
+            severity=None if each.allow else Severity.MEDIUM,
+            key=f"{grant.subject_name.text} {verb} {operation} {' '.join(topics)}",
+        )
+
+
+def _tagged(use: PermissionsUse) -> Iterator[tuple[Grant, PermissionsRule, Criterion]]:
+    for grant in use.document.grants:
+        for each in grant.rules:
+            yield from ((grant, each, criterion) for criterion in each.criteria if criterion.data_tags)
+
+
+_ROS: Final = re.compile(f"{DISCOVERY_TOPIC}$|r[tqr]/")
+_ONE_CHARACTER: Final = re.compile(r"\?|\[[^\]]*\]")
+
+NO_PARTITIONS: Final = in_permissions("ROS 2 uses no partitions: take them out of the rules, and name the topics alone")
+
+
+@rule(
+    "KA637",
+    Severity.HIGH,
+    clause="DDS 1.4, 2.2.3.13 (PARTITION); DDS-Security 1.1, 9.4.1.3.2.3 (partitions); measured",
+    remedy=NO_PARTITIONS,
+    applies=speaks,
+)
+def partition_evaded(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+    """Where an endpoint may be in a partition that is a pattern, and so meet data that the rules keep from it.
+
+    To permissions the partition of an endpoint is a plain string, to matching it is a pattern (measured on Cyclone DDS
+    0.10.2 and Fast DDS 2.9.1): a denial in `secret` says nothing of `*`, and who is allowed in `?` may go into `*`.
+    Properties, claims and flows count who is met so; `can` and `access` answer about the plain name. Topics are
+    compared one expression with another; two with wildcards are taken to overlap.
+    """
+    for grant in use.document.grants:
+        listed = any(criterion.partitions for each in grant.rules for criterion in each.criteria)
+        ways = _ways(grant)
+        for number, each in enumerate(grant.rules) if listed or grant.default_allow else ():
+            for criterion in each.criteria:
+                if each.allow:
+                    yield from _beyond(use, grant, criterion)
+                else:
+                    yield from _evaded(use, grant, number, criterion, ways)
+
+
+def of_no_node(use: PermissionsUse) -> Iterator[Violation]:
+    """Names of ROS 2 that a grant allows in partitions alone: no node is in one."""
+    for grant in use.document.grants:
+        criteria = list(grant.allowed)
+        if grant.default_allow or not any(criterion.partitions for criterion in criteria):
+            continue
+        apart: dict[tuple[Operation, str], Text] = {}
+        plain: set[tuple[Operation, str]] = set()
+        for criterion in criteria:
+            uses = [(criterion.operation, text.text) for text in criterion.topics]
+            listed = criterion.partitions or ()
+            if listed and all(text.text.strip("*") for text in listed):  # no name of no character matches
+                apart |= dict.fromkeys(uses, listed[0]) | apart
+            else:
+                plain.update(uses)
+        found = [(*each, place) for each, place in apart.items() if each not in plain and _ROS.match(each[1])]
+        if found:
+            operation, topic, place = found[0]
+            yield about(
+                use,
+                grant,
+                place.line,
+                f"{quoted(grant.subject_name.text)} may {VERBS[operation]} {ros_name(topic)}{more_like(found)} in "
+                f"partition {quoted(place.text)} alone, and no ROS 2 node is in one: none may.",
+                remedy=NO_PARTITIONS,
+                key=f"{grant.subject_name.text} in partitions",
+            )
+
+
+def _beyond(use: PermissionsUse, grant: Grant, criterion: Criterion) -> Iterator[Violation]:
+    """An allowed expression that matches patterns which match more than it does."""
+    for text in criterion.partitions or ():
+        wider = _ONE_CHARACTER.sub(EVERY_PARTITION, text.text)
+        if wider == text.text or not _matches(text.text, wider):
+            continue
+        yield about(
+            use,
+            grant,
+            text.line,
+            f"{criterion.operation.value} is allowed in partitions that {quoted(text.text)} matches, and it matches "
+            f"{quoted(wider)}: an endpoint there meets those of all partitions that this matches as a pattern.",
+            key=f"{grant.subject_name.text} {criterion.operation.value} {text.text}",
+        )
+
+
+def _evaded(
+    use: PermissionsUse, grant: Grant, number: int, criterion: Criterion, ways: Sequence[_Ways]
+) -> Iterator[Violation]:
+    """A denial in some partitions, though a pattern that meets them is allowed later on."""
+    listed = criterion.partitions is not None
+    denied = tuple(text.text for text in criterion.partitions or ()) or DEFAULT_PARTITION
+    way = next(_around(grant, number, criterion, denied, ways), None)
+    if way is not None:
+        where = f"partition {', '.join(map(quoted, denied))}" if listed else "the default partition"
+        yield about(
+            use,
+            grant,
+            criterion.line,
+            f"{criterion.operation.value} is denied in {where} and allowed in {quoted(way)}, which no denial matches: "
+            "an endpoint there meets those of all partitions that this matches as a pattern.",
+            profiles=_reading(listed=listed),
+            key=f"{grant.subject_name.text} {criterion.operation.value} denied {' '.join(denied)}",
+        )
+
+
+class _Ways(NamedTuple):
+    """Partitions that are patterns, and that an allow rule allows: its number, its criterion."""
+
+    rule: int
+    criterion: Criterion
+    patterns: tuple[str, ...]
+
+
+def _ways(grant: Grant) -> list[_Ways]:
+    """All of a grant, in order; most rules have none."""
+    found = []
+    for number, each in enumerate(grant.rules):
+        for criterion in each.criteria if each.allow else ():
+            patterns = tuple(way for text in criterion.partitions or () for way in _patterns(text.text))
+            if patterns:
+                found.append(_Ways(number, criterion, patterns))
+    return found
+
+
+def _patterns(allowed: str) -> Iterator[str]:
+    """The partitions that are patterns and that the expression allows: the one for all, and itself."""
+    return (way for way in (EVERY_PARTITION, allowed) if has_wildcard(way) and _matches(allowed, way))
+
+
+def _around(
+    grant: Grant, number: int, criterion: Criterion, denied: Sequence[str], ways: Sequence[_Ways]
+) -> Iterator[str]:
+    """Partitions that are patterns, allowed by a later rule or by default and not matched by the denial."""
+    for each in ways[bisect_right(ways, number, key=lambda way: way.rule) :]:
+        if each.criterion.operation is criterion.operation:
+            open_ = [way for way in each.patterns if not any(_matches(one, way) for one in denied)]
+            if open_ and _overlap(each.criterion.topics, criterion.topics):
+                yield from open_
+    if grant.default_allow and not any(_matches(one, EVERY_PARTITION) for one in denied):
+        yield EVERY_PARTITION
+
+
+def _overlap(some: Sequence[Text], others: Sequence[Text]) -> bool:
+    return any(
+        _matches(one.text, other.text)
+        or _matches(other.text, one.text)
+        or (has_wildcard(one.text) and has_wildcard(other.text))
+        for one in some
+        for other in others
+    )
+
+
+def _matches(expression: str, name: str) -> bool:
+    return parse(expression, Matcher.POSIX).matches(name)
+
+
+def _reading(*, listed: bool) -> tuple[str, ...]:
+    """Profiles under which a denial holds where it lists partitions in those alone, else in the default one alone."""
+    readings = set(PartitionReading) - {PartitionReading.RULE} if listed else {PartitionReading.CRITERION_DEFAULT}
+    return tuple(name for name, profile in VARIANTS.items() if profile.access.partitions in readings)
