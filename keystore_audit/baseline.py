@@ -124,11 +124,11 @@ def written(acceptances: Iterable[Acceptance]) -> str:
 def _lines(entry: Acceptance) -> Iterator[str]:
     yield f"code = {_quoted(entry.code)}"
     yield f"fingerprint = {_quoted(entry.fingerprint or '')}"
+    yield f"meaning = {_quoted(entry.meaning or '')}"
     if entry.severity is not None:
         yield f"severity = {_quoted(entry.severity.value)}"
-    for key, values in (("profiles", entry.profiles), ("causes", entry.causes)):
-        if values is not None and (values or key == "profiles"):
-            yield f"{key} = [{', '.join(map(_quoted, sorted(values)))}]"
+    if entry.profiles is not None:
+        yield f"profiles = [{', '.join(map(_quoted, sorted(entry.profiles)))}]"
     if entry.finding:
         yield f"finding = {_quoted(entry.finding)}"
     yield f"reason = {_quoted(entry.reason)}"
@@ -152,6 +152,6 @@ def _acceptance(entry: Acceptance, finding: Finding, chosen: frozenset[str]) -> 
         fingerprint=finding.fingerprint,
         severity=finding.severity,
         profiles=None if everywhere else frozenset(finding.profiles) or chosen,
-        causes=frozenset(finding.explained_by),
+        meaning=finding.meaning,
         finding=shorten(terminal(note), MAX_NOTE),
     )

@@ -87,7 +87,8 @@ class Finding(Struct, frozen=True, kw_only=True):
     `locations` has the primary place first. `profiles` are the canonical variants it holds for
     (empty: all). `explained_by` holds fingerprints of the findings that are its cause. `undecided`: something stays
     unknown because of it, so the audit is incomplete. `properties`: of a rule about any property, the ids of those that
-    it is about. `fix`: what to do, with the files of this keystore.
+    it is about. `fix`: what to do, with the files of this keystore. `fingerprint`: which finding
+    it is; `meaning`: a digest of what it is about, which changes where more is to be accepted.
     """
 
     code: str
@@ -101,6 +102,7 @@ class Finding(Struct, frozen=True, kw_only=True):
     profiles: tuple[str, ...] = ()
     explained_by: tuple[str, ...] = ()
     fingerprint: str
+    meaning: str = ""
     undecided: bool = False
     properties: tuple[str, ...] = ()
     suppressed: Suppression | None = None

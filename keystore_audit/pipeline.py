@@ -143,6 +143,7 @@ def audit(
         observed=_compared(intents, keystore, profiles, accesses, options),
         acceptances=accepted,
         authorities=options.authorities or trust.Authorities(),
+        conditions=(f"{options.domain}", f"{options.time_zone}", *sorted(each.value for each in accesses.assumed)),
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)

@@ -60,7 +60,7 @@ ENTRIES = st.builds(
     fingerprint=MARKS,
     severity=st.sampled_from(Severity),
     profiles=st.none() | st.frozensets(st.sampled_from(sorted(VARIANTS)), min_size=1),
-    causes=st.frozensets(MARKS, max_size=3),
+    meaning=MARKS,
     reason=HOSTILE.map(cleaned),
     owner=HOSTILE.map(cleaned),
     until=st.dates(),
@@ -168,7 +168,7 @@ def test_entries_that_nothing_matches_stay_while_anything_is_undecided(tmp_path:
     keystore, _expected = as_built(expectation, tmp_path / "keys")
     options = given_options(expectation, keystore)
     entry = Acceptance(
-        code="KA203", fingerprint="a" * 64, severity=Severity.LOW, causes=frozenset(), reason="r", owner="o",
+        code="KA203", fingerprint="a" * 64, severity=Severity.LOW, meaning="a" * 64, reason="r", owner="o",
         until=UNTIL, location=Location(path="b.toml", line=1), place="b.toml:1:1",
     )  # fmt: skip
     left = prune(Baseline(file=GivenFile.of("b.toml", b""), acceptances=(entry,)), str(keystore), options)
@@ -201,25 +201,24 @@ def test_a_baseline_of_the_good_sample_hides_no_defect_of_the_bad_one(
         reports[side] = audit(str(keystore), given_options(pair / f"{side}.toml", keystore))
     code = pair.name.partition("-")[0]
     names = [profile for entry in reports["bad"].enclaves for profile in entry.profiles]
-    found = {side: {f.fingerprint: f for f in report.findings} for side, report in reports.items()}
+    found = {side: {(f.fingerprint, f.meaning): f for f in report.findings} for side, report in reports.items()}
     entries = [
         Acceptance(
             code=f.code, fingerprint=f.fingerprint, severity=f.severity, profiles=frozenset(f.profiles) or None,
-            causes=frozenset(f.explained_by), reason="r", owner="o", until=UNTIL,
+            meaning=f.meaning, reason="r", owner="o", until=UNTIL,
             location=Location(path="b.toml", line=1), place="",
         )
         for f in reports["good"].findings
     ]  # fmt: skip
     shown = accepted(reports["bad"].findings, uses(reports["bad"].findings, entries, reports["bad"].at, names))
-    bad = [f for f in shown if f.code == code and f.fingerprint not in found["good"]]
+    bad = [f for f in shown if f.code == code and (f.fingerprint, f.meaning) not in found["good"]]
     assert bad, "the rule's finding has the fingerprint of one of the good sample"
     assert all(f.suppressed is None for f in bad)
     for f in shown:
         if f.suppressed is not None:
-            before = found["good"][f.fingerprint]
+            before = found["good"][f.fingerprint, f.meaning]
             assert (f.code, f.enclave) == (before.code, before.enclave)
             assert before.severity.at_least(f.severity)
-            assert {*f.explained_by} <= {*before.explained_by}
 
 
 def test_an_acceptance_repeats_no_finding(tmp_path: Path) -> None:

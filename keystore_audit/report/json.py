@@ -207,6 +207,7 @@ def _finding(finding: Finding, keystore: str) -> dict[str, Any]:
         "profiles": list(finding.profiles),
         "explained_by": list(finding.explained_by),
         "fingerprint": finding.fingerprint,
+        "meaning": finding.meaning,
         "suppressed": None if finding.suppressed is None else _suppression(finding.suppressed),
     }
 

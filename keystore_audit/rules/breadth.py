@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.matching.coverage import TOPICS, allows_everything, covering
-from keystore_audit.model.matching.expression import WILDCARDS, Matcher, has_wildcard, parse
-from keystore_audit.model.profiles import VARIANTS, implementations
+from keystore_audit.model.matching.expression import WILDCARDS, has_wildcard, parse
+from keystore_audit.profiles import VARIANTS, Matcher, implementations
 from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions

@@ -14,8 +14,8 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
-from keystore_audit.model.profiles import VARIANTS
 from keystore_audit.model.trust.authorities import trusted
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.remedy import Remedy, decision, outside
 from keystore_audit.rules.private_key import authority_anew
 from keystore_audit.rules.registry import Context, Violation, rule
@@ -58,7 +58,7 @@ def at(use: CertificateUse, certificate: Certificate, message: str, **more: Any)
         message=message,
         locations=(located(certificate),),
         enclave=sole(use.enclaves),
-        key=certificate.sha256,
+        key=certificate.key,
         **more,
     )
 
@@ -139,7 +139,7 @@ def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterat
             message=f"The file holds {held}{crls} (expected one certificate): {differ}.",
             locations=tuple(more),
             enclave=sole(use.enclaves),
-            key=" ".join(["several", *(certificate.sha256 for certificate in certificates)]),
+            key=" ".join(["several", *(certificate.key for certificate in certificates)]),
         )
     if certificates:  # else something else stands in their place: certificate-unreadable
         unread = () if use.authority else (Kind.CERTIFICATE_UNREADABLE,)

@@ -14,7 +14,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.model.participants.joining import UNGRANTED
 from keystore_audit.model.participants.sight import REQUIRED, UNLOADED
 from keystore_audit.model.participants.usability import UNGOVERNED
-from keystore_audit.model.profiles import VARIANTS, implementations
+from keystore_audit.profiles import VARIANTS, implementations
 from keystore_audit.remedy import Act, Remedy, decision, mechanical
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import (
@@ -266,7 +266,6 @@ def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Se
             locations=places(Location(path=place) for place in modes),
             severity=severity,
             key="\n".join(f"{place} {mode}" for place, mode in sorted(modes.items())),
-            contents=False,
         )
 
 

@@ -6,8 +6,8 @@ somebody may take it: what a document says that every implementation refuses is 
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
+from datetime import datetime
 from functools import lru_cache
 from typing import Final
 
@@ -20,10 +20,10 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.remedy import Act, Remedy, decision
-from keystore_audit.rules.contents import signed_bytes, told
+from keystore_audit.rules.meaning import told
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, speaks
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, signed_bytes, speaks
 from keystore_audit.rules.wording import defective, of_kinds, paths, places, quoted, sole
 
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
@@ -63,24 +63,6 @@ def topic_rules(use: GovernanceUse) -> Iterator[tuple[DomainRule, TopicRule]]:
                 break
 
 
-@lru_cache(maxsize=256)
-def _earlier(file: GovernanceFile) -> dict[int, str]:
-    """By the id of a domain or topic rule, what the rules before it decide, in short: it decides about the rest.
-
-    The rules live as long as their file, which is kept here.
-    """
-    found: dict[int, str] = {}
-    domains = hashlib.sha256()
-    for domain_rule in file.domain_rules:
-        found[id(domain_rule)] = domains.hexdigest()
-        topics = domains.copy()
-        for topic_rule in domain_rule.topic_rules:
-            found[id(topic_rule)] = topics.hexdigest()
-            topics.update(f"{topic_rule.expression.text}\0".encode(errors="surrogatepass"))
-        domains.update(f"{covered(domain_rule.domains)}\0".encode())
-    return found
-
-
 def violates(
     use: GovernanceUse, domain_rule: DomainRule, topic_rule: TopicRule | None, element: str, message: str
 ) -> Violation:
@@ -90,16 +72,12 @@ def violates(
     if topic_rule is not None:
         where += f", topics {quoted(topic_rule.expression.text)}"
         lines, line = topic_rule.lines, topic_rule.line
-    earlier = _earlier(use.document)[id(domain_rule if topic_rule is None else topic_rule)]
-    said = told((replace(domain_rule, topic_rules=()), topic_rule))
+    expression = topic_rule.expression.text if topic_rule is not None else ""
     return Violation(
         message=f"{where}: {message}",
         locations=(use.at(lines.get(element, line)),),
         enclave=sole(use.enclaves),
-        # Without the rules before it, the same rule decides about more: that is another violation. Those behind it
-        # change nothing.
-        key=f"{element} {earlier} {said}",
-        contents=False,
+        key=f"{element} {covered(domain_rule.domains)} {expression}",
     )
 
 
@@ -232,7 +210,7 @@ def write_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[
         "enclaves/governance.p7s."
     ),
 )
-def governances_differ(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def governances_differ(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Enclaves carry governance documents that say different things.
 
     Endpoints whose protection kinds or access control flags differ never match, and nobody is told (measured). An
@@ -242,7 +220,7 @@ def governances_differ(keystore: Keystore, _context: Context) -> Iterator[Violat
     said: dict[object, list[tuple[Enclave, GovernanceFile]]] = {}
     for enclave in keystore.enclaves:
         if enclave.governance is not None:
-            said.setdefault(_meaning(enclave.governance), []).append((enclave, enclave.governance))
+            said.setdefault(_meaning(enclave.governance, context.at), []).append((enclave, enclave.governance))
     if len(said) > 1:
         groups = sorted(said.values(), key=len, reverse=True)
         words = "; ".join(
@@ -256,11 +234,11 @@ def governances_differ(keystore: Keystore, _context: Context) -> Iterator[Violat
 
 
 @lru_cache(maxsize=256)
-def _meaning(file: GovernanceFile) -> object:
+def _meaning(file: GovernanceFile, at: datetime) -> object:
     """What the document says, without lines and layout; its bytes where it has no single meaning."""
     if file.governance is None:
         return signed_bytes(file.signed)
-    return tuple((covered(each.domains), told(replace(each, domains=()))) for each in file.domain_rules)
+    return tuple((covered(each.domains), told(replace(each, domains=()), at)) for each in file.domain_rules)
 
 
 @rule(

@@ -15,16 +15,14 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.claims.ability import sent
 from keystore_audit.model.inventory import identities_at_large
-from keystore_audit.model.profiles import VARIANTS, Profile, SubjectComparison, implementations
 from keystore_audit.model.subjects.comparison import matching, same_meaning
+from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison, implementations
 from keystore_audit.remedy import Act, decision
-from keystore_audit.rules.contents import dated
-from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.governance import in_document
-from keystore_audit.rules.permissions import about, own_grants
+from keystore_audit.rules.permissions import about, dated, own_grants
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
-from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, permissions_uses, speaks
+from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, instant_of, permissions_uses, speaks
 from keystore_audit.rules.wording import located, places, quoted
 from keystore_audit.text import instant
 

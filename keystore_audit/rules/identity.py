@@ -24,7 +24,6 @@ from keystore_audit.rules.certificate import has_usual_subject, usual_subject, w
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import ISSUE_AGAIN, issue_again
 from keystore_audit.rules.subjects import EXCHANGED, FAST_DDS, CertificateUse, exchange_for, is_identity
-from keystore_audit.rules.who_takes import Taken
 from keystore_audit.rules.wording import located, paths, places, quoted, sole
 from keystore_audit.text import instant
 
@@ -65,7 +64,7 @@ def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Itera
                 message=f"{what(use, certificate)} outlives its authority, which ends at {instant(last.not_after)}.",
                 locations=(located(certificate), located(last, "the authority")),
                 enclave=sole(use.enclaves),
-                key=certificate.sha256,
+                key=certificate.key,
             )
             return
 
@@ -105,7 +104,7 @@ def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterato
             locations=(located(certificate), located(authority, "the identity CA")),
             enclave=enclave.path,
             undecided=unread or Issue.UNSUPPORTED in answers,
-            key=certificate.sha256,
+            key=certificate.key,
             remedy=exchanged,
         )
 
@@ -153,7 +152,7 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
             enclave=enclave.path,
             severity=None if context.chose(refusing) else Severity.MEDIUM,
             profiles=tuple(profile.name for profile in refusing),
-            key=certificate.sha256,
+            key=certificate.key,
             explains=frozenset({"identities-chain-to-the-identity-ca"}),
         )
 
@@ -178,7 +177,7 @@ def identity_without_subject(use: CertificateUse, _context: Context) -> Iterator
                 locations=(located(certificate),),
                 enclave=enclave.path,
                 profiles=FAST_DDS,
-                key=certificate.sha256,
+                key=certificate.key,
             )
 
 
@@ -215,7 +214,7 @@ def identity_is_authority(use: CertificateUse, _context: Context) -> Iterator[Vi
                 "identities.",
                 locations=(located(certificate),),
                 enclave=enclave.path,
-                key=certificate.sha256,
+                key=certificate.key,
             )
 
 
@@ -243,7 +242,7 @@ def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Itera
                 f"{quoted(usual_subject(enclave, context.keystore))}.",
                 locations=(located(certificate),),
                 enclave=enclave.path,
-                key=certificate.sha256,
+                key=certificate.key,
             )
 
 
@@ -339,7 +338,7 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
     joining = {identity.certificate.sha256 for identity in identities_at_large(keystore, context.at)}
     again = list(certified_again(keystore))
     every = [other for _enclave, others in again for other in others]
-    rights, taken = _rights(every, keystore, context), Taken(keystore, every, context.at)
+    rights = _rights(every, keystore, context)
     for enclave, others in again:
         first = enclave.identity
         if first is not None:
@@ -354,7 +353,7 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
                     )
                 ),
                 enclave=enclave.path,
-                key="\n".join([first.key, taken.told(others)]),
+                key="\n".join([first.key, *(other.sha256 for other in others)]),
                 explains=frozenset(_SHARED if any(other.sha256 in joining for other in others) else ()),
             )
 

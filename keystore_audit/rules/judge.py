@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from functools import cache
 from itertools import chain
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from msgspec import Struct
 
@@ -27,8 +26,8 @@ from keystore_audit.findings import (
 )
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.question import Doubt
-from keystore_audit.properties.result import Place, PropertyResult
-from keystore_audit.rules.contents import Contents
+from keystore_audit.properties.result import PropertyResult
+from keystore_audit.rules.meaning import Meanings
 from keystore_audit.rules.registry import Context, Rule, Violation
 from keystore_audit.rules.remedies import Filling
 from keystore_audit.rules.subjects import (
@@ -47,8 +46,15 @@ MAX_MESSAGE: Final = 2000
 """Characters of a message, the last guard: the rules bound what they quote, counterexamples come from the engines."""
 
 _Found = tuple[Rule[Any], Violation]
-_Marked = tuple[Rule[Any], Violation, str]
-"""What was found, with its fingerprint."""
+
+
+class _Marked(NamedTuple):
+    """What was found, which finding it is, and what it is about."""
+
+    rule: Rule[Any]
+    violation: Violation
+    fingerprint: str
+    meaning: str
 
 
 class Judgement(Struct, frozen=True, kw_only=True):
@@ -184,20 +190,18 @@ class _Run:
 
 def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:
     """The findings, those that somebody accepts marked, and what the rules say of how they are accepted."""
-    profiles = [profile.name for profile in context.profiles]
-    marks = _Marks(Contents(context.keystore, context.at), frozenset(profiles), context.results)
-    marked = marks.of(run.found)
-    keystore = context.keystore
-    filling = Filling(keystore)
+    meanings, filling = Meanings(context), Filling(context.keystore)
+    marked = _marked(run.found, meanings)
     found = _made(marked, filling)
     if not context.acceptances:
         return found
+    profiles = [profile.name for profile in context.profiles]
     codes = {rule.code for rule in chosen}
     files = uses(found, context.acceptances, context.at, profiles, codes, _outside(marked, context.keystore))
     before = len(run.found)
     run.over(chosen, [(file.path, file) for file in files])
     run.over(chosen, run.crashes())
-    return accepted(_made([*marked, *marks.of(run.found[before:])], filling), files)
+    return accepted(_made([*marked, *_marked(run.found[before:], meanings)], filling), files)
 
 
 def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str]]:
@@ -209,82 +213,32 @@ def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str
         for file in enclave.files.every:  # by their names there, and by those that links lead to
             carried |= {file.path, file.place}
     return {
-        mark: {place.path for place in violation.locations if not place.beside} - carried
-        for _rule, violation, mark in marked
+        each.fingerprint: {place.path for place in each.violation.locations if not place.beside} - carried
+        for each in marked
     }
 
 
-class _Marks:
-    """Fingerprints. `profiles`: the names of those chosen, which a finding without any of its own is about."""
+def _marked(found: Iterable[_Found], meanings: Meanings) -> list[_Marked]:
+    """What was found, each with a fingerprint of its own.
 
-    def __init__(self, contents: Contents, profiles: frozenset[str], results: Iterable[PropertyResult]) -> None:
-        self._contents = contents
-        self._profiles = profiles
-        self._violations = {result.prop.id: result.violations for result in results}
-
-    def of(self, found: Iterable[_Found]) -> list[_Marked]:
-        """What was found, each with a fingerprint of its own.
-
-        Those that nothing tells apart are numbered, with how many there are: were one of them mended, the rest would
-        otherwise take its place, and with it whoever accepted it.
-        """
-        ordered = sorted(_once(found), key=lambda item: _order(*item))
-        there = [self._there(rule, violation, ordered) for rule, violation in ordered]
-        marks = [_fingerprint(*item, what) for item, what in zip(ordered, there, strict=True)]
-        alike = Counter(marks)
-        seen: Counter[str] = Counter()
-        marked: list[_Marked] = []
-        for (rule, violation), what, mark in zip(ordered, there, marks, strict=True):
-            seen[mark] += 1
-            number = f"\0{seen[mark]} of {alike[mark]}"
-            own = mark if alike[mark] == 1 else _fingerprint(rule, violation, f"{what}{number}")
-            marked.append((rule, violation, own))
-        return marked
-
-    def _there(self, rule: Rule[Any], violation: Violation, found: Sequence[_Found]) -> str:
-        """What stands where it was found, if that makes it.
-
-        A property is one of the whole keystore; which example of its violation is told depends on the engine. Its
-        causes are noted by who accepts it; where nothing is its cause, all that the keystore says stands for them, and
-        beside them stands what violates it at no place of theirs.
-        """
-        if rule.family != OF_PROPERTIES:
-            there = self._contents.at if violation.contents else self._contents.names
-            return f"\0{there((*violation.locations, *violation.against))}"
-        if not violation.contents:
-            return ""
-        causes = [cause for other, cause in found if _is_cause(other, cause, rule, violation)]
-        explained = {name for cause in causes for name in cause.profiles or self._profiles}
-        if not explained.issuperset(violation.profiles or self._profiles):
-            return f"\0{self._contents.everything}"
-        beside = self._unexplained(rule.name, causes)
-        return f"\0{beside}" if beside else ""
-
-    def _unexplained(self, prop: str, causes: Sequence[Violation]) -> str:
-        """What violates the property at no place of its causes, under some profile of each."""
-        there: dict[str, set[tuple[int | None, tuple[str, ...]]]] = {}
-        for cause in causes:
-            for location in cause.locations:
-                there.setdefault(location.path, set()).add((location.line, cause.profiles))
-
-        @cache
-        def explained(places: frozenset[Place]) -> set[str]:
-            lines = ((place, line, profiles) for place in places for line, profiles in there.get(place.path, ()))
-            return set().union(*(profiles or self._profiles for place, line, profiles in lines if place.holds(line)))
-
-        told = []
-        for breach in self._violations.get(prop, ()):
-            left = breach.profiles.difference(*map(explained, breach.places))
-            told += [f"{name} {breach.name}" for name in left]
-        return "\0\0".join(sorted(told))
+    Those that nothing tells apart are numbered, with how many there are: were one of them mended, the rest would
+    otherwise take its place, and with it whoever accepted it.
+    """
+    ordered = sorted(_once(found), key=lambda item: _order(*item))
+    marks = [_fingerprint(*item) for item in ordered]
+    alike, seen = Counter(marks), Counter[str]()
+    marked: list[_Marked] = []
+    for (rule, violation), mark in zip(ordered, marks, strict=True):
+        seen[mark] += 1
+        own = mark if alike[mark] == 1 else _fingerprint(rule, violation, f"\0{seen[mark]} of {alike[mark]}")
+        marked.append(_Marked(rule, violation, own, meanings.of(rule, violation)))
+    return marked
 
 
 def _made(marked: Iterable[_Marked], filling: Filling) -> tuple[Finding, ...]:
     """The findings, the causes of violated properties named, worst first."""
-    ordered = sorted(marked, key=lambda item: _order(item[0], item[1]))
-    return tuple(
-        _finding(rule, violation, mark, _causes(rule, violation, ordered), filling) for rule, violation, mark in ordered
-    )
+    ordered = sorted(marked, key=lambda each: _order(each.rule, each.violation))
+    return tuple(_finding(each, _causes(each, ordered), filling) for each in ordered)
 
 
 def _once(found: Iterable[_Found]) -> Iterator[_Found]:
@@ -298,11 +252,12 @@ def _once(found: Iterable[_Found]) -> Iterator[_Found]:
             told.add(said)
 
 
-def _fingerprint(rule: Rule[Any], violation: Violation, there: str) -> str:
-    key = f"{violation.key}{there}"
+def _fingerprint(rule: Rule[Any], violation: Violation, number: str = "") -> str:
+    key = f"{violation.key}{number}"
     if rule.family == OF_PROPERTIES:  # the enclave and the place are those of an example
         return fingerprint(rule.code, None, None, key)
-    return fingerprint(rule.code, violation.enclave, violation.locations[0].path if violation.locations else None, key)
+    first = violation.locations[0].path if violation.locations else None
+    return fingerprint(rule.code, violation.enclave, first, key)
 
 
 def _order(rule: Rule[Any], violation: Violation) -> tuple[object, ...]:
@@ -319,20 +274,21 @@ def _order(rule: Rule[Any], violation: Violation) -> tuple[object, ...]:
     )
 
 
-def _causes(rule: Rule[Any], violation: Violation, marked: Sequence[_Marked]) -> tuple[str, ...]:
+def _causes(violated: _Marked, marked: Sequence[_Marked]) -> tuple[str, ...]:
     """Of a violated property, the findings that explain it under a profile of its own (no profiles: all of them)."""
+    rule, profiles = violated.rule, {*violated.violation.profiles}
     if rule.family != OF_PROPERTIES:
         return ()
-    return tuple(mark for other, cause, mark in marked if _is_cause(other, cause, rule, violation))
-
-
-def _is_cause(other: Rule[Any], cause: Violation, rule: Rule[Any], violation: Violation) -> bool:
-    return rule.name in (other.explains if cause.explains is None else cause.explains) and (
-        not cause.profiles or not violation.profiles or bool({*cause.profiles} & {*violation.profiles})
+    return tuple(
+        each.fingerprint
+        for each in marked
+        if rule.name in (each.rule.explains if each.violation.explains is None else each.violation.explains)
+        and (not each.violation.profiles or not profiles or not profiles.isdisjoint(each.violation.profiles))
     )
 
 
-def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str, ...], filling: Filling) -> Finding:
+def _finding(found: _Marked, causes: tuple[str, ...], filling: Filling) -> Finding:
+    rule, violation = found.rule, found.violation
     return Finding(
         code=rule.code,
         name=rule.name,
@@ -344,7 +300,8 @@ def _finding(rule: Rule[Any], violation: Violation, mark: str, causes: tuple[str
         locations=violation.locations[:MAX_PLACES],
         profiles=violation.profiles,
         explained_by=causes,
-        fingerprint=mark,
+        fingerprint=found.fingerprint,
+        meaning=found.meaning,
         undecided=violation.undecided,
         properties=violation.properties,
     )

@@ -22,13 +22,16 @@ from keystore_audit.model.trust.verdicts import Acceptance
 from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison
 from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject
-from keystore_audit.rules.contents import dated
-from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
-from keystore_audit.rules.subjects import ROWS, PermissionsUse, speaks, verdict
+from keystore_audit.rules.subjects import ROWS, PermissionsUse, instant_of, speaks, verdict
 from keystore_audit.rules.wording import defective, listed, located, places, quoted, sole
+
+
+def dated(grant: Grant) -> str:
+    """Whom the grant names and when it is in force: the key of what is about dates."""
+    return f"{grant.subject_name.text} {grant.not_before.text} {grant.not_after.text}"
 
 
 def subjects(use: PermissionsUse) -> frozenset[str]:

@@ -11,12 +11,11 @@ from keystore_audit.keystore.document import Text
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.validity import read_date
-from keystore_audit.profiles import TESTED_ON
+from keystore_audit.profiles import TESTED_ON, DateReading, Profile, implementations
 from keystore_audit.rules.divergence import spoken_of
-from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
-from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, instant_of, speaks, taken
 from keystore_audit.rules.wording import more_like, places, quoted, sole
 
 _MAY_BE_MALFORMED: Final = frozenset("[\\")

@@ -79,7 +79,6 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
             enclave=enclave.path,
             severity=None if context.deployed else Severity.INFO,
             key=_octal(file),
-            contents=False,
         )
 
 
@@ -259,7 +258,6 @@ def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[
                 locations=(Location(path=file.place),),
                 severity=None if context.deployed else Severity.INFO,
                 key=_octal(file),
-                contents=False,
             )
 
 

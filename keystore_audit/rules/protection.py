@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
-from keystore_audit.model.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.rules.governance import domain_rules, topic_rules, violates
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_governance

@@ -14,10 +14,9 @@ from keystore_audit.keystore.identity import Identity, LooseKey, alike, compared
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.remedy import decision
-from keystore_audit.rules.effect import instant_of
 from keystore_audit.rules.permissions import own_grants
 from keystore_audit.rules.registry import Context, Violation, rule
-from keystore_audit.rules.subjects import permissions_uses
+from keystore_audit.rules.subjects import instant_of, permissions_uses
 from keystore_audit.rules.wording import located, places, quoted
 from keystore_audit.text import counted, instant
 

@@ -16,8 +16,8 @@ from keystore_audit.intent.environment import Environment
 from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.meaning import Meaning
-from keystore_audit.model.profiles import Profile
 from keystore_audit.model.trust.authorities import Authorities
+from keystore_audit.profiles import Profile
 from keystore_audit.properties.result import EngineRun, PropertyResult
 from keystore_audit.remedy import Remedy
 from keystore_audit.settings.suppressions import Acceptance
@@ -65,6 +65,8 @@ class Context(Struct, frozen=True, kw_only=True):
     """Those that settings or options declare."""
     acceptances: tuple[Acceptance, ...] = ()
     """Findings that settings and a baseline accept, in the order in which they are looked for."""
+    conditions: tuple[str, ...] = ()
+    """Of which domain and zone the answers are, and under which assumptions."""
 
     def chose(self, profiles: Iterable[Profile]) -> bool:
         """Whether some of them are among the chosen ones."""
@@ -90,13 +92,11 @@ class Violation(Struct, frozen=True, kw_only=True):
 
     `locations`: all, the primary place first. `severity`: where it depends on profile or option, else the rule's.
     `profiles`: canonical variants that it holds for (empty: all). `undecided`: something stays unknown because of it,
-    so the audit is incomplete. `key`: what makes it beside what stands at its places, unabridged: with both it is
-    accepted by its fingerprint. It holds no line numbers, which reformatting changes. `contents`: whether what stands
-    at the places is part of what makes it (of a property that no finding explains: what all files say); where not,
-    `key` holds all of it. `against`: places that the finding does not list, whose contents make it as well: the grants
-    of its own that an enclave gets more than, say. `explains`: the properties that this one is a cause of, where they
-    are not the rule's (None: the rule's). `shared`: it is said of each of several subjects in the same words, and is
-    one finding for all of them. `properties`: of a rule about any property, the ids of those that it is about.
+    so the audit is incomplete. `key`: what tells it from others at its first place, without line numbers,
+    which reformatting changes. `against`: places that the finding does not list, and that it is about as well: the
+    grants of its own that an enclave gets more than, say. `explains`: the properties that this one is a cause of, where
+    they are not the rule's (None: the rule's). `shared`: it is said of each of several subjects in the same words, and
+    is one finding for all of them. `properties`: of a rule about any property, the ids of those that it is about.
     """
 
     message: str
@@ -106,7 +106,6 @@ class Violation(Struct, frozen=True, kw_only=True):
     profiles: tuple[str, ...] = ()
     undecided: bool = False
     key: str = ""
-    contents: bool = True
     against: tuple[Location, ...] = ()
     remedy: Remedy | None = None
     explains: frozenset[str] | None = None

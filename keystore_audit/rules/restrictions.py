@@ -12,12 +12,11 @@ from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.model.domains import covered, describe, domain_bits
-from keystore_audit.model.matching.expression import Matcher, has_wildcard, parse
+from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.matching.partition_patterns import EVERY_PARTITION
 from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
-from keystore_audit.model.profiles import VARIANTS
-from keystore_audit.model.profiles.access import PartitionReading
 from keystore_audit.model.semantics import DEFAULT_PARTITION
+from keystore_audit.profiles import VARIANTS, Matcher, PartitionReading
 from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Context, Violation, rule

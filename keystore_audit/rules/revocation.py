@@ -92,7 +92,7 @@ def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violatio
                 locations=places((located(first), *(located(r, "the revocation list") for _use, r in found))),
                 enclave=enclave.path,
                 profiles=FAST_DDS if all(use.in_ca_file for use, _ in found) else (),
-                key=first.sha256,
+                key=first.key,
             )
 
 

@@ -19,10 +19,9 @@ from keystore_audit.model.trust.signer_path import path_refusal, signer_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, may_sign, vouches
 from keystore_audit.profiles import VARIANTS, Profile, implementations
 from keystore_audit.remedy import Act, decision
-from keystore_audit.rules.contents import signed_bytes
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import sign_again
-from keystore_audit.rules.subjects import EXCHANGED, SPEC, DocumentUse, SignedUse, accepting, exchange
+from keystore_audit.rules.subjects import EXCHANGED, SPEC, DocumentUse, SignedUse, accepting, exchange, signed_bytes
 from keystore_audit.rules.wording import located, of_kinds, paths, places, quoted, sole
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"

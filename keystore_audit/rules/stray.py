@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 from keystore_audit.findings import Location, Severity
@@ -27,7 +27,6 @@ from keystore_audit.rules.files import renaming
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import SIGN_AGAIN
 from keystore_audit.rules.subjects import stray_uses
-from keystore_audit.rules.who_takes import Taken
 from keystore_audit.rules.wording import VERBS, listed, located, more_like, of_kinds, places, quoted, sentence
 
 _CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"
@@ -67,11 +66,6 @@ def _documents(number: int) -> str:
     return "A signed document" if number == 1 else f"{number} signed documents"
 
 
-def _contents(keystore: Keystore, documents: Collection[str]) -> str:
-    """What stands in the documents at these places: who accepts them accepts no others."""
-    return " ".join(sorted({stray.file.sha256 or "" for stray in keystore.strays if stray.place in documents}))
-
-
 def _at(strays: Sequence[Stray]) -> tuple[Location, ...]:
     return places(Location(path=stray.place) for stray in strays)
 
@@ -104,14 +98,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
             locations=places(grant.location for grant in wider),
             enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
             profiles=context.unless_all(profiles),
-            key="\0".join(
-                (
-                    f"wider {_contents(keystore, {grant.document for grant in wider})}",
-                    *sorted({grant.enclave for grant in wider}),
-                )
-            ),
-            # A right that is taken out of the enclaves' own grants is one more that a stray document gives.
-            against=places(place for grant in wider for place in grant.against),
+            key="wider",
             remedy=decision(f"{rename} Else: {_REVOKE}") if rename else None,
         )
     known = {grant.document for grant in wider}
@@ -125,7 +112,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
             "away later stays usable.",
             locations=places(grant.location for grant in equal),
             severity=Severity.LOW,
-            key=f"equal {_contents(keystore, {grant.document for grant in equal})}",
+            key="equal",
         )
 
 
@@ -176,7 +163,7 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
             message=f"{_documents(len(refused))} outside the enclaves that no peer here takes: "
             f"{listed(stray.place for stray in refused)}.",
             locations=_at(refused),
-            key=f"refused {_contents(keystore, {stray.place for stray in refused})}",
+            key="refused",
         )
     systems = context.meaning.systems
     places_at_large = {stray.place for stray in permissions_at_large(keystore)}
@@ -188,7 +175,7 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
             message=f"{_documents(len(idle))} outside the enclaves that peers would take, without a grant in force for "
             f"an enclave here: {listed(stray.place for stray in idle)}.",
             locations=_at(idle),
-            key=f"idle {_contents(keystore, {stray.place for stray in idle})}",
+            key="idle",
         )
 
 
@@ -267,7 +254,7 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
         if alike:
             certificates = [each.certificate for each in alike]
             rename = renaming(keystore)(certificates[0].path, Role.CERTIFICATE) if len(alike) == 1 else ""
-            yield _started(alike, Taken(keystore, certificates, context.at).told(certificates), rename)
+            yield _started(alike, rename)
     yield from _perhaps_started(admitted(keystore, identities.possible, context.profiles, context.at))
     unread = identities.unread
     if unread:
@@ -281,8 +268,8 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
         )
 
 
-def _started(found: Sequence[Admitted], taken: str, rename: str) -> Violation:
-    """Identities with their keys, all of which share their subjects with enclaves, or none. `taken`: by whom."""
+def _started(found: Sequence[Admitted], rename: str) -> Violation:
+    """Identities with their keys, all of which share their subjects with enclaves, or none."""
     first = found[0]
     same = first.enclave is not None
     whose = f"another identity of {first.enclave}" if same else "an identity of its own and no enclave here"
@@ -291,7 +278,7 @@ def _started(found: Sequence[Admitted], taken: str, rename: str) -> Violation:
         f"is in {first.key}, and peers let it in: whoever has this tree can start it{more_like(found)}.",
         locations=places(place for each in found for place in _identity_at(each)),
         severity=Severity.MEDIUM if same else None,
-        key=f"{'same' if same else 'other'} subject\n{taken}",
+        key=f"{'same' if same else 'other'} subject",
         remedy=decision(f"{rename} Else: {_NEEDED_OR_NOT}") if rename else None,
     )
 

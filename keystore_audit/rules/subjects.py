@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
 from typing import Any, Final, TypeVar
 
 from msgspec import Struct
@@ -12,6 +14,7 @@ from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.defect import Defect, first_opaque
+from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -19,8 +22,9 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.inventory import permissions_at_large
-from keystore_audit.model.profiles import VARIANTS, Profile, Trust
 from keystore_audit.model.trust.verdicts import Acceptance, Envelope, document_verdict, envelope, vouches
+from keystore_audit.model.validity import read_date
+from keystore_audit.profiles import VARIANTS, DateReading, Profile, Trust
 from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.registry import Context
 
@@ -108,6 +112,20 @@ def exchange_for(enclave: Enclave) -> Remedy | None:
 
 
 _Document = TypeVar("_Document", GovernanceFile, PermissionsFile)
+
+
+def instant_of(date: Text) -> datetime | None:
+    """The instant that a date of a grant names to the specification, None for years that nobody reads.
+
+    Where implementations read another one, date-read-differently and date-not-portable say so.
+    """
+    dated = read_date(date.text, DateReading.XSD, None)
+    return dated.instant if dated is not None else None
+
+
+def signed_bytes(signed: SignedDocument) -> str:
+    """What was signed to the letter, whoever signed it and however; of a file without such a text all of it."""
+    return signed.file.sha256 or "" if signed.content is None else hashlib.sha256(signed.content).hexdigest()
 
 
 class CertificateUse(Struct, frozen=True, kw_only=True):

@@ -11,7 +11,7 @@ from keystore_audit.settings.suppressions import ALL, Acceptance
 from keystore_audit.settings.table import Table
 
 _CODE: Final = re.compile(r"KA[0-9]{3}")
-_FINGERPRINT: Final = re.compile(r"[0-9a-f]{64}")
+_DIGEST: Final = re.compile(r"[0-9a-f]{64}")
 
 
 def read_suppressions(root: Table) -> tuple[Acceptance, ...]:
@@ -20,19 +20,19 @@ def read_suppressions(root: Table) -> tuple[Acceptance, ...]:
 
 
 def _suppression(table: Table) -> Acceptance:
-    table.only("code", "where", "fingerprint", "severity", "profiles", "causes", "reason", "owner", "until")
+    table.only("code", "where", "fingerprint", "meaning", "severity", "profiles", "reason", "owner", "until")
     if ("where" in table.values) == ("fingerprint" in table.values):
         table.wrong(None, "expected exactly one of where, fingerprint")
     by_place = "where" in table.values
-    if by_place and "causes" in table.values:
-        table.wrong("causes", "these belong to a fingerprint, and here is where")
+    if by_place and "meaning" in table.values:
+        table.wrong("meaning", "this belongs to a fingerprint, and here is where")
     return _acceptance(
         table,
         where=_where(table) if by_place else (),
-        fingerprint=None if by_place else _fingerprint(table),
+        fingerprint=None if by_place else _digest(table, "fingerprint"),
         severity=Severity(table.choice("severity", SEVERITIES)) if "severity" in table.values else None,
         profiles=_profiles(table),
-        causes=None if by_place else frozenset(_causes(table)),
+        meaning=None if by_place else _digest(table, "meaning"),
     )
 
 
@@ -50,15 +50,15 @@ def read_accepted(root: Table) -> tuple[Acceptance, ...]:
 
 
 def _accepted(table: Table) -> Acceptance:
-    table.only("code", "fingerprint", "severity", "profiles", "causes", "finding", "reason", "owner", "until")
+    table.only("code", "fingerprint", "meaning", "severity", "profiles", "finding", "reason", "owner", "until")
     if "severity" not in table.values:
         table.wrong(None, f"expected severity = one of {', '.join(SEVERITIES)}, the worst that is accepted")
     return _acceptance(
         table,
-        fingerprint=_fingerprint(table),
+        fingerprint=_digest(table, "fingerprint"),
         severity=Severity(table.choice("severity", SEVERITIES)),
         profiles=_profiles(table),
-        causes=frozenset(_causes(table)),
+        meaning=_digest(table, "meaning"),
         finding=table.text("finding") if "finding" in table.values else "",
     )
 
@@ -70,7 +70,7 @@ def _acceptance(
     fingerprint: str | None,
     severity: Severity | None,
     profiles: frozenset[str] | None = None,
-    causes: frozenset[str] | None = None,
+    meaning: str | None,
     finding: str = "",
 ) -> Acceptance:
     code = table.text("code")
@@ -84,7 +84,7 @@ def _acceptance(
         fingerprint=fingerprint,
         severity=severity,
         profiles=profiles,
-        causes=causes,
+        meaning=meaning,
         reason=_sentence(table, "reason", MAX_REASON),
         owner=_sentence(table, "owner", MAX_OWNER),
         until=table.day("until"),
@@ -105,10 +105,10 @@ def _where(table: Table) -> tuple[str, ...]:
     return globs
 
 
-def _fingerprint(table: Table) -> str:
-    value = table.text("fingerprint")
-    if not _FINGERPRINT.fullmatch(value):
-        table.wrong("fingerprint", "expected 64 digits 0 to 9 and a to f, as in the JSON report")
+def _digest(table: Table, key: str) -> str:
+    value = table.text(key)
+    if not _DIGEST.fullmatch(value):
+        table.wrong(key, "expected 64 digits 0 to 9 and a to f, as in the JSON report")
     return value
 
 
@@ -121,13 +121,6 @@ def _profiles(table: Table) -> frozenset[str] | None:
         if name not in VARIANTS:
             table.wrong("profiles", f"{name!r} is no profile; expected names as in reports, e.g. fastdds-3.6")
     return frozenset(names)
-
-
-def _causes(table: Table) -> tuple[str, ...]:
-    causes = table.texts("causes") if "causes" in table.values else ()
-    if not all(_FINGERPRINT.fullmatch(cause) for cause in causes):
-        table.wrong("causes", "expected fingerprints, each of 64 digits 0 to 9 and a to f")
-    return causes
 
 
 def _sentence(table: Table, key: str, most: int) -> str:

@@ -30,7 +30,8 @@ class Acceptance(Struct, frozen=True, kw_only=True):
     """Findings that somebody accepts: of the rule `code`, and at a place or with a fingerprint.
 
     `where`: globs on enclave paths (they begin with /) or on paths in the keystore, or `*` for all findings of the
-    rule. `severity`: the worst that is accepted; `profiles`, `causes`: no others than these (None: any). `until`: the
+    rule. `severity`: the worst that is accepted; `profiles`: no others than these (None: any).
+    `meaning`: what the finding is about (None: whatever it is). `until`: the
     last day, UTC. `location`, `place`: where it stands, for findings and for people; `until_place`: where its end does,
     if known. `finding`: what a baseline notes of the finding, for people alone.
     """
@@ -40,7 +41,7 @@ class Acceptance(Struct, frozen=True, kw_only=True):
     fingerprint: str | None = None
     severity: Severity | None = None
     profiles: frozenset[str] | None = None
-    causes: frozenset[str] | None = None
+    meaning: str | None = None
     reason: str
     owner: str
     until: date
@@ -181,7 +182,7 @@ def _refusal(
         return "what it names is undecided, and nothing accepts that"
     if acceptance.fingerprint is None and not _within(acceptance.where, finding, outside):
         return (
-            "a property is one of the whole keystore: name it by its fingerprint"
+            "a property is one of the whole keystore: name it by fingerprint and meaning"
             if finding.code.startswith(OF_PROPERTIES)
             else "what was found is not, or not only, there"
         )
@@ -190,8 +191,8 @@ def _refusal(
     others = {*(finding.profiles or profiles)} - acceptance.profiles if acceptance.profiles is not None else ()
     if others:
         return f"it holds under {', '.join(sorted(others))} too"
-    if acceptance.causes is not None and not acceptance.causes.issuperset(finding.explained_by):
-        return "it has other causes now"
+    if acceptance.meaning is not None and acceptance.meaning != finding.meaning:
+        return "what it is about has changed"
     return None
 
 
@@ -201,10 +202,10 @@ def _within(where: tuple[str, ...], finding: Finding, outside: Collection[str]) 
     That of an enclave may be in what enclaves carry; what lies `outside`, as a document that it may present, has to be
     named as well.
     """
+    if finding.code.startswith(OF_PROPERTIES):  # its enclave is that of an example, and others come
+        return False
     if ALL in where:
         return True
-    if finding.code.startswith(OF_PROPERTIES):  # its enclave is that of an example
-        return False
     enclaves = [glob for glob in where if glob.startswith("/")]
     paths = [glob for glob in where if not glob.startswith("/")]
     if finding.enclave is not None and _matches(enclaves, finding.enclave):

@@ -30,7 +30,7 @@ REPORT_KEYS = [
 ]  # fmt: skip
 FINDING_KEYS = [
     "code", "name", "severity", "message", "fix", "clause", "enclave", "locations", "profiles", "explained_by",
-    "fingerprint", "suppressed",
+    "fingerprint", "meaning", "suppressed",
 ]  # fmt: skip
 
 

@@ -24,7 +24,7 @@ code = "KA711"
 fingerprint = "{PRINT}"
 severity = "critical"
 profiles = ["spec", "fastdds-3.6"]
-causes = ["{PRINT}"]
+meaning = "{PRINT}"
 {WHY}"""
     settings = read(tmp_path, text)
     placed, printed = settings.acceptances
@@ -34,12 +34,12 @@ causes = ["{PRINT}"]
     assert (placed.location.line, placed.location.beside, placed.place) == (2, True, f"{settings.file.path}:2:1")
     assert (printed.where, printed.fingerprint, printed.severity) == ((), PRINT, Severity.CRITICAL)
     assert printed.profiles == {"spec", "fastdds-3.6"}
-    assert (placed.causes, printed.causes) == (None, {PRINT})
+    assert (placed.meaning, printed.meaning) == (None, PRINT)
     assert placed.end == datetime(2026, 12, 4, 23, 59, 59, tzinfo=timezone.utc)
 
 
 WRONG = [
-    (PLACED.replace("reason", "reson"), ":4:1", "unknown key 'reson'; expected code, where, fingerprint, severity"),
+    (PLACED.replace("reason", "reson"), ":4:1", "unknown key 'reson'; expected code, where, fingerprint, meaning"),
     (PLACED.replace('reason = "so"\n', ""), ":1:1", "expected reason ="),
     (PLACED.replace('owner = "Ada"\n', ""), ":1:1", "expected owner ="),
     (PLACED.replace("until = 2026-12-04\n", ""), ":1:1", "expected until = a date without quotes"),
@@ -61,7 +61,8 @@ WRONG = [
     (PLACED.replace("/talker", "../talker"), ":3:1", "expected an enclave"),
     (PLACED.replace('"/talker"', "[]"), ":3:1", "array of such strings"),
     (f'{PLACED}severity = "bad"\n', ":7:1", "expected 'critical' or 'high'"),
-    (f'{PLACED}causes = "{PRINT}"\n', ":7:1", "these belong to a fingerprint"),
+    (f'{PLACED}meaning = "{PRINT}"\n', ":7:1", "this belongs to a fingerprint"),
+    (PLACED.replace('where = "/talker"', f'fingerprint = "{PRINT}"'), ":1:1", "expected meaning ="),
     (f'{PLACED}profiles = "humble"\n', ":7:1", "'humble' is no profile; expected names as in reports"),
     (PLACED.replace('where = "/talker"', f'fingerprint = "{PRINT[:-1]}"'), ":3:1", "expected 64 digits"),
     ("suppression = 3\n", ":1:1", "each headed [[suppression]]"),
@@ -81,12 +82,12 @@ def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, w
 WRONG_ENTRIES = [
     (ENTRY.replace('severity = "low"\n', ""), ":1:1", "expected severity = one of critical, high"),
     (ENTRY.replace("fingerprint", "where"), ":3:1", "unknown key 'where'"),
-    (f"{ENTRY}{ENTRY}", ":10:1", "accepted already, at"),
-    (f'{ENTRY}causes = ["x"]\n', ":8:1", "expected fingerprints"),
-    (f"{ENTRY}profiles = []\n", ":8:1", "array of such strings"),
+    (f"{ENTRY}{ENTRY}", ":11:1", "accepted already, at"),
+    (ENTRY.replace(f'meaning = "{PRINT}"', 'meaning = "x"'), ":4:1", "expected 64 digits"),
+    (f"{ENTRY}profiles = []\n", ":9:1", "array of such strings"),
     (ENTRY.replace("KA205", "KA905"), ":2:1", "which nothing accepts"),
     (ENTRY.replace("accepted", "suppression"), ":1:1", "unknown key 'suppression'; expected accepted"),
-    (ENTRY.replace("low", "none"), ":4:1", "expected 'critical' or"),
+    (ENTRY.replace("low", "none"), ":5:1", "expected 'critical' or"),
 ]
 
 

@@ -27,7 +27,7 @@ AT = "2026-11-21T12:00:00Z"
 PRINT = "a" * 64
 WHY = 'reason = "so"\nowner = "Ada"\nuntil = 2026-12-04\n'
 PLACED = f'[[suppression]]\ncode = "KA205"\nwhere = "/talker"\n{WHY}'
-ENTRY = f'[[accepted]]\ncode = "KA205"\nfingerprint = "{PRINT}"\nseverity = "low"\n{WHY}'
+ENTRY = f'[[accepted]]\ncode = "KA205"\nfingerprint = "{PRINT}"\nmeaning = "{PRINT}"\nseverity = "low"\n{WHY}'
 TALKER = "rules/KA909-suppression-expired/bad"
 """Its findings: KA205 and KA636 (medium) and KA513 (low) of the talker."""
 
@@ -106,14 +106,14 @@ def replayed(topic: str, keystore: Path) -> Path:
     return keystore
 
 
-@pytest.mark.parametrize("caused", [False, True])
-def test_a_property_is_accepted_with_the_causes_that_are_named(tmp_path: Path, caused: bool) -> None:
+@pytest.mark.parametrize("same", [False, True])
+def test_a_property_is_accepted_with_what_it_is_about(tmp_path: Path, same: bool) -> None:
     before, after = replayed("rt/chatter", tmp_path / "before"), replayed("ros_discovery_info", tmp_path / "after")
     (found,) = (each for each in run(before)[1]["findings"] if each["code"] == "KA714")
-    causes = f"causes = {json.dumps(found['explained_by'])}\n" if caused else ""
-    text = f'[[suppression]]\ncode = "KA714"\nfingerprint = "{found["fingerprint"]}"\n{causes}{WHY}'
+    meaning = found["meaning"] if same else PRINT
+    text = f'[[suppression]]\ncode = "KA714"\nfingerprint = "{found["fingerprint"]}"\nmeaning = "{meaning}"\n{WHY}'
     path = file(tmp_path, text)
-    assert run(before, "--settings", path)[0] == (0 if caused else 1)
+    assert run(before, "--settings", path)[0] == (0 if same else 1)
     assert run(after, "--settings", path)[0] == 1
 
 
@@ -260,8 +260,9 @@ def test_each_weakening_is_said_in_every_format_and_no_statement_passes(
     file(tmp_path, "max_suppression_days = 181\n", "long.toml")
     file(tmp_path, PLACED, "placed.toml")
     _code, report = run(talker)
-    fingerprint = next(each["fingerprint"] for each in report["findings"] if each["code"] == "KA205")
-    file(tmp_path, ENTRY.replace(PRINT, fingerprint).replace("low", "medium"), "b.toml")
+    found = next(each for each in report["findings"] if each["code"] == "KA205")
+    entry = ENTRY.replace(PRINT, found["fingerprint"], 1).replace(PRINT, found["meaning"])
+    file(tmp_path, entry.replace("low", "medium"), "b.toml")
     texts = written(talker, tmp_path / "out", *WEAKENING[reason])
     assert [kind for kind, text in texts.items() if not says(kind, text, reason)] == []
     assert json.loads(texts["statement"])["predicate"]["result"] == "WARNED"
