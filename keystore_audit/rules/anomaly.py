@@ -19,7 +19,7 @@ from keystore_audit.remedy import decision
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, speaks
-from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sole
+from keystore_audit.rules.wording import VERBS, listed, more_like, quoted
 
 _IN_ORDER: Final = "DDS-Security 1.1, 9.4.1.3 (of the rules of a grant the first that matches decides)"
 
@@ -60,8 +60,7 @@ def folded(
         everywhere = any(not anomaly.profiles for anomaly in alike)
         yield Violation(
             message=says(alike),
-            locations=places(_locations(use, alike, other)),
-            enclave=sole(use.enclaves),
+            locations=[*_locations(use, alike, other)],
             severity=Severity.HIGH if serious else None,
             profiles=() if everywhere else tuple(name for name in VARIANTS if name in named),
             # What is odd is part of it: another rule is not hidden by one that was accepted before.

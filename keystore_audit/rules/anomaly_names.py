@@ -17,7 +17,7 @@ from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.restrictions import of_no_node
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
-from keystore_audit.rules.wording import MAX_LISTED, listed, more_like, quoted, sole
+from keystore_audit.rules.wording import MAX_LISTED, listed, more_like, quoted
 
 _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch)"
 
@@ -158,7 +158,6 @@ def rules_not_compared(use: DocumentUse, context: Context) -> Iterator[Violation
         yield Violation(
             message=f"Not all rules could be compared with each other: {anomaly.other_text}.",
             locations=(use.at(None),),
-            enclave=sole(use.enclaves),
             profiles=anomaly.profiles,
             severity=Severity.MEDIUM if undecided else None,
             undecided=undecided,

@@ -24,7 +24,7 @@ from keystore_audit.properties.result import (
 from keystore_audit.remedy import Act, Remedy, decision, outside
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.subjects import Crash
-from keystore_audit.rules.wording import MAX_LISTED, MAX_QUOTED, listed, places, sentence
+from keystore_audit.rules.wording import MAX_LISTED, MAX_QUOTED, listed, sentence
 from keystore_audit.settings.suppressions import Fate, FileOfUses, Use
 from keystore_audit.text import shorten
 
@@ -44,7 +44,7 @@ _SAY_THE_ZONE: Final = decision(
     clause=_CLAUSE,
     remedy=outside("Put the file into the form that the message asks for, and run the audit again."),
 )
-def undecided(doubt: Doubt, _context: Context) -> Iterator[Violation]:
+def undecided(doubt: Doubt) -> Iterator[Violation]:
     """Something could not be read that a robot might act on, and no other rule says so at that place.
 
     It counts as able to do and to grant anything, so that what it could affect is unknown. Where another finding leaves
@@ -67,7 +67,7 @@ def undecided(doubt: Doubt, _context: Context) -> Iterator[Violation]:
     clause=_CLAUSE,
     remedy=outside("Install keystore-audit with its extra [alloy] and run `keystore-audit engine install`."),
 )
-def engine_missing(run: EngineRun, _context: Context) -> Iterator[Violation]:
+def engine_missing(run: EngineRun) -> Iterator[Violation]:
     """An engine could not be had, and nobody asked for it by name: the other decided alone, and nothing checked it."""
     if run.status is EngineStatus.MISSING and not run.required:
         yield Violation(
@@ -124,7 +124,7 @@ def _disagree(answer: ProfileResult) -> bool:
     ),
     applies=lambda result, _context: any(len(answer.engines) > 1 for answer in result.profiles.values()),
 )
-def engines_disagree(result: PropertyResult, _context: Context) -> Iterator[Violation]:
+def engines_disagree(result: PropertyResult) -> Iterator[Violation]:
     """The engines give different answers: one of them is wrong, and neither is believed."""
     profiles = tuple(name for name, answer in result.profiles.items() if _disagree(answer))
     if profiles:
@@ -151,7 +151,7 @@ def engines_disagree(result: PropertyResult, _context: Context) -> Iterator[Viol
         "Report this as a fault of keystore-audit, with the command and, where it may be shared, the keystore."
     ),
 )
-def rule_crashed(crash: Crash, _context: Context) -> Iterator[Violation]:
+def rule_crashed(crash: Crash) -> Iterator[Violation]:
     """A rule ended in an error, so that what it asks is undecided.
 
     Only the type of the error is told: its words may quote what was read, a key among it.
@@ -190,7 +190,7 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
         told = f"{len(alike)} properties, {listed(ids)}."
     yield Violation(
         message=f"Undecided, since {why}: {told}",
-        locations=(*_asserted(result), *places(doubt.location for doubt in context.meaning.doubts)),
+        locations=(*_asserted(result), *[doubt.location for doubt in context.meaning.doubts]),
         profiles=() if len(profiles) == len(result.profiles) else profiles,
         undecided=True,
         key="\n".join(ids),
@@ -260,7 +260,7 @@ def _asserted(result: PropertyResult) -> tuple[Location, ...]:
     clause=_CLAUSE,
     remedy=outside("Nothing is wrong with the keystore; run with --engine native, or audit parts of it."),
 )
-def engine_out_of_scale(run: EngineRun, _context: Context) -> Iterator[Violation]:
+def engine_out_of_scale(run: EngineRun) -> Iterator[Violation]:
     """The model is larger than an engine is known to decide, so that it was not started: the other decided alone.
 
     Where it was asked for by name, that leaves the audit open.
@@ -300,7 +300,7 @@ _ACCEPTING: Final = "keystore-audit, docs/settings.md: what is accepted has a re
         "`keystore-audit baseline prune` takes what has ended out of a baseline."
     ),
 )
-def suppression_expired(file: FileOfUses, _context: Context) -> Iterator[Violation]:
+def suppression_expired(file: FileOfUses) -> Iterator[Violation]:
     """Somebody accepted a finding until a day that is over, so that it counts again.
 
     The day ends at 23:59:59 UTC. One finding for each file, with the lines.
@@ -323,7 +323,7 @@ def suppression_expired(file: FileOfUses, _context: Context) -> Iterator[Violati
         "Take it out, so that it hides nothing later; `keystore-audit baseline prune` does so for a baseline."
     ),
 )
-def suppression_unused(file: FileOfUses, _context: Context) -> Iterator[Violation]:
+def suppression_unused(file: FileOfUses) -> Iterator[Violation]:
     """Somebody accepted a finding that this audit does not make, or that has become another or a worse one.
 
     It was mended, moved or renamed; or it shows under other options than this audit's. What is accepted of rules that
@@ -350,8 +350,8 @@ def _first(uses: Sequence[Use]) -> str:
     return f"{'' if len(uses) == 1 else 'the first, '}{shorten(first.acceptance.what, MAX_QUOTED)}: {first.why}"
 
 
-def _lines(uses: Sequence[Use]) -> tuple[Location, ...]:
-    return places(
+def _lines(uses: Sequence[Use]) -> list[Location]:
+    return [
         replace(use.acceptance.location, message=shorten(f"{use.acceptance.what}: {use.why}", MAX_QUOTED))
         for use in uses
-    )
+    ]

@@ -17,7 +17,7 @@ from keystore_audit.rules.certificate import at, what
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import RENEW_AUTHORITY, SEPARATE
 from keystore_audit.rules.subjects import UNPINNED, CertificateUse
-from keystore_audit.rules.wording import listed, located, paths, places, quoted, sole
+from keystore_audit.rules.wording import listed, located, paths, quoted, sole
 
 
 @rule(
@@ -29,7 +29,7 @@ from keystore_audit.rules.wording import listed, located, paths, places, quoted,
     applies=lambda use, _context: Role.IDENTITY_CA in use.roles,
     stops=True,
 )
-def authority_not_a_ca(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def authority_not_a_ca(use: CertificateUse) -> Iterator[Violation]:
     """The identity CA's certificate may not issue certificates: OpenSSL refuses every identity under it.
 
     Nobody demands CA:TRUE of a permissions CA (measured).
@@ -41,7 +41,7 @@ def authority_not_a_ca(use: CertificateUse, _context: Context) -> Iterator[Viola
                 if certificate.is_ca
                 else f"{'no basicConstraints' if certificate.is_ca is None else 'CA:FALSE'}, expected CA:TRUE"
             )
-            yield at(use, certificate, f"{what(use, certificate)} may not issue certificates: got {got}.")
+            yield at(certificate, f"{what(use, certificate)} may not issue certificates: got {got}.")
 
 
 def _trusting(groups: Iterable[tuple[str, Iterable[str], Iterable[Enclave]]]) -> str:
@@ -84,7 +84,7 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
         yield Violation(
             message=f"{quoted(of_both[0].subject)} issues the identities and signs the permissions of "
             f"{paths(enclaves)}: where the signer is not pinned, an enclave can sign itself any right.",
-            locations=places(located(c) for c in of_both),
+            locations=[located(c) for c in of_both],
             enclave=sole(enclaves),
             severity=None if context.chose(UNPINNED) else Severity.INFO,
             remedy=alone if len(of_both) < len(every) else None,
@@ -149,7 +149,7 @@ def _unexpected(anchors: Anchors, group: _Files) -> Violation:
     return Violation(
         message=f"The {_NAMES[anchors.role]} file {first.file.place}{of} holds {held}"
         f"{' too' if beside else ''}, expected {expected} alone, {why}.",
-        locations=places(located(each) for each in foreign),
+        locations=[located(each) for each in foreign],
         enclave=sole(enclaves),
         key=_trusting([(anchors.role.value, (each.sha256 for each in foreign), enclaves)]),
     )
@@ -169,7 +169,7 @@ def _different(anchors: Anchors, files: _Files, severity: Severity | None = None
     yield Violation(
         message=f"Enclaves trust {len(trusting)} different {_NAMES[anchors.role]}s: {said}.",
         # The minority first: it is what has to change.
-        locations=places(Location(path=file.file.place) for keys in reversed(ordered) for file, _ in trusting[keys]),
+        locations=[Location(path=file.file.place) for keys in reversed(ordered) for file, _ in trusting[keys]],
         severity=severity,
         key=_trusting((anchors.role.value, keys, enclaves) for keys, enclaves in concerned.items()),
     )

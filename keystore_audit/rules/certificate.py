@@ -21,7 +21,7 @@ from keystore_audit.rules.private_key import authority_anew
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import ISSUE_AGAIN, RENEW_AUTHORITY, issue_again
 from keystore_audit.rules.subjects import CertificateUse, is_identity
-from keystore_audit.rules.wording import defective, either, listed, located, of_kinds, paths, quoted, sole
+from keystore_audit.rules.wording import defective, either, listed, located, of_kinds, paths, quoted
 from keystore_audit.text import instant
 
 _WRITE_PEM: Final = decision(
@@ -52,12 +52,11 @@ def what(use: CertificateUse, certificate: Certificate) -> str:
     return f"The {roles} {quoted(certificate.subject)} of {paths(use.enclaves)}"
 
 
-def at(use: CertificateUse, certificate: Certificate, message: str, **more: Any) -> Violation:
+def at(certificate: Certificate, message: str, **more: Any) -> Violation:
     """A violation about one certificate of the file."""
     return Violation(
         message=message,
         locations=(located(certificate),),
-        enclave=sole(use.enclaves),
         key=certificate.key,
         **more,
     )
@@ -85,7 +84,7 @@ def _bears_on(use: CertificateUse) -> frozenset[str]:
     remedy=ISSUE_AGAIN,
     stops=True,
 )
-def certificate_unreadable(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def certificate_unreadable(use: CertificateUse) -> Iterator[Violation]:
     """A certificate does not parse.
 
     OpenSSL, which the implementations use, may still take it: whose it is, and whom it vouches for, stays unknown. An
@@ -96,7 +95,6 @@ def certificate_unreadable(use: CertificateUse, _context: Context) -> Iterator[V
         in_der = any(defect.detail.endswith(IN_DER) for defect in found)
         yield from defective(
             found,
-            use.enclaves,
             "whose it is stays unknown.",
             undecided=True,
             remedy=_WRITE_PEM if in_der else remedy(use),
@@ -138,13 +136,12 @@ def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterat
         yield Violation(
             message=f"The file holds {held}{crls} (expected one certificate): {differ}.",
             locations=tuple(more),
-            enclave=sole(use.enclaves),
             key=" ".join(["several", *(certificate.key for certificate in certificates)]),
         )
     if certificates:  # else something else stands in their place: certificate-unreadable
         unread = () if use.authority else (Kind.CERTIFICATE_UNREADABLE,)
         extra = of_kinds(use.certificates.defects, Kind.CERTIFICATE_FILE_EXTRA, *unread)
-        yield from defective(extra, use.enclaves, f"{differ}.")
+        yield from defective(extra, f"{differ}.")
 
 
 @rule(
@@ -171,7 +168,6 @@ def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Viola
                 else "peers refuse new sessions"
             )
             yield at(
-                use,
                 certificate,
                 f"{what(use, certificate)} expired at {instant(certificate.not_after)} (audited for "
                 f"{instant(context.at)}): {refused}.",
@@ -197,7 +193,6 @@ def certificate_not_yet_valid(use: CertificateUse, context: Context) -> Iterator
     for certificate in use.in_use:
         if certificate.not_before > context.at:
             yield at(
-                use,
                 certificate,
                 f"{what(use, certificate)} is valid from {instant(certificate.not_before)} on (audited for "
                 f"{instant(context.at)}).",
@@ -217,7 +212,6 @@ def certificate_expires_soon(use: CertificateUse, context: Context) -> Iterator[
         if context.at <= certificate.not_after and certificate.not_after - context.at <= context.expires_within:
             days = (certificate.not_after - context.at).days
             yield at(
-                use,
                 certificate,
                 f"{what(use, certificate)} expires at {instant(certificate.not_after)}, in {days} days (notice: "
                 f"{context.expires_within.days}).",
@@ -233,7 +227,7 @@ def certificate_expires_soon(use: CertificateUse, context: Context) -> Iterator[
     explains=("identities-chain-to-the-identity-ca",),
     stops=True,
 )
-def unknown_critical_extension(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def unknown_critical_extension(use: CertificateUse) -> Iterator[Violation]:
     """The certificate has a critical extension that OpenSSL does not process, so that it is refused (measured)."""
     for certificate in use.in_use:
         if certificate.unknown_critical:
@@ -241,7 +235,7 @@ def unknown_critical_extension(use: CertificateUse, _context: Context) -> Iterat
                 f"{what(use, certificate)} has critical extensions that implementations refuse: "
                 f"{listed(certificate.unknown_critical)}."
             )
-            yield at(use, certificate, message, remedy=remedy(use))
+            yield at(certificate, message, remedy=remedy(use))
 
 
 MAX_SERIAL_OCTETS: Final = 20
@@ -254,14 +248,14 @@ MAX_SERIAL_OCTETS: Final = 20
     clause="RFC 5280, 4.1.2.2 (positive, at most 20 octets)",
     remedy=ISSUE_AGAIN,
 )
-def irregular_serial_number(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def irregular_serial_number(use: CertificateUse) -> Iterator[Violation]:
     """The serial number is not positive, or longer than 20 octets: tools cut it, and libraries begin to refuse it."""
     for certificate in use.in_use:
         octets = certificate.serial.bit_length() // 8 + 1
         if certificate.serial <= 0 or octets > MAX_SERIAL_OCTETS:
             got = f"{octets} octets" if certificate.serial > 0 else "a number that is not positive"
             message = f"{what(use, certificate)} has an irregular serial number: got {got}, expected 1 to 20 octets."
-            yield at(use, certificate, message, remedy=remedy(use))
+            yield at(certificate, message, remedy=remedy(use))
 
 
 @rule(
@@ -271,7 +265,7 @@ def irregular_serial_number(use: CertificateUse, _context: Context) -> Iterator[
     remedy=issue_again("Use keys on prime256v1, as sros2 does."),
     stops=True,
 )
-def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def weak_key(use: CertificateUse) -> Iterator[Violation]:
     """The key is shorter than RSA 2048 or EC 256: whoever breaks it is this identity or this authority.
 
     How the key was made, and whether it is one of the known bad ones, is not looked at.
@@ -281,7 +275,7 @@ def weak_key(use: CertificateUse, _context: Context) -> Iterator[Violation]:
             message = (
                 f"{what(use, certificate)} has a weak key: got {certificate.key_kind}, expected RSA 2048 or EC 256."
             )
-            yield at(use, certificate, message, remedy=_anew(use))
+            yield at(certificate, message, remedy=_anew(use))
 
 
 def _anew(use: CertificateUse) -> Remedy | None:
@@ -309,7 +303,6 @@ def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[
             taken = {name: profile.trust.identity_keys for name, profile in VARIANTS.items()}
             refusing = [name for name, kinds in taken.items() if kinds is not None and kind not in kinds]
             yield at(
-                use,
                 certificate,
                 f"{what(use, certificate)} has a key that the specification does not name"
                 f"{' and Cyclone DDS refuses' if refusing else ''}: got {kind}, expected EC secp256r1 or RSA 2048.",
@@ -325,7 +318,7 @@ def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[
     remedy=ISSUE_AGAIN,
     stops=True,
 )
-def weak_signature_algorithm(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def weak_signature_algorithm(use: CertificateUse) -> Iterator[Violation]:
     """The certificate is signed over SHA-1 or MD5, for which two contents with one digest have been made.
 
     Of an authority's own signature over itself nothing depends, but what makes it signs the rest alike. Fast DDS takes
@@ -337,4 +330,4 @@ def weak_signature_algorithm(use: CertificateUse, _context: Context) -> Iterator
                 f"{what(use, certificate)} is signed with {certificate.signature_algorithm}, expected SHA-256 as in "
                 "ecdsa-with-SHA256."
             )
-            yield at(use, certificate, message, remedy=remedy(use))
+            yield at(certificate, message, remedy=remedy(use))

@@ -17,20 +17,20 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.names import ros_name
 from keystore_audit.remedy import decision
-from keystore_audit.rules.registry import Context, Violation, given, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, CREATE_PERMISSION
-from keystore_audit.rules.wording import MAX_QUOTED, VERBS, listed, places, quoted
+from keystore_audit.rules.wording import MAX_QUOTED, VERBS, listed, quoted
 from keystore_audit.text import shorten
 
 if TYPE_CHECKING:  # an audit without a policy needs none of it
-    from keystore_audit.model.intended.drift import EnclaveDrift
+    from keystore_audit.model.intended.drift import Drift, EnclaveDrift
     from keystore_audit.model.intended.drift_rights import DriftedRight
 
 DESIGN: Final = "ROS 2 design, SROS2 access control policies; ros2/sros2, policy/templates/dds/permissions.xsl"
 
 
-def _is_given(_keystore: Keystore, context: Context) -> bool:
-    return context.drift is not None
+def _drift(_keystore: Keystore, context: Context) -> Drift | None:
+    return context.drift
 
 
 def _alike(rights: Iterable[DriftedRight]) -> Iterator[list[DriftedRight]]:
@@ -52,20 +52,20 @@ def _more(count: int) -> str:
     Severity.HIGH,
     clause=DESIGN,
     remedy=decision(f"Sign what the policy says, {CREATE_PERMISSION}, or take the right out of the policy."),
-    applies=_is_given,
+    of=_drift,
 )
-def policy_right_not_granted(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def policy_right_not_granted(drift: Drift) -> Iterator[Violation]:
     """The policy gives an enclave a right, and the permissions that it carries do not.
 
     Under Enforce, a node that needs it fails when it starts, or when it uses the name. Compared by meaning over all
     names, in the domains that governance and grant have in common (or `--domain`); whether a node ever uses the name
     cannot be known.
     """
-    for found in given(context.drift).enclaves:
+    for found in drift.enclaves:
         for rights in _alike(found.lacking.rights):
             yield Violation(
                 message=_lacking_message(found, rights),
-                locations=places(_both_lines(rights, "the policy allows it")),
+                locations=[*_both_lines(rights, "the policy allows it")],
                 enclave=found.enclave,
                 profiles=rights[0].profiles,
                 key=_key(rights),
@@ -106,22 +106,22 @@ def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]
         f"Sign what the policy says, {CREATE_PERMISSION}, or write the right into the policy. What "
         "was signed before stays valid until its end: peers take whatever document is presented to them."
     ),
-    applies=_is_given,
+    of=_drift,
 )
-def right_beyond_policy(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def right_beyond_policy(drift: Drift) -> Iterator[Violation]:
     """Signed permissions give an enclave a right that the policy does not.
 
     More than was reviewed is as severe as less. Looked at are the enclave's own permissions and every other document in
     the keystore that names it and that a peer may take, since an enclave can present it.
     """
-    for found in given(context.drift).enclaves:
+    for found in drift.enclaves:
         for rights in _alike(found.exceeding.rights):
             whose = "its permissions" if found.own else f"{quoted(found.document)}, which it can present,"
             verb = "let" if found.own else "lets"
             yield Violation(
                 message=f"The policy does not let {found.enclave} {listed(_exceeding(rights))}, and {whose} {verb} it"
                 f"{_more(found.exceeding.more)}.",
-                locations=places((*_both_lines(rights, "the policy denies it"), _introduced(found))),
+                locations=(*_both_lines(rights, "the policy denies it"), _introduced(found)),
                 enclave=found.enclave,
                 profiles=rights[0].profiles,
                 key=_key(rights),
@@ -146,19 +146,19 @@ def _exceeding(rights: Iterable[DriftedRight]) -> Iterator[str]:
         "Put every <profile> of an enclave into one <profiles>, and sign what the policy says "
         f"then: {CREATE_PERMISSION}."
     ),
-    applies=_is_given,
+    of=_drift,
 )
-def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def policy_profiles_lost(drift: Drift) -> Iterator[Violation]:
     """The policy has several <profiles> for an enclave, of which only the first counts.
 
     `ros2 security` makes a grant of each, all with one subject, and implementations ask the first that is in force; of
     several <enclave> elements with one path it translates the first alone. The nodes of the others have no rights.
     """
-    for enclave, lost in grouped(given(context.drift).lost, lambda profiles: profiles.enclave).items():
+    for enclave, lost in grouped(drift.lost, lambda profiles: profiles.enclave).items():
         nodes = listed(dict.fromkeys(node.name for profiles in lost for node in profiles.nodes))
         yield Violation(
             message=f"What the policy says of {enclave} here is lost, and {nodes} with it: {lost[0].lost}.",
-            locations=places(profiles.location for profiles in lost),
+            locations=[profiles.location for profiles in lost],
             enclave=enclave,
             key="\n".join(sorted({node.name for profiles in lost for node in profiles.nodes})),
         )
@@ -169,19 +169,19 @@ def policy_profiles_lost(_keystore: Keystore, context: Context) -> Iterator[Viol
     Severity.HIGH,
     clause=DESIGN,
     remedy=decision(f"Take the enclave out of the policy, or create it: {CREATE_ENCLAVE}."),
-    applies=_is_given,
+    of=_drift,
 )
-def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def policy_enclave_missing(drift: Drift) -> Iterator[Violation]:
     """The policy speaks of an enclave that the keystore does not have: its nodes do not start under Enforce.
 
     A keystore of one robot of many, with the policy of all of them, has this finding rightly.
     """
-    missing = given(context.drift).missing
+    missing = drift.missing
     if missing:
         yield Violation(
             message=f"The policy speaks of {listed(each.enclave for each in missing)}, expected in the keystore: "
             "there is no such enclave.",
-            locations=places(each.location for each in missing),
+            locations=[each.location for each in missing],
             enclave=missing[0].enclave if len(missing) == 1 else None,
             key="\n".join(sorted(each.enclave for each in missing)),
         )
@@ -192,18 +192,18 @@ def policy_enclave_missing(_keystore: Keystore, context: Context) -> Iterator[Vi
     Severity.HIGH,
     clause=DESIGN,
     remedy=decision("Describe the enclave in the policy, or remove it, and revoke its identity."),
-    applies=_is_given,
+    of=_drift,
 )
-def enclave_not_in_policy(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def enclave_not_in_policy(drift: Drift) -> Iterator[Violation]:
     """The keystore has an enclave of which the policy says nothing, so that nobody can tell what it is to do.
 
     It is a participant that nobody reviewed, whatever its permissions say today.
     """
-    unnamed = given(context.drift).unnamed
+    unnamed = drift.unnamed
     if unnamed:
         yield Violation(
             message=f"The policy says nothing of {listed(enclave.path for enclave in unnamed)}.",
-            locations=places(Location(path=enclave.files.files[Role.PERMISSIONS].place) for enclave in unnamed),
+            locations=[Location(path=enclave.files.files[Role.PERMISSIONS].place) for enclave in unnamed],
             enclave=unnamed[0].path if len(unnamed) == 1 else None,
             key="\n".join(sorted(enclave.path for enclave in unnamed)),
         )
@@ -214,11 +214,11 @@ def enclave_not_in_policy(_keystore: Keystore, context: Context) -> Iterator[Vio
     Severity.MEDIUM,
     clause=DESIGN,
     remedy=decision("Sign permissions that every implementation reads alike; what to change is at the place."),
-    applies=_is_given,
+    of=_drift,
 )
-def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def drift_undecided(drift: Drift) -> Iterator[Violation]:
     """What an enclave is granted, or what the policy means, cannot be told: it may be more or less than was meant."""
-    for doubt in given(context.drift).undecided:
+    for doubt in drift.undecided:
         yield Violation(
             message=f"Whether {doubt.enclave} is granted what the policy says cannot be told "
             f"({shorten(doubt.reason, MAX_QUOTED)}).",
@@ -236,15 +236,14 @@ def drift_undecided(_keystore: Keystore, context: Context) -> Iterator[Violation
         f"With a DDS implementation, create permissions, {CREATE_PERMISSION}. With rmw_zenoh, audit "
         "the configuration of its routers and sessions."
     ),
-    applies=_is_given,
+    of=_drift,
 )
-def policy_not_enforced_by_permissions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def policy_not_enforced_by_permissions(drift: Drift) -> Iterator[Violation]:
     """No enclave has a permissions.p7s, as where rmw_zenoh alone runs: this audit cannot say that the policy holds.
 
     rmw_zenoh takes identities from the enclaves and never reads permissions; what its nodes may do stands in its own
     configuration, which is not in the keystore.
     """
-    drift = given(context.drift)
     if drift.unenforced:
         yield Violation(
             message="No enclave has a permissions.p7s, so nothing here enforces the policy, and it was not compared.",

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.model.trust.verdicts import Acceptance
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.remedies import SIGN_AGAIN, sign_again
 from keystore_audit.rules.subjects import SignedUse
 from keystore_audit.rules.wording import defective, of_kinds
@@ -24,7 +24,7 @@ def _has(use: SignedUse, says: str, *kinds: Kind, opens: bool = False) -> Iterab
     if not use.signed.defects:
         return ()
     undecided = opens and use.envelope.verdict is Acceptance.UNKNOWN
-    return defective(of_kinds(use.signed.defects, *kinds), use.enclaves, says, undecided=undecided)
+    return defective(of_kinds(use.signed.defects, *kinds), says, undecided=undecided)
 
 
 @rule(
@@ -35,7 +35,7 @@ def _has(use: SignedUse, says: str, *kinds: Kind, opens: bool = False) -> Iterab
     explains=("documents-signed-by-the-permissions-ca",),
     stops=True,
 )
-def not_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def not_smime(use: SignedUse) -> Iterator[Violation]:
     """The file is no S/MIME message: plain XML, PEM or DER. Every implementation refuses it (measured)."""
     yield from _has(use, "every implementation refuses it.", Kind.NOT_SMIME)
 
@@ -47,7 +47,7 @@ def not_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
     remedy=SIGN_AGAIN,
     stops=True,
 )
-def malformed_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def malformed_smime(use: SignedUse) -> Iterator[Violation]:
     """The message can be taken apart in more than one way, or not at all as the standard has it.
 
     OpenSSL, which all measured implementations use, takes some such messages. Which part a robot reads is not guessed
@@ -63,7 +63,7 @@ def malformed_smime(use: SignedUse, _context: Context) -> Iterator[Violation]:
     remedy=SIGN_AGAIN,
     stops=True,
 )
-def cms_not_strict(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def cms_not_strict(use: SignedUse) -> Iterator[Violation]:
     """The signature is not strict DER, or not the structure that RFC 5652 describes.
 
     OpenSSL takes BER and bytes behind the end. What two parsers may read differently is not interpreted here, so that
@@ -81,7 +81,7 @@ def cms_not_strict(use: SignedUse, _context: Context) -> Iterator[Violation]:
     explains=("documents-signed-by-the-permissions-ca",),
     stops=True,
 )
-def no_text_plain_header(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def no_text_plain_header(use: SignedUse) -> Iterator[Violation]:
     """The signed part does not begin with Content-Type: text/plain, as when -text was forgotten.
 
     Every implementation refuses it (measured), though `openssl smime -verify` without -text accepts it.
@@ -95,7 +95,7 @@ def no_text_plain_header(use: SignedUse, _context: Context) -> Iterator[Violatio
     clause="RFC 2046, 5.1.1 (preamble and epilogue are ignored)",
     remedy=sign_again("Take the text out of the file, or sign again."),
 )
-def unsigned_text(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def unsigned_text(use: SignedUse) -> Iterator[Violation]:
     """Text stands outside the signature, beyond the line that every S/MIME writer puts there.
 
     No run time reads it; a person who reviews the file may take it for signed.
@@ -110,7 +110,7 @@ def unsigned_text(use: SignedUse, _context: Context) -> Iterator[Violation]:
     remedy=sign_again("Sign over SHA-256 (-md sha256)."),
     stops=True,
 )
-def weak_digest(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def weak_digest(use: SignedUse) -> Iterator[Violation]:
     """The signature covers a digest for which two documents with one value have been made, SHA-1 or MD5.
 
     Whoever could choose what was signed may hold another document with the same signature. Every implementation takes
@@ -128,7 +128,7 @@ def weak_digest(use: SignedUse, _context: Context) -> Iterator[Violation]:
     remedy=sign_again("Sign with one authority."),
     explains=("documents-signed-by-the-permissions-ca",),
 )
-def several_signers(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def several_signers(use: SignedUse) -> Iterator[Violation]:
     """The document has several signers.
 
     Every one of them has to be a permissions CA; Fast DDS knows all certificates of the CA file, Cyclone DDS the first
@@ -144,7 +144,7 @@ def several_signers(use: SignedUse, _context: Context) -> Iterator[Violation]:
     remedy=sign_again("Sign without -nodetach."),
     stops=True,
 )
-def opaque_message(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def opaque_message(use: SignedUse) -> Iterator[Violation]:
     """The document stands inside the signature, so that nobody can review it in an editor.
 
     Implementations take it; debug builds of Cyclone DDS stop at an assertion.
@@ -159,7 +159,7 @@ def opaque_message(use: SignedUse, _context: Context) -> Iterator[Violation]:
     remedy=SIGN_AGAIN,
     stops=True,
 )
-def two_contents(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def two_contents(use: SignedUse) -> Iterator[Violation]:
     """The message carries one content beside the signature and another inside it.
 
     Which one counts depends on who reads; OpenSSL takes such a message (measured).
@@ -173,7 +173,7 @@ def two_contents(use: SignedUse, _context: Context) -> Iterator[Violation]:
     clause="RFC 5652, 5.3 and 11.3; RFC 8551, 2.5",
     remedy=sign_again("Sign without -noattr."),
 )
-def no_signed_attributes(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def no_signed_attributes(use: SignedUse) -> Iterator[Violation]:
     """The signature covers the content alone: nothing says when it was made, or for what kind of content.
 
     Valid everywhere (measured).
@@ -188,7 +188,7 @@ def no_signed_attributes(use: SignedUse, _context: Context) -> Iterator[Violatio
     remedy=sign_again("Sign with ECDSA or RSA over SHA-256."),
     stops=True,
 )
-def unsupported_signature_algorithm(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def unsupported_signature_algorithm(use: SignedUse) -> Iterator[Violation]:
     """The signature uses an algorithm that is not verified here.
 
     OpenSSL may verify it, so that its worth is unknown.
@@ -204,6 +204,6 @@ def unsupported_signature_algorithm(use: SignedUse, _context: Context) -> Iterat
     explains=("documents-signed-by-the-permissions-ca",),
     stops=True,
 )
-def no_signer(use: SignedUse, _context: Context) -> Iterator[Violation]:
+def no_signer(use: SignedUse) -> Iterator[Violation]:
     """The message has the form of a signed one and no signature in it: every implementation refuses it."""
     yield from _has(use, "every implementation refuses it.", Kind.NO_SIGNER)

@@ -20,7 +20,7 @@ from keystore_audit.intent.environment import (
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.profiles import DISTRIBUTIONS, MIDDLEWARE, running
 from keystore_audit.remedy import outside
-from keystore_audit.rules.registry import Context, Violation, given, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.wording import quoted
 from keystore_audit.text import meant
 
@@ -28,8 +28,8 @@ RCL: Final = "rcl, security.c (read); ROS 2 design, DDS-Security integration"
 ZENOH: Final = "rmw_zenoh_cpp"
 
 
-def _given(_keystore: Keystore, context: Context) -> bool:
-    return context.environment is not None
+def _environment(_keystore: Keystore, context: Context) -> Environment | None:
+    return context.environment
 
 
 def _found(environment: Environment, variable: str, message: str, **more: Any) -> Violation:
@@ -42,11 +42,10 @@ def _found(environment: Environment, variable: str, message: str, **more: Any) -
     Severity.CRITICAL,
     clause=RCL,
     remedy=outside("Set ROS_SECURITY_ENABLE=true for every process."),
-    applies=_given,
+    of=_environment,
 )
-def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def security_not_enabled(environment: Environment) -> Iterator[Violation]:
     """ROS_SECURITY_ENABLE is not exactly `true`: processes start without any security, whatever the keystore says."""
-    environment = given(context.environment)
     value = environment.value(ENABLE)
     if value != SECURE[ENABLE]:
         said = f"is {quoted(value)}, not exactly 'true'" if value else "is not set"
@@ -58,11 +57,10 @@ def security_not_enabled(_keystore: Keystore, context: Context) -> Iterator[Viol
     Severity.HIGH,
     clause=RCL,
     remedy=outside("Set ROS_SECURITY_STRATEGY=Enforce for every process."),
-    applies=_given,
+    of=_environment,
 )
-def security_not_enforced(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def security_not_enforced(environment: Environment) -> Iterator[Violation]:
     """ROS_SECURITY_STRATEGY is not exactly `Enforce`: a process whose enclave does not load starts without security."""
-    environment = given(context.environment)
     value = environment.value(STRATEGY)
     if value != SECURE[STRATEGY]:
         said = f"is {quoted(value)}, not exactly 'Enforce'" if value else "is not set"
@@ -78,17 +76,16 @@ def security_not_enforced(_keystore: Keystore, context: Context) -> Iterator[Vio
     Severity.HIGH,
     clause=RCL,
     remedy=outside("Let ROS_SECURITY_ENCLAVE_OVERRIDE name an enclave of the keystore, or leave it out."),
-    applies=_given,
+    of=_environment,
 )
-def override_names_no_enclave(keystore: Keystore, context: Context) -> Iterator[Violation]:
+def override_names_no_enclave(environment: Environment, context: Context) -> Iterator[Violation]:
     """The enclave that every process is to use is not in the keystore; names are compared letter by letter.
 
     Under Enforce nothing starts then, otherwise everything starts unsecured. rcl does not check the name: with `..` it
-    leaves the keystore.
+    leaves the context.keystore.
     """
-    environment = given(context.environment)
     name = environment.value(OVERRIDE)
-    known = [enclave.path for enclave in keystore.enclaves]
+    known = [enclave.path for enclave in context.keystore.enclaves]
     if name and name not in known:
         hint = meant(name, known, "; the nearest is {}")
         yield _found(
@@ -105,20 +102,19 @@ def override_names_no_enclave(keystore: Keystore, context: Context) -> Iterator[
     remedy=outside(
         "Give each process its own enclave with --ros-args --enclave, and leave ROS_SECURITY_ENCLAVE_OVERRIDE out."
     ),
-    applies=_given,
+    of=_environment,
 )
-def override_for_every_process(keystore: Keystore, context: Context) -> Iterator[Violation]:
+def override_for_every_process(environment: Environment, context: Context) -> Iterator[Violation]:
     """Every process that starts in this environment has one identity and its rights, though there are several enclaves.
 
     What separates the enclaves in this report does not separate those processes.
     """
-    environment = given(context.environment)
     name = environment.value(OVERRIDE)
-    if len(keystore.enclaves) > 1 and name in {enclave.path for enclave in keystore.enclaves}:
+    if len(context.keystore.enclaves) > 1 and name in {enclave.path for enclave in context.keystore.enclaves}:
         yield _found(
             environment,
             OVERRIDE,
-            f"Every process that starts so is {name}, one of {len(keystore.enclaves)} enclaves.",
+            f"Every process that starts so is {name}, one of {len(context.keystore.enclaves)} enclaves.",
             enclave=name,
         )
 
@@ -128,14 +124,13 @@ def override_for_every_process(keystore: Keystore, context: Context) -> Iterator
     Severity.HIGH,
     clause=RCL,
     remedy=outside("Set ROS_SECURITY_KEYSTORE to where the keystore is on the robot."),
-    applies=_given,
+    of=_environment,
 )
-def no_keystore_named(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def no_keystore_named(environment: Environment) -> Iterator[Violation]:
     """ROS_SECURITY_KEYSTORE is not set: no process finds an enclave.
 
     Whether the directory that it names holds what was audited cannot be seen from here.
     """
-    environment = given(context.environment)
     if not environment.value(KEYSTORE):
         yield _found(environment, KEYSTORE, f"{KEYSTORE} is not set: no enclave is found.")
 
@@ -145,14 +140,13 @@ def no_keystore_named(_keystore: Keystore, context: Context) -> Iterator[Violati
     Severity.HIGH,
     clause="rcl, domain_id.c (read); DDSI-RTPS 2.3, 9.6.1.1 (ports of a domain)",
     remedy=outside("Set ROS_DOMAIN_ID to one of 0 to 232 that the governance covers."),
-    applies=_given,
+    of=_environment,
 )
-def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def domain_id_invalid(environment: Environment) -> Iterator[Violation]:
     """ROS_DOMAIN_ID is no domain: no process starts.
 
     What the enclaves may do is then worked out for every domain that the governance covers, as without the variable.
     """
-    environment = given(context.environment)
     if environment.domain is None:
         value = quoted(environment.value(DOMAIN))
         yield _found(environment, DOMAIN, f"{DOMAIN} is {value}; expected a number from 0 to 232.")
@@ -166,14 +160,13 @@ def domain_id_invalid(_keystore: Keystore, context: Context) -> Iterator[Violati
     remedy=outside(
         "Use rmw_fastrtps_cpp or rmw_cyclonedds_cpp, or look by other means at what the middleware enforces."
     ),
-    applies=_given,
+    of=_environment,
 )
-def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def middleware_not_modelled(environment: Environment) -> Iterator[Violation]:
     """The middleware is none whose decisions are known here, so that this report says nothing about it.
 
     rmw_zenoh_cpp takes its own access control file; it enforces neither governance.p7s nor permissions.p7s.
     """
-    environment = given(context.environment)
     name = environment.value(RMW)
     if name and name not in MIDDLEWARE:
         why = "enforces neither governance.p7s nor permissions.p7s" if name == ZENOH else "is not known here"
@@ -192,15 +185,14 @@ def middleware_not_modelled(_keystore: Keystore, context: Context) -> Iterator[V
     remedy=outside(
         "Name the releases that the robot runs with --profile, or use a distribution that is still maintained."
     ),
-    applies=_given,
+    of=_environment,
 )
-def distribution_not_modelled(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def distribution_not_modelled(environment: Environment, context: Context) -> Iterator[Violation]:
     """It is not known here which releases of DDS implementations the distribution has.
 
     Every variant of the middleware is judged then, old ones among them that take permissions which an enclave signed
     itself; whether the robot's is one of them stays open, unless profiles are chosen.
     """
-    environment = given(context.environment)
     name = environment.value(DISTRIBUTION)
     if name and name not in DISTRIBUTIONS:
         assumed = running(name, environment.value(RMW))

@@ -29,7 +29,7 @@ from keystore_audit.rules.remedies import (
     linked_in,
 )
 from keystore_audit.rules.subjects import Refusal
-from keystore_audit.rules.wording import listed, places
+from keystore_audit.rules.wording import listed
 from keystore_audit.text import PLAIN_PATH, counted
 
 RUN_TIME_FILES: Final = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"
@@ -124,7 +124,7 @@ def file_name(file: File) -> str:
     explains=tuple(_RESTS_ON.values()),
     stops=True,
 )
-def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def required_file_missing(enclave: Enclave) -> Iterator[Violation]:
     """A file that every run time needs is not there.
 
     Under Enforce the enclave's nodes do not start; under any other strategy they start without security. The check
@@ -146,7 +146,7 @@ def required_file_missing(enclave: Enclave, _context: Context) -> Iterator[Viola
     explains=tuple(_RESTS_ON.values()),
     stops=True,
 )
-def dangling_link(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def dangling_link(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is a link that leads nowhere: its target is missing, or the links go in a circle.
 
     Copying a part of a keystore does that. A revocation list that is such a link revokes nothing, and nobody is told.
@@ -190,7 +190,7 @@ def foreign_file(keystore: Keystore, context: Context) -> Iterator[Violation]:
             said += " The history that git keeps in .git may hold keys that were taken out long ago."
         yield Violation(
             message=f"{counted(len(found), 'foreign file')} in the keystore: {listed(tops.values())}.{said}",
-            locations=places(Location(path=path) for path in tops),
+            locations=[Location(path=path) for path in tops],
             severity=Severity.HIGH if context.deployed else None,
             key="\n".join(each.file.path for each in found),
         )
@@ -263,7 +263,7 @@ def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Se
         shown = listed(f"{place} ({mode})" for place, mode in modes.items())
         yield Violation(
             message=f"Others than the owner may write {counted(len(modes), *called)}: {shown}; {so}.",
-            locations=places(Location(path=place) for place in modes),
+            locations=[Location(path=place) for place in modes],
             severity=severity,
             key="\n".join(f"{place} {mode}" for place, mode in sorted(modes.items())),
         )
@@ -279,7 +279,7 @@ def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Se
         "file."
     ),
 )
-def enclave_does_not_start(refusal: Refusal, _context: Context) -> Iterator[Violation]:
+def enclave_does_not_start(refusal: Refusal) -> Iterator[Violation]:
     """An implementation creates no participant for the enclave, and no finding of high severity says why.
 
     The last net: what other rules call medium, or have no words for, is no pass where a robot would stand still. The

@@ -18,7 +18,7 @@ from keystore_audit.properties.result import AlloyResult, AssertedResult, LabelR
 from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.registry import Context, Rule, Violation, register, rule
 from keystore_audit.rules.remedies import SEPARATE, in_governance, issue_again, sign_again
-from keystore_audit.rules.wording import MAX_QUOTED, places, quoted
+from keystore_audit.rules.wording import MAX_QUOTED, quoted
 from keystore_audit.text import shorten
 
 
@@ -46,13 +46,13 @@ def _violated(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     )
 
 
-def steps(example: Counterexample) -> tuple[Location, ...]:
+def steps(example: Counterexample) -> list[Location]:
     """The lines that make the counterexample possible, each with what it is about."""
-    return places(
+    return [
         Location(path=step.path, line=step.line, message=shorten(_words(step), 2 * MAX_QUOTED))
         for step in example.steps
         if step.path is not None
-    )
+    ]
 
 
 def _words(step: Step) -> str:
@@ -299,7 +299,7 @@ _decided(
         "Change what lets it through at one of the lines named (or give what `able` lacks), or change what is asserted."
     ),
 )
-def asserted_property_violated(result: AssertedResult, _context: Context) -> Iterator[Violation]:
+def asserted_property_violated(result: AssertedResult) -> Iterator[Violation]:
     """A property that the settings assert is violated, with the shortest way found.
 
     The severity is the one given there, high where none is. A flow is the absence or presence of explicit flows over
@@ -317,7 +317,7 @@ def asserted_property_violated(result: AssertedResult, _context: Context) -> Ite
         "of it for the Analyzer's window."
     ),
 )
-def asserted_alloy_property_violated(result: AlloyResult, _context: Context) -> Iterator[Violation]:
+def asserted_alloy_property_violated(result: AlloyResult) -> Iterator[Violation]:
     """A property that a user asserts in Alloy is violated: a check has a counterexample, or a run no instance.
 
     Alloy alone decides it: no second engine has checked the answer, and what the file says is taken at its word. The
@@ -337,7 +337,7 @@ def _told(result: UserResult, example: str) -> str:
     clause="keystore-audit, docs/settings.md: the lattice and the labels in keystore-audit.toml",
     remedy=decision("Change what lets it through at one of the lines named, or declare who is trusted to pass it on."),
 )
-def label_flow_violated(result: LabelResult, _context: Context) -> Iterator[Violation]:
+def label_flow_violated(result: LabelResult) -> Iterator[Violation]:
     """What has one label can reach what has another, though the lattice of the settings lets nothing through there.
 
     One finding for each two labels, with the shortest way; others between the same labels may remain. The severity is

@@ -24,7 +24,7 @@ from keystore_audit.rules.meaning import told
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, signed_bytes, speaks
-from keystore_audit.rules.wording import defective, of_kinds, paths, places, quoted, sole
+from keystore_audit.rules.wording import defective, of_kinds, paths, quoted
 
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
 DIFFER: Final = "implementations differ in what they make of it."
@@ -35,7 +35,7 @@ def in_document(use: DocumentUse, says: str, *kinds: Kind, remedy: Remedy | None
     """A violation for the defects of each of these kinds in the XML; undecided as long as somebody may take it."""
     for kind in kinds if use.document.defects else ():
         found = of_kinds(use.document.defects, kind)
-        yield from defective(found, use.enclaves, says, undecided=use.may_be_taken, remedy=remedy)
+        yield from defective(found, says, undecided=use.may_be_taken, remedy=remedy)
 
 
 @lru_cache(maxsize=256)  # a dozen rules ask, about the few documents of one audit
@@ -76,7 +76,6 @@ def violates(
     return Violation(
         message=f"{where}: {message}",
         locations=(use.at(lines.get(element, line)),),
-        enclave=sole(use.enclaves),
         key=f"{element} {covered(domain_rule.domains)} {expression}",
     )
 
@@ -88,7 +87,7 @@ def violates(
     remedy=in_governance("Correct what the schema forbids"),
     stops=True,
 )
-def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def governance_schema_invalid(use: GovernanceUse) -> Iterator[Violation]:
     """The document breaks the governance schema of DDS-Security.
 
     Fast DDS refuses unknown, missing and reordered elements, Cyclone DDS takes any order, and an empty boolean is false
@@ -104,7 +103,7 @@ def governance_schema_invalid(use: GovernanceUse, _context: Context) -> Iterator
     remedy=in_governance("Write plain XML, without comments, CDATA, entities and blanks in values"),
     stops=True,
 )
-def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def governance_ambiguous(use: GovernanceUse) -> Iterator[Violation]:
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
     Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently (measured), so
@@ -128,7 +127,7 @@ def governance_ambiguous(use: GovernanceUse, _context: Context) -> Iterator[Viol
     ),
     applies=speaks,
 )
-def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def unauthenticated_participants_allowed(use: GovernanceUse) -> Iterator[Violation]:
     """A participant without any certificate is matched in the domain.
 
     On Cyclone DDS such a peer reads and writes even topics under access control, where every protection kind is NONE
@@ -151,7 +150,7 @@ def unauthenticated_participants_allowed(use: GovernanceUse, _context: Context) 
     explains=("grants-are-enforced",),
     applies=speaks,
 )
-def join_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def join_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
     """Peers let every participant join that authenticates, whatever its permissions.
 
     Fast DDS demands an allow rule of its own participant all the same (measured); what counts are the others.
@@ -170,7 +169,7 @@ def join_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
     explains=("grants-are-enforced", "nobody-reads-without-a-grant", "nobody-writes-without-a-grant"),
     applies=speaks,
 )
-def read_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def read_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
     """Whoever joined reads the topics: nobody asks for subscribe permissions.
 
     Readers get the keys by which samples are checked, and with symmetric keys whoever checks can make: unless a kind
@@ -193,7 +192,7 @@ def read_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[V
     explains=("grants-are-enforced", "nobody-writes-without-a-grant"),
     applies=speaks,
 )
-def write_access_control_off(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def write_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
     """Whoever joined writes the topics: nobody asks for publish permissions."""
     for domain_rule, topic_rule in topic_rules(use):
         if not topic_rule.enable_write_access_control:
@@ -229,7 +228,7 @@ def governances_differ(keystore: Keystore, context: Context) -> Iterator[Violati
         yield Violation(
             message=f"Enclaves carry {len(groups)} governance documents that say different things: {words}.",
             # The minority first: it is what has to change.
-            locations=places(Location(path=file.signed.file.place) for group in reversed(groups) for _, file in group),
+            locations=[Location(path=file.signed.file.place) for group in reversed(groups) for _, file in group],
         )
 
 
@@ -263,7 +262,6 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
                 message=f"{topics.domains[:1].upper()}{topics.domains[1:]}: no topic rule matches, for example, "
                 f"{quoted(topics.witness)}: such topics cannot be created{more}.",
                 locations=(topics.location,),
-                enclave=sole(use.enclaves),
                 profiles=topics.profiles,
                 key=f"{topics.domains} {topics.witness}" if topics.profiles else topics.domains,
             )
@@ -282,7 +280,7 @@ _IN_ORDER: Final = in_permissions("Write publish first, then subscribe, then rel
     remedy=decision("Write it in the form of DDS-Security 1.1, as the finding says.", Act.EDIT),
     stops=True,
 )
-def dds_security_1_0_document(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def dds_security_1_0_document(use: DocumentUse) -> Iterator[Violation]:
     """The document has the form of DDS-Security 1.0, which Ardent and Bouncy wrote.
 
     A governance lacks what 1.1 demands, so that implementations of today refuse it. Permissions have publish, subscribe
@@ -291,6 +289,6 @@ def dds_security_1_0_document(use: DocumentUse, _context: Context) -> Iterator[V
     """
     found = of_kinds(use.document.defects, Kind.DDS_SECURITY_1_0)
     if isinstance(use.document, GovernanceFile):
-        yield from defective(found, use.enclaves, remedy=_ADD_LIVELINESS)
+        yield from defective(found, remedy=_ADD_LIVELINESS)
     else:
-        yield from defective(found, use.enclaves, remedy=_IN_ORDER, severity=Severity.MEDIUM)
+        yield from defective(found, remedy=_IN_ORDER, severity=Severity.MEDIUM)

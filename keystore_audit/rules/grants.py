@@ -23,7 +23,7 @@ from keystore_audit.rules.permissions import about, dated, own_grants
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, instant_of, permissions_uses, speaks
-from keystore_audit.rules.wording import located, places, quoted
+from keystore_audit.rules.wording import located, quoted
 from keystore_audit.text import instant
 
 _SAFE_FORM: Final = (
@@ -132,7 +132,7 @@ def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[V
 
 
 def _places(use: PermissionsUse, grant: Grant, certificate: Certificate) -> tuple[Location, ...]:
-    return places((use.at(grant.subject_name.line), located(certificate, "the identity")))
+    return (use.at(grant.subject_name.line), located(certificate, "the identity"))
 
 
 _LATER = in_permissions("Let the grant end later")
@@ -215,7 +215,7 @@ def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violat
     remedy=in_permissions("Let the grant end with the identity"),
     applies=speaks,
 )
-def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def grant_outlives_certificate(use: PermissionsUse) -> Iterator[Violation]:
     """The grant ends later than the identity that it names.
 
     The next identity of that name has its rights without anybody signing them: a signed grant cannot be taken back
@@ -241,7 +241,7 @@ def grant_outlives_certificate(use: PermissionsUse, _context: Context) -> Iterat
     applies=speaks,
     stops=True,
 )
-def validity_inverted(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def validity_inverted(use: PermissionsUse) -> Iterator[Violation]:
     """The grant ends before it begins: it is never in force. Zones count: `Z` and `+02:00` name different instants."""
     for grant, start, end in _dated(use):
         if start > end:
@@ -261,7 +261,7 @@ _MEASURED: Final = "fastdds-2.9"
     remedy=decision("Find out who signed it, and take the empty element out of the .xml.", Act.EDIT),
     stops=True,
 )
-def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Violation]:
+def empty_topic_expression(use: DocumentUse) -> Iterator[Violation]:
     """A <topic> or <topic_expression> is empty: implementations dereference nothing and die (measured).
 
     Permissions come from peers too, so that one document which the authority signed takes others down. What an
@@ -277,7 +277,7 @@ def empty_topic_expression(use: DocumentUse, _context: Context) -> Iterator[Viol
     remedy=in_permissions("Find out who signed it, and give the rule its <domains>"),
     stops=True,
 )
-def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def rule_without_domains(use: PermissionsUse) -> Iterator[Violation]:
     """A rule has no <domains>: Cyclone DDS dereferences nothing and dies (measured), Fast DDS refuses the document.
 
     Permissions come from peers too, so that one document which the authority signed takes others down.
@@ -292,7 +292,7 @@ def rule_without_domains(use: PermissionsUse, _context: Context) -> Iterator[Vio
     remedy=in_permissions("Find out who signed it, and write the document anew"),
     stops=True,
 )
-def empty_element(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def empty_element(use: PermissionsUse) -> Iterator[Violation]:
     """The document, or the date of a grant, is empty: Fast DDS 2.9 and 2.14 dereference nothing and die (measured).
 
     Others refuse the document. Permissions come from peers too, so that one document which the authority signed takes

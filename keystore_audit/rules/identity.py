@@ -24,7 +24,7 @@ from keystore_audit.rules.certificate import has_usual_subject, usual_subject, w
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import ISSUE_AGAIN, issue_again
 from keystore_audit.rules.subjects import EXCHANGED, FAST_DDS, CertificateUse, exchange_for, is_identity
-from keystore_audit.rules.wording import located, paths, places, quoted, sole
+from keystore_audit.rules.wording import located, paths, quoted
 from keystore_audit.text import instant
 
 _SHARED: Final = ("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves")
@@ -47,7 +47,7 @@ def _carriers(use: CertificateUse) -> Iterator[tuple[Enclave, Certificate]]:
     remedy=mechanical("Plan with the date of the authority, or renew it before it ends.", Act.RENEW),
     applies=is_identity,
 )
-def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def certificate_outlives_its_ca(use: CertificateUse) -> Iterator[Violation]:
     """The identity ends later than the authority that issued it, so that it is worth nothing in its last days.
 
     sros2 makes it so, by the seconds between the making of the authority and of the enclave.
@@ -63,7 +63,6 @@ def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Itera
             yield Violation(
                 message=f"{what(use, certificate)} outlives its authority, which ends at {instant(last.not_after)}.",
                 locations=(located(certificate), located(last, "the authority")),
-                enclave=sole(use.enclaves),
                 key=certificate.key,
             )
             return
@@ -78,7 +77,7 @@ def certificate_outlives_its_ca(use: CertificateUse, _context: Context) -> Itera
     applies=is_identity,
     stops=True,
 )
-def not_issued_by_identity_ca(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def not_issued_by_identity_ca(use: CertificateUse) -> Iterator[Violation]:
     """No certificate of the enclave's identity CA file issued its identity, so that peers refuse it.
 
     Names prove nothing: every authority that sros2 makes is called CN=sros2CA. The signature is verified, with the
@@ -165,7 +164,7 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
     applies=is_identity,
     stops=True,
 )
-def identity_without_subject(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def identity_without_subject(use: CertificateUse) -> Iterator[Violation]:
     """The identity certificate has an empty subject, and Fast DDS dies when it reads it (measured, every version).
 
     No grant can name it. Peers are shown the certificate in the handshake, before they look at permissions.
@@ -200,7 +199,7 @@ def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tup
     remedy=issue_again("Issue the identity again with CA:FALSE."),
     applies=is_identity,
 )
-def identity_is_authority(use: CertificateUse, _context: Context) -> Iterator[Violation]:
+def identity_is_authority(use: CertificateUse) -> Iterator[Violation]:
     """The identity certificate says CA:TRUE, so that the enclave may issue certificates as its identity CA does.
 
     Measured, Fast DDS 2.9.1 and Cyclone DDS 0.10.2 refuse identities that it issued: peers are shown one certificate
@@ -266,7 +265,7 @@ def _shared_key(key: str, sharing: Sequence[Enclave]) -> str:
     remedy=issue_again("Give each enclave a key and certificate of its own."),
     explains=_SHARED,
 )
-def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def identity_shared_by_enclaves(keystore: Keystore) -> Iterator[Violation]:
     """Enclaves have one identity key between them: whoever takes one of them is all of them.
 
     Compared are the public keys of the certificates, and those of the private keys, whatever names they go by. Where
@@ -284,7 +283,7 @@ def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterat
         if len(sharing) > 1:
             yield Violation(
                 message=_shared_key(key, [enclave for enclave, _ in sharing.values()]),
-                locations=places(location for _enclave, found in sharing.values() for location in found),
+                locations=[location for _enclave, found in sharing.values() for location in found],
                 key=key,
                 against=_permissions(enclave for enclave, _ in sharing.values()),
             )
@@ -297,7 +296,7 @@ def identity_shared_by_enclaves(keystore: Keystore, _context: Context) -> Iterat
     remedy=decision("Give each identity a subject of its own.", Act.ISSUE),
     explains=("no-subject-serves-two-enclaves",),
 )
-def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def subject_shared_by_certificates(keystore: Keystore) -> Iterator[Violation]:
     """Identities with different keys have one subject, which a grant names: each may use the grants of the other.
 
     Peers take whatever validly signed document an enclave presents (measured), so that both have the rights of both.
@@ -313,7 +312,7 @@ def subject_shared_by_certificates(keystore: Keystore, _context: Context) -> Ite
             yield Violation(
                 message=f"{len(sharing)} identities with different keys have the subject {quoted(subject)}, which a "
                 f"grant names: {paths(enclave for enclave, _ in sharing.values())}.",
-                locations=places(located(c) for _enclave, c in sharing.values()),
+                locations=[located(c) for _enclave, c in sharing.values()],
                 key=subject,
                 against=_permissions(enclave for enclave, _ in sharing.values()),
             )
@@ -346,11 +345,9 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
             times = "once" if len(others) == 1 else f"{len(others)} times"
             yield Violation(
                 message=f"The identity key of {enclave.path} is certified {times} more: {also}.",
-                locations=places(
-                    (
-                        *(located(c) for c in (first, *others)),
-                        *(right for other in others for right in rights.get(other.sha256, ())),
-                    )
+                locations=(
+                    *(located(c) for c in (first, *others)),
+                    *(right for other in others for right in rights.get(other.sha256, ())),
                 ),
                 enclave=enclave.path,
                 key="\n".join([first.key, *(other.sha256 for other in others)]),

@@ -11,6 +11,7 @@ from itertools import chain
 from typing import Any, Final, NamedTuple
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.findings import (
     MAX_PLACES,
@@ -24,7 +25,7 @@ from keystore_audit.findings import (
     Severity,
     fingerprint,
 )
-from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.question import Doubt
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.meaning import Meanings
@@ -135,15 +136,16 @@ class _Run:
 
     def _put(self, rule: Rule[Any], subjects: Iterable[tuple[str, object]]) -> list[tuple[Result, int]]:
         """Put a rule to subjects; a loop of few steps, since there are 60 rules for each of thousands of enclaves."""
-        context, code, check, applies = self._context, rule.code, rule.check, rule.applies
+        context, code, check, applies, of = self._context, rule.code, rule.check, rule.applies, rule.of
         results: list[tuple[Result, int]] = []
         last, count = Result.PASS, 0
         for name, subject in subjects:
             outcome = Result.PASS
             try:
-                if applies is not None and not applies(subject, context):
+                about = subject if of is None else of(subject, context)
+                if about is None or (applies is not None and not applies(subject, context)):
                     outcome = Result.NOT_APPLICABLE
-                elif violations := [*check(subject, context)]:
+                elif violations := [_placed(each, subject) for each in check(about, context)]:
                     self.found += [(rule, violation) for violation in violations]
                     outcome = Result.OPEN if any(each.undecided for each in violations) else Result.FAIL
             except Exception as error:  # noqa: BLE001 - whatever a rule raises, others still speak, and it is no pass
@@ -186,6 +188,15 @@ class _Run:
             files = {file.place for file in enclave.files.files.values()}
             if reasons and enclave.path not in spoken and not files & places:
                 yield enclave.path, Refusal(enclave=enclave, profiles=reasons)
+
+
+def _placed(violation: Violation, subject: object) -> Violation:
+    """With each place once, and filed under the enclave that is the only one of the subject."""
+    enclave = violation.enclave
+    if enclave is None:
+        concerned = [subject] if isinstance(subject, Enclave) else getattr(subject, "enclaves", [])
+        enclave = concerned[0].path if len(concerned) == 1 and not isinstance(subject, Keystore) else None
+    return replace(violation, enclave=enclave, locations=tuple(dict.fromkeys(violation.locations)))
 
 
 def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:
@@ -297,7 +308,7 @@ def _finding(found: _Marked, causes: tuple[str, ...], filling: Filling) -> Findi
         fix=filling(violation.remedy or rule.remedy, violation.enclave, violation.locations),
         clause=rule.clause,
         enclave=violation.enclave,
-        locations=violation.locations[:MAX_PLACES],
+        locations=tuple(violation.locations[:MAX_PLACES]),
         profiles=violation.profiles,
         explained_by=causes,
         fingerprint=found.fingerprint,

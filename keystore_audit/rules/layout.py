@@ -19,7 +19,7 @@ from keystore_audit.rules.files import RUN_TIME_FILES, about, file_name, in_stat
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, LINK_AGAIN
 from keystore_audit.rules.subjects import FAST_DDS, DocumentUse, GovernanceUse
-from keystore_audit.rules.wording import MAX_QUOTED, listed, paths, places, quoted, sole
+from keystore_audit.rules.wording import MAX_QUOTED, listed, paths, quoted, sole
 from keystore_audit.text import counted, shorten
 
 READ_ALL: Final = outside("Run the audit as a user who may read the whole keystore.")
@@ -37,7 +37,7 @@ _BRING_IN: Final = decision(
     clause=_UNREAD,
     remedy=_BRING_IN,
 )
-def link_leaves_keystore(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def link_leaves_keystore(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is a link out of the keystore.
 
     What it leads to is no part of what is audited and was not read; a robot reads it, so that the enclave may be able
@@ -92,7 +92,7 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
         "Name the directory that it leads into with `--root DIR`, or put its content in the place of the link."
     ),
 )
-def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def directory_link_not_followed(keystore: Keystore) -> Iterator[Violation]:
     """A link leads out of the keystore, from where enclaves may be.
 
     A robot follows it, and nobody here looks there: it is taken for one to a directory, unless a run time reads it as a
@@ -114,7 +114,7 @@ def directory_link_not_followed(keystore: Keystore, _context: Context) -> Iterat
     remedy=decision("Put a regular file in its place."),
     stops=True,
 )
-def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def not_a_regular_file(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is a pipe, a device or a socket.
 
     It is not opened: reading could hang, or give other bytes to each reader.
@@ -129,7 +129,7 @@ def not_a_regular_file(enclave: Enclave, _context: Context) -> Iterator[Violatio
     clause=_UNREAD,
     remedy=decision("Find out what the file is: those of a keystore have some kilobytes."),
 )
-def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def file_too_large(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is over 4 MB, or all files together over their limit. A robot may read it all the same."""
     for file in in_state(enclave.files.for_run_time, Status.TOO_LARGE):
         yield about(enclave, file, f"{file_name(file)} {file.detail}.", undecided=True)
@@ -141,7 +141,7 @@ def file_too_large(enclave: Enclave, _context: Context) -> Iterator[Violation]:
     clause=_UNREAD,
     remedy=READ_ALL,
 )
-def unreadable(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def unreadable(keystore: Keystore) -> Iterator[Violation]:
     """A run-time file or a directory could not be read, for want of permission or by an error of the file system.
 
     Of other files see KA121.
@@ -216,7 +216,7 @@ def unsigned_document_in_tree(keystore: Keystore, context: Context) -> Iterator[
         where = "a tree that goes on a robot" if context.deployed else "the tree"
         yield Violation(
             message=f"{counted(len(found), 'unsigned document')} in {where}: {listed(found)}. No run time reads .xml.",
-            locations=places(Location(path=path) for path in found),
+            locations=[Location(path=path) for path in found],
             severity=Severity.LOW if context.deployed else None,
         )
 
@@ -236,7 +236,7 @@ def _first_difference(unsigned: bytes | None, signed: bytes | None) -> int | Non
     clause=f"{RUN_TIME_FILES}; DDS-Security 1.1, 9.3.1 (pkcs11 URIs)",
     remedy=outside("Compare the token's content on the robot with what the keystore should hold, or use .pem files."),
 )
-def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def pkcs11_reference(enclave: Enclave) -> Iterator[Violation]:
     """A .p11 file refers to a token.
 
     Fast DDS takes it before the .pem file; what is on the token cannot be read here. Cyclone DDS reads the .pem file.
@@ -246,7 +246,6 @@ def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]
             message=f"Fast DDS reads {file_name(file)} in place of {role.value}.pem, and what is on the token that it "
             "names could not be read here.",
             locations=(Location(path=file.path),),
-            enclave=enclave.path,
             profiles=FAST_DDS,
             undecided=True,
         )
@@ -261,7 +260,7 @@ def pkcs11_reference(enclave: Enclave, _context: Context) -> Iterator[Violation]
         "create_keystore` would make new authorities."
     ),
 )
-def incomplete_keystore(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def incomplete_keystore(keystore: Keystore) -> Iterator[Violation]:
     """Parts of the keystore are missing though it has enclaves: a creation that died half-way, or half a copy.
 
     The private keys of the authorities are not among the parts: they do not belong on a robot.
@@ -286,7 +285,7 @@ _MAX_NAME: Final = 255
         "Make the enclave again under a name of letters, digits and underscores that begins with no digit."
     ),
 )
-def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def enclave_name_not_ros(enclave: Enclave) -> Iterator[Violation]:
     """The directory's name is no ROS 2 name, so that no node can ask for this enclave by it.
 
     It may be a typing error, or be there to mislead. ROS_SECURITY_ENCLAVE_OVERRIDE is not validated and reaches it, and
@@ -297,7 +296,6 @@ def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violat
             message=f"{quoted(enclave.path)} is no enclave name (expected letters, digits and underscores, no digit "
             f"first, at most {_MAX_NAME} in all): no node can ask for it by name.",
             locations=(Location(path=enclave.files.directory),),
-            enclave=enclave.path,
         )
 
 
@@ -307,7 +305,7 @@ def enclave_name_not_ros(enclave: Enclave, _context: Context) -> Iterator[Violat
     clause="ros2/sros2, keystore layout (an enclave is a directory)",
     remedy=decision("Give one of the enclaves another name."),
 )
-def enclave_names_differ_by_case(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def enclave_names_differ_by_case(keystore: Keystore) -> Iterator[Violation]:
     """Enclaves differ in nothing but case: on a file system that ignores case they are one directory."""
     for alike in grouped(keystore.enclaves, lambda enclave: enclave.files.directory.casefold()).values():
         if len(alike) > 1:
@@ -327,7 +325,7 @@ def enclave_names_differ_by_case(keystore: Keystore, _context: Context) -> Itera
         "private/, enclaves/, and links in every enclave."
     ),
 )
-def deprecated_layout(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def deprecated_layout(keystore: Keystore) -> Iterator[Violation]:
     """The layout is that of a distribution which nobody supports: no run time since Foxy finds enclaves in it."""
     wrote = {LayoutKind.FLAT: "Crystal, Dashing and Eloquent", LayoutKind.ARDENT: "Ardent and Bouncy"}
     distributions = wrote.get(keystore.layout.kind)

@@ -19,9 +19,9 @@ from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
 from keystore_audit.profiles import MIDDLEWARE
 from keystore_audit.remedy import decision
-from keystore_audit.rules.registry import Context, Violation, given, rule
+from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, in_permissions
-from keystore_audit.rules.wording import VERBS, listed, more_like, places, quoted, sentence
+from keystore_audit.rules.wording import VERBS, listed, more_like, quoted, sentence
 from keystore_audit.text import counted, meant
 
 if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
@@ -41,8 +41,8 @@ _DOES: Final = {
 }
 
 
-def _observes(_keystore: Keystore, context: Context) -> bool:
-    return context.observed is not None
+def _observed(_keystore: Keystore, context: Context) -> Observation | None:
+    return context.observed
 
 
 def _beside(location: Location, message: str = "") -> Location:
@@ -55,16 +55,16 @@ def _beside(location: Location, message: str = "") -> Location:
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, SROS2 access control policies",
     remedy=in_permissions(f"Allow it, unless the node ought not to do it ({SUGGEST})"),
-    applies=_observes,
+    of=_observed,
 )
-def missing_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def missing_grant(observed: Observation, context: Context) -> Iterator[Violation]:
     """A node does what its enclave's own implementation denies, so that it ends there under Enforce.
 
     Medium where some of the domains in which the enclave starts allow it. What every node does without being told
     (log, parameter events and services, ros_discovery_info) is one finding for an enclave; nodes that were started
     without parameter services or log do not need those. Graphs are of one moment: what a node does later is not seen.
     """
-    for missing in given(context.observed).missing:
+    for missing in observed.missing:
         need = missing.need
         if not need.usual:
             who = f"The node {need.node}" if need.node else f"A node of {need.enclave}"
@@ -72,7 +72,7 @@ def missing_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
                 f"{who} {_right(need)}, and its enclave {need.enclave} may not{_in(missing)}: {missing.explain()}."
             )
             yield _missing(message, [missing], context)
-    usual = (missing for missing in given(context.observed).missing if missing.need.usual)
+    usual = (missing for missing in observed.missing if missing.need.usual)
     for enclave, group in grouped(usual, lambda missing: missing.need.enclave).items():
         what = listed(dict.fromkeys(_right(missing.need) for missing in group))
         first = group[0]
@@ -97,7 +97,7 @@ def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> V
     names = {name for each in group for name in each.profiles}
     return Violation(
         message=message,
-        locations=places((*deciding[:1], *needed, *deciding[1:])),
+        locations=(*deciding[:1], *needed, *deciding[1:]),
         enclave=group[0].need.enclave,
         severity=Severity.MEDIUM if all(each.domains for each in group) else None,
         profiles=context.unless_all(names),
@@ -110,20 +110,20 @@ def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> V
     Severity.LOW,
     clause="ROS 2 design, SROS2 access control policies; least privilege (Saltzer and Schroeder 1975)",
     remedy=in_permissions(f"Take out what no node needs ({SUGGEST})"),
-    applies=_observes,
+    of=_observed,
 )
-def excess_grant(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def excess_grant(observed: Observation, context: Context) -> Iterator[Violation]:
     """An enclave is granted names that no node of it was seen to use: whoever takes it over has them all.
 
     One finding for an enclave, with how many of the names known it uses. What every node uses is not counted, nor what
     sros2's policies grant to every node. Nothing is concluded where part of the files could not be worked out, or
     where a launch file names nothing that an enclave's nodes use.
     """
-    for excess in given(context.observed).excess:
+    for excess in observed.excess:
         names = [*excess.names, *filter(None, (excess.wide,))]
         yield Violation(
-            message=_excess(excess, given(context.observed)),
-            locations=places(each.location for each in names),
+            message=_excess(excess, observed),
+            locations=[each.location for each in names],
             enclave=excess.enclave,
             profiles=context.unless_all(excess.profiles),
             key="\n".join(sorted({_granted(name) for name in names})),
@@ -158,22 +158,22 @@ def _granted(name: GrantedName) -> str:
     remedy=decision(
         f"Start the node in an enclave that there is, `--ros-args --enclave`, or make this one: {CREATE_ENCLAVE}."
     ),
-    applies=_observes,
+    of=_observed,
 )
-def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Violation]:
+def node_in_unknown_enclave(observed: Observation, context: Context) -> Iterator[Violation]:
     """A node is to run in an enclave that the keystore does not have: under Enforce it does not start.
 
     A process without `--enclave` is in the enclave `/`. Where the keystore could not be read as a whole, the enclave
     may be there all the same.
     """
-    known = [enclave.path for enclave in keystore.enclaves]
-    for unknown in given(context.observed).unknown:
+    known = [enclave.path for enclave in context.keystore.enclaves]
+    for unknown in observed.unknown:
         named = f"the enclave {quoted(unknown.path)}"
         named = f"{named}, having named none" if unknown.path == ROOT else named
         verb = "runs" if len(unknown.nodes) == 1 else "run"
         yield Violation(
             message=f"{listed(unknown.nodes)} {verb} in {named}, which is not there.{meant(unknown.path, known)}",
-            locations=places(_beside(location) for location in unknown.locations),
+            locations=[_beside(location) for location in unknown.locations],
             key="\n".join([unknown.path, *sorted(unknown.nodes)]),
         )
 
@@ -183,21 +183,21 @@ def node_in_unknown_enclave(keystore: Keystore, context: Context) -> Iterator[Vi
     Severity.HIGH,
     clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, Topic and Service name mapping to DDS",
     remedy=in_permissions("Add what the node does with the name to the policy, or take the remapping out"),
-    applies=_observes,
+    of=_observed,
 )
-def used_name_without_right(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def used_name_without_right(observed: Observation, context: Context) -> Iterator[Violation]:
     """A launch file gives a node a name with which its enclave may do nothing: no direction, no kind of name.
 
     Whether the node publishes, subscribes, asks or answers under the name the file does not say; whichever it is, it
     ends there under Enforce. A remapping of a name that the node does not use does no harm.
     """
-    found = grouped(given(context.observed).denied, lambda denied: (denied.enclave, denied.used.name))
+    found = grouped(observed.denied, lambda denied: (denied.enclave, denied.used.name))
     for (enclave, name), group in found.items():
         nodes = listed(dict.fromkeys(denied.used.node or f"a node of {enclave}" for denied in group))
         yield Violation(
             message=f"{sentence(nodes)} uses {name}, and {enclave} may neither publish nor subscribe to it, nor ask, "
             "answer, call or execute it.",
-            locations=places(_beside(denied.used.location) for denied in group),
+            locations=[_beside(denied.used.location) for denied in group],
             enclave=enclave,
             profiles=context.unless_all(group[0].profiles),
             key=name,
@@ -209,23 +209,23 @@ def used_name_without_right(_keystore: Keystore, context: Context) -> Iterator[V
     Severity.INFO,
     clause="ROS 2 design, ROS 2 launch (what only running tells)",
     remedy=decision("Give arguments with `--launch-argument`, or a graph of the running system with `--graph`."),
-    applies=_observes,
+    of=_observed,
 )
-def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Violation]:
+def observation_incomplete(observed: Observation, context: Context) -> Iterator[Violation]:
     """Part of a graph or launch file could not be worked out, or an enclave's rights cannot be told.
 
     Nodes may need more than was found, so that no grant is called an excess. Launch files are read and never run:
     what only running them tells is not known. An enclave whose rights cannot be told leaves the audit incomplete.
     """
-    unresolved = (_beside(each.location, each.reason) for each in given(context.observed).unresolved)
+    unresolved = (_beside(each.location, each.reason) for each in observed.unresolved)
     for path, found in grouped(unresolved, lambda place: place.path).items():
         yield Violation(
             message=f"{sentence(found[0].message)}{more_like(found)}. Nodes may need more than "
             f"{quoted(path)} shows, so that no grant is called an excess.",
-            locations=places(found),
+            locations=found,
             key="\n".join(sorted({place.message for place in found})),
         )
-    for undecided in given(context.observed).undecided:
+    for undecided in observed.undecided:
         yield Violation(
             message=f"What {undecided.enclave} may do cannot be told, so that it is not compared with what its nodes "
             f"need: {undecided.reason}.",
@@ -245,9 +245,9 @@ def observation_incomplete(_keystore: Keystore, context: Context) -> Iterator[Vi
         "Take the variable out of the launch file, and let the robot's environment say it for every process; "
         "or record the running system, and give that with `--graph`."
     ),
-    applies=_observes,
+    of=_observed,
 )
-def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Violation]:
+def launch_changes_security(observed: Observation, context: Context) -> Iterator[Violation]:
     """A launch file starts a process without security, or not with this keystore, domain and middleware.
 
     What it sets comes before what the robot's environment says (`--env`). A value that cannot be told without running
@@ -255,8 +255,8 @@ def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Vi
     followed, commands, and what stands before a program. A domain is high where no governance covers it, low where all
     do and every enclave is granted something there, else medium: rights in a domain are what `--domain` asks about.
     """
-    for variable in given(context.observed).variables:
-        harm = _harm(variable, keystore, context)
+    for variable in observed.variables:
+        harm = _harm(variable, context)
         if harm is not None:
             severity, what = harm
             value = "a value that cannot be told" if variable.value is None else quoted(variable.value)
@@ -267,18 +267,18 @@ def launch_changes_security(keystore: Keystore, context: Context) -> Iterator[Vi
                 key=f"{variable.node} {variable.started} {variable.name} {variable.value}",
                 undecided=variable.value is None or (variable.name == RMW and variable.value not in MIDDLEWARE),
             )
-    speaking = (_beside(each.location, each.reason) for each in given(context.observed).speaking)
+    speaking = (_beside(each.location, each.reason) for each in observed.speaking)
     for path, found in grouped(speaking, lambda place: place.path).items():
         yield Violation(
             message=f"{found[0].message}{more_like(found)}.",
-            locations=places(found),
+            locations=found,
             severity=Severity.HIGH,
             undecided=True,
             key=f"{path}\n" + "\n".join(sorted({place.message for place in found})),
         )
 
 
-def _harm(variable: SetVariable, keystore: Keystore, context: Context) -> tuple[Severity, str] | None:
+def _harm(variable: SetVariable, context: Context) -> tuple[Severity, str] | None:
     """How bad it is, and what it does; None: nothing."""
     if variable.name in SECURE and variable.value == SECURE[variable.name]:
         return None
@@ -290,7 +290,7 @@ def _harm(variable: SetVariable, keystore: Keystore, context: Context) -> tuple[
     if variable.name == RMW:
         return _harm_of_middleware(variable.value, context)
     if variable.name == DOMAIN:
-        return _harm_of_domain(variable.value, keystore, context)
+        return _harm_of_domain(variable.value, context)
     return Severity.MEDIUM, "whether that is this keystore is not known"
 
 
@@ -301,18 +301,20 @@ def _harm_of_middleware(value: str | None, context: Context) -> tuple[Severity, 
     return Severity.HIGH, "this report does not speak of what that middleware enforces"
 
 
-def _harm_of_domain(value: str | None, keystore: Keystore, context: Context) -> tuple[Severity, str]:
+def _harm_of_domain(value: str | None, context: Context) -> tuple[Severity, str]:
     """As `_harm`. An empty value is as good as none: domain 0 (rcl, domain_id.c)."""
     asked = "what it may do there is what `--domain` asks about"
     digits = value if value != "" else "0"
     if digits is None or not (digits.isascii() and digits.isdigit() and len(digits) < _LONG):
         return Severity.MEDIUM, asked
     domain = int(digits)
-    governances = [enclave.governance.governance for enclave in keystore.enclaves if enclave.governance is not None]
+    governances = [
+        enclave.governance.governance for enclave in context.keystore.enclaves if enclave.governance is not None
+    ]
     governed = [each is not None and _covers(each.domain_rules, domain, context) for each in governances]
     if governances and None not in governances and not any(governed):
         return Severity.HIGH, f"no governance covers domain {domain}: what starts there is not protected by any"
-    if all(governed) and all(_is_granted(enclave, domain, context) for enclave in keystore.enclaves):
+    if all(governed) and all(_is_granted(enclave, domain, context) for enclave in context.keystore.enclaves):
         return Severity.LOW, f"every enclave may be in domain {domain}; {asked}"
     return Severity.MEDIUM, asked
 

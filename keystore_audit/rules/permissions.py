@@ -26,7 +26,7 @@ from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_docume
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import ROWS, PermissionsUse, instant_of, speaks, verdict
-from keystore_audit.rules.wording import defective, listed, located, places, quoted, sole
+from keystore_audit.rules.wording import defective, listed, located, quoted
 
 
 def dated(grant: Grant) -> str:
@@ -51,7 +51,6 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
     return Violation(
         message=message,
         locations=(use.at(line),),
-        enclave=sole(use.enclaves),
         **more,
     )
 
@@ -63,7 +62,7 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
     remedy=in_permissions("Correct what the schema forbids"),
     stops=True,
 )
-def permissions_schema_invalid(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def permissions_schema_invalid(use: PermissionsUse) -> Iterator[Violation]:
     """The document breaks the permissions schema of DDS-Security.
 
     Fast DDS refuses unknown and reordered elements, Cyclone DDS takes any order (measured): what it means is unknown,
@@ -79,7 +78,7 @@ def permissions_schema_invalid(use: PermissionsUse, _context: Context) -> Iterat
     remedy=in_permissions("Write plain XML, without comments, CDATA, entities and blanks in values"),
     stops=True,
 )
-def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def permissions_ambiguous(use: PermissionsUse) -> Iterator[Violation]:
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
     Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently, and dates beyond
@@ -102,7 +101,7 @@ def permissions_ambiguous(use: PermissionsUse, _context: Context) -> Iterator[Vi
         for date in dates
         if instant_of(date) is None
     )
-    yield from defective(odd, use.enclaves, DIFFER, undecided=use.may_be_taken)
+    yield from defective(odd, DIFFER, undecided=use.may_be_taken)
 
 
 def _name_it(subject: str) -> Remedy:
@@ -176,7 +175,7 @@ def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
     remedy=in_permissions("Merge the grants into one, as one <profile> for each node below one <profiles>"),
     applies=speaks,
 )
-def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def second_grant_for_subject(use: PermissionsUse) -> Iterator[Violation]:
     """Two grants name one subject, and the second counts for nothing.
 
     On Fast DDS the first in force decides, on Cyclone DDS the first, in force or not (measured). sros2 writes a grant
@@ -189,10 +188,7 @@ def second_grant_for_subject(use: PermissionsUse, _context: Context) -> Iterator
             yield Violation(
                 message=f"A second grant names {quoted(subject)}: the one at line {first[subject].line} decides, and "
                 "this one takes its place on Fast DDS alone, when that one has expired.",
-                locations=places(
-                    use.at(g.line, m) for g, m in ((grant, ""), (first[subject], "the grant that decides"))
-                ),
-                enclave=sole(use.enclaves),
+                locations=[use.at(g.line, m) for g, m in ((grant, ""), (first[subject], "the grant that decides"))],
                 # The dates tell when it takes the place of the other.
                 key=f"{dated(first[subject])}\n{dated(grant)}",
             )
@@ -239,12 +235,11 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
         yield Violation(
             message=f"The document also grants rights to {listed(named)}: whoever has the name can use them by "
             f"presenting this document{more}.",
-            locations=places([*here, *there]),
-            enclave=sole(use.enclaves),
+            locations=[*here, *there],
             severity=Severity.HIGH if gaining else None,
             key="\n".join([*sorted(names), "", *sorted(gaining)]),
             # A right that is taken out of their own grants is one more that this document gives.
-            against=places(place for own_places in gaining.values() for place in own_places),
+            against=[place for own_places in gaining.values() for place in own_places],
         )
 
 

@@ -24,7 +24,7 @@ from keystore_audit.remedy import Act, Remedy, decision, mechanical
 from keystore_audit.rules.files import renaming
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import ISSUE_AGAIN
-from keystore_audit.rules.wording import defective, listed, located, of_kinds, places, quoted
+from keystore_audit.rules.wording import defective, listed, located, of_kinds, quoted
 from keystore_audit.text import counted
 
 _OTHERS: Final = 0o077
@@ -76,7 +76,6 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
             message=f"The private key of {enclave.path} has mode {_octal(file)} (expected 0600): other users may "
             "read it.",
             locations=(Location(path=file.place),),
-            enclave=enclave.path,
             severity=None if context.deployed else Severity.INFO,
             key=_octal(file),
         )
@@ -269,7 +268,7 @@ def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[
     applies=lambda enclave, _context: enclave.key is not None and enclave.key.key is not None,
     stops=True,
 )
-def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def key_does_not_match_certificate(enclave: Enclave) -> Iterator[Violation]:
     """key.pem belongs to another certificate than cert.pem.
 
     Fast DDS refuses the participant; Cyclone DDS starts it and never completes a handshake (measured).
@@ -284,7 +283,6 @@ def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Itera
                 Location(path=key.file.place),
                 located(first, "the certificate"),
             ),
-            enclave=enclave.path,
         )
 
 
@@ -296,14 +294,14 @@ def key_does_not_match_certificate(enclave: Enclave, _context: Context) -> Itera
     applies=lambda enclave, _context: enclave.key is not None,
     stops=True,
 )
-def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def private_key_unreadable(enclave: Enclave) -> Iterator[Violation]:
     """The private key is in a form that we do not read, so whether the enclave can start is unknown.
 
     A build of OpenSSL with other providers may read it.
     """
     defects = enclave.key.defects if enclave.key else ()
     yield from defective(
-        of_kinds(defects, Kind.KEY_UNREADABLE), (enclave,), "whether the enclave can start is unknown.", undecided=True
+        of_kinds(defects, Kind.KEY_UNREADABLE), "whether the enclave can start is unknown.", undecided=True
     )
 
 
@@ -317,7 +315,7 @@ def private_key_unreadable(enclave: Enclave, _context: Context) -> Iterator[Viol
     applies=lambda enclave, _context: enclave.key is not None,
     stops=True,
 )
-def private_key_encrypted(enclave: Enclave, _context: Context) -> Iterator[Violation]:
+def private_key_encrypted(enclave: Enclave) -> Iterator[Violation]:
     """The private key needs a password. ROS 2 passes none to the implementation, so that the enclave cannot start."""
     if enclave.key is not None and enclave.key.encrypted:
         defects = list(of_kinds(enclave.key.defects, Kind.KEY_ENCRYPTED))
@@ -325,7 +323,6 @@ def private_key_encrypted(enclave: Enclave, _context: Context) -> Iterator[Viola
         yield Violation(
             message=f"{enclave.path} cannot start: its private key needs a password{f' ({found})' if found else ''}.",
             locations=(Location(path=enclave.key.file.place, line=defects[0].line if defects else None),),
-            enclave=enclave.path,
         )
 
 
@@ -379,12 +376,12 @@ def private_key_others_have(keystore: Keystore, context: Context) -> Iterator[Vi
         )
 
 
-def _locations(found: Iterable[Place], root: str) -> tuple[Location, ...]:
+def _locations(found: Iterable[Place], root: str) -> list[Location]:
     """Here first; those of other keystores by where they lie."""
     ordered = sorted(found, key=lambda place: (place.root != root, place.root, place.path, place.line or 0))
-    return places(
+    return [
         Location(path=place.path, line=place.line)
         if place.root == root
         else Location(path=f"{place.root.rstrip('/')}/{place.path}", line=place.line, beside=True)
         for place in ordered
-    )
+    ]

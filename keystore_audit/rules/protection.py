@@ -15,7 +15,7 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.rules.governance import domain_rules, topic_rules, violates
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.remedies import in_governance
 from keystore_audit.rules.subjects import GovernanceUse, speaks
 
@@ -50,7 +50,7 @@ def _said(domain_rule: DomainRule, topic_rule: TopicRule) -> str:
     explains=("outsiders-cannot-inject", "outsiders-cannot-replay", "outsiders-cannot-forge-liveliness"),
     applies=speaks,
 )
-def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def rtps_protection_none(use: GovernanceUse) -> Iterator[Violation]:
     """Whole messages are neither authenticated nor encrypted.
 
     Headers, time stamps and the submessages that belong to no topic can then be forged from outside, whatever protects
@@ -74,7 +74,7 @@ def rtps_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Viol
     ),
     applies=speaks,
 )
-def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def rtps_protection_sign_only(use: GovernanceUse) -> Iterator[Violation]:
     """Message headers are authenticated and readable: who talks to whom, when and how much. sros2 ships it so."""
     for domain_rule in domain_rules(use.document):
         kind = domain_rule.rtps_protection_kind
@@ -91,7 +91,7 @@ def rtps_protection_sign_only(use: GovernanceUse, _context: Context) -> Iterator
     explains=("outsiders-cannot-learn-names",),
     applies=speaks,
 )
-def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def discovery_unprotected(use: GovernanceUse) -> Iterator[Violation]:
     """Topic names and types are readable in discovery.
 
     SIGN hides nothing: only an encrypting kind does, or rtps_protection_kind where it encrypts. The handshake shows
@@ -116,7 +116,7 @@ def discovery_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vio
     explains=("outsiders-cannot-forge-liveliness",),
     applies=speaks,
 )
-def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def liveliness_unprotected(use: GovernanceUse) -> Iterator[Violation]:
     """Liveliness messages can be forged: a writer that died is kept alive for its readers.
 
     By any participant of the domain, and from outside where rtps_protection_kind is NONE too. Documents of
@@ -143,7 +143,7 @@ def liveliness_unprotected(use: GovernanceUse, _context: Context) -> Iterator[Vi
     explains=("nobody-writes-without-a-grant", "nobody-reads-without-a-grant", "outsiders-cannot-replay"),
     applies=speaks,
 )
-def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def metadata_protection_none(use: GovernanceUse) -> Iterator[Violation]:
     """Submessages are not protected from those who may not read the topic.
 
     Sequence numbers, heartbeats and acknowledgements can be forged by any participant, or from outside where
@@ -168,7 +168,7 @@ def metadata_protection_none(use: GovernanceUse, _context: Context) -> Iterator[
     explains=("outsiders-cannot-read", "nobody-reads-without-a-grant", "relays-cannot-read"),
     applies=speaks,
 )
-def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def payload_in_clear(use: GovernanceUse) -> Iterator[Violation]:
     """No protection kind encrypts the samples: whoever listens on the network reads them."""
     for domain_rule, topic_rule in topic_rules(use):
         if not any(kind.encrypts for kind in _kinds(domain_rule, topic_rule)):
@@ -187,7 +187,7 @@ def payload_in_clear(use: GovernanceUse, _context: Context) -> Iterator[Violatio
     explains=("nobody-reads-without-a-grant", "nobody-writes-without-a-grant", "relays-cannot-read"),
     applies=speaks,
 )
-def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def payload_open_to_insiders(use: GovernanceUse) -> Iterator[Violation]:
     """Only whole messages are encrypted, with keys that every participant of the domain holds.
 
     An identity without a grant for the topic reads it off the network, and forges on it where metadata and data kind
@@ -214,7 +214,7 @@ def payload_open_to_insiders(use: GovernanceUse, _context: Context) -> Iterator[
     explains=("outsiders-cannot-inject", "outsiders-cannot-replay", "nobody-writes-without-a-grant"),
     applies=speaks,
 )
-def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def samples_unauthenticated(use: GovernanceUse) -> Iterator[Violation]:
     """No protection kind authenticates the samples: whoever reaches the network commands the robot.
 
     Access control asks endpoints for permissions, but nothing ties a sample to an endpoint.
@@ -235,7 +235,7 @@ def samples_unauthenticated(use: GovernanceUse, _context: Context) -> Iterator[V
     remedy=in_governance("Set <data_protection_kind> to ENCRYPT"),
     applies=speaks,
 )
-def data_protection_none(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def data_protection_none(use: GovernanceUse) -> Iterator[Violation]:
     """Submessages are encrypted, the payload in them is not: relays and stores of durable data see it in clear."""
     for domain_rule, topic_rule in topic_rules(use):
         kind = topic_rule.data_protection_kind
@@ -259,7 +259,7 @@ _REFUSE_CONTRADICTION: Final = tuple(
     applies=speaks,
     stops=True,
 )
-def unauthenticated_with_rtps_protection(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def unauthenticated_with_rtps_protection(use: GovernanceUse) -> Iterator[Violation]:
     """Participants without a certificate are let in, though every message is protected by keys that they cannot have.
 
     Fast DDS from 2.6.5 and 2.10.2 on refuses to start with it; Cyclone DDS starts, and the plain peer gets no data

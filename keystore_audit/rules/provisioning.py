@@ -17,7 +17,7 @@ from keystore_audit.remedy import decision
 from keystore_audit.rules.permissions import own_grants
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.subjects import instant_of, permissions_uses
-from keystore_audit.rules.wording import located, places, quoted
+from keystore_audit.rules.wording import located, quoted
 from keystore_audit.text import counted, instant
 
 LONGEST: Final = timedelta(days=2 * 366)
@@ -48,7 +48,7 @@ def _deployed(_keystore: Keystore, context: Context) -> bool:
     ),
     applies=_deployed,
 )
-def long_validity(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def long_validity(keystore: Keystore) -> Iterator[Violation]:
     """Identities or grants are valid for more than two years.
 
     A robot that is lost, sold or broken into keeps its identity and rights until they end; without revocation lists
@@ -65,7 +65,7 @@ def long_validity(keystore: Keystore, _context: Context) -> Iterator[Violation]:
             message=f"Valid for more than two years: {counted(len(lasting), 'identity', 'identities')} and "
             f"{counted(len(grants), 'grant')}, the longest "
             f"until {instant(end)} ({whose}).",
-            locations=places(place for _end, _whose, place in (*lasting, *grants)),
+            locations=[place for _end, _whose, place in (*lasting, *grants)],
             key="\n".join(sorted(f"{whose} {instant(end)}" for end, whose, _place in (*lasting, *grants))),
         )
 
@@ -150,7 +150,7 @@ def _astray(keystore: Keystore, found: Sequence[tuple[LooseKey, Identity]]) -> I
             message=f"{quoted(loose.path)} holds the identity key of {other.enclave} in {quoted(other.root)}{more}: "
             "whoever takes this robot passes for that one.",
             remedy=_ASTRAY,
-            locations=places((*(Location(path=loose.path) for loose, _other in found), *whose)),
+            locations=(*(Location(path=loose.path) for loose, _other in found), *whose),
             key="\n".join(sorted(f"{k.path} {relpath(o.root, keystore.root)} {o.path} {k.key}" for k, o in found)),
         )
 
@@ -166,7 +166,7 @@ def _lying_elsewhere(keystore: Keystore, found: Sequence[tuple[Enclave, Certific
             message=f"The identity key of {enclave.path} lies in {quoted(loose.root)}, too, in {quoted(loose.path)}"
             f"{more}: whoever takes that robot passes for this one.",
             remedy=_ASTRAY,
-            locations=places((*ours, *theirs)),
+            locations=(*ours, *theirs),
             enclave=enclave.path if len({each.path for each, _certificate, _key in found}) == 1 else None,
             key="\n".join(sorted(f"{e.path} {relpath(k.root, keystore.root)} {k.path}" for e, _cert, k in found)),
         )
@@ -186,7 +186,7 @@ def _shared(
         locations.append(Location(path=twin.beside, line=twin.line, message=why, beside=True))
     yield Violation(
         message=f"{enclave.path} and {other.enclave} in {quoted(other.root)} {says}{more}.",
-        locations=places(locations),
+        locations=locations,
         enclave=enclave.path if len({shared[0].path for shared in found}) == 1 else None,
         severity=severity,
         key="\n".join([why, basename(abspath(keystore.root)), *sorted(_twins(keystore, found))]),
@@ -210,7 +210,7 @@ def _twins(keystore: Keystore, found: Sequence[_Shared]) -> set[str]:
     ),
     applies=_deployed,
 )
-def certificate_older_than_permissions(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def certificate_older_than_permissions(keystore: Keystore) -> Iterator[Violation]:
     """Permissions were signed more than a day after the certificate that they are for was issued.
 
     So it is where rights were changed and the identity was kept. If there were other permissions before, they go on
@@ -230,7 +230,7 @@ def certificate_older_than_permissions(keystore: Keystore, _context: Context) ->
         yield Violation(
             message=f"{path} has a certificate of {instant(issued)} and permissions that were signed at "
             f"{instant(signed)}{more}: if there were others before, they still count.",
-            locations=places(place for _issued, _signed, place in later.values()),
+            locations=[place for _issued, _signed, place in later.values()],
             key="\n".join(sorted(f"{each} {issued} {signed}" for each, (issued, signed, _place) in later.items())),
             enclave=path if len(later) == 1 else None,
         )

@@ -27,15 +27,6 @@ if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs n
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
 
-_T = TypeVar("_T")
-
-
-def given(value: _T | None) -> _T:
-    """What an option gave; only rules that apply where it did ask for it."""
-    if value is None:
-        raise ValueError("a rule asks for what was not given")
-    return value
-
 
 class Context(Struct, frozen=True, kw_only=True):
     """The evidence, its meaning, the engines' answers and the options of this audit.
@@ -90,7 +81,8 @@ S = TypeVar("S")
 class Violation(Struct, frozen=True, kw_only=True):
     """What a rule found wrong with its subject.
 
-    `locations`: all, the primary place first. `severity`: where it depends on profile or option, else the rule's.
+    `locations`: all, the primary place first; what is there twice counts once. `enclave`: the one that it is about,
+    where that is not the only one of its subject. `severity`: where it depends on profile or option, else the rule's.
     `profiles`: canonical variants that it holds for (empty: all). `undecided`: something stays unknown because of it,
     so the audit is incomplete. `key`: what tells it from others at its first place, without line numbers,
     which reformatting changes. `against`: places that the finding does not list, and that it is about as well: the
@@ -100,13 +92,13 @@ class Violation(Struct, frozen=True, kw_only=True):
     """
 
     message: str
-    locations: tuple[Location, ...]
+    locations: Sequence[Location]
     enclave: str | None = None
     severity: Severity | None = None
     profiles: tuple[str, ...] = ()
     undecided: bool = False
     key: str = ""
-    against: tuple[Location, ...] = ()
+    against: Sequence[Location] = ()
     remedy: Remedy | None = None
     explains: frozenset[str] | None = None
     shared: bool = False
@@ -131,6 +123,8 @@ class Rule(Struct, Generic[S], frozen=True, kw_only=True):
     check: Callable[[S, Context], Iterator[Violation]]
     applies: Callable[[S, Context], bool] | None = None
     """Whether the subject has what the rule is about; None: it always has."""
+    of: Callable[[S, Context], object] | None = None
+    """What of the subject the rule is about, None where there is none; the subject itself unless it says so."""
 
     @property
     def description(self) -> str:
@@ -156,27 +150,31 @@ def rule(
     explains: tuple[str, ...] = (),
     stops: bool = False,
     applies: Callable[[Any, Context], bool] | None = None,
-) -> Callable[[Callable[[S, Context], Iterator[Violation]]], Rule[S]]:
-    """Registers a rule, which is called as its function is and is about what that takes first.
+    of: Callable[[Any, Context], object] | None = None,
+) -> Callable[[Callable[..., Iterator[Violation]]], Rule[Any]]:
+    """Registers a rule, which is called as its function is and is about what that takes first, or what `of` does.
 
-    Raises ValueError at import for a code or name that is taken, or a function without a docstring.
+    The function takes the context, too, where it looks at it. Raises ValueError at import for a code or name that is
+    taken, or a function without a docstring.
     """
 
-    def judged_by(check: Callable[[S, Context], Iterator[Violation]]) -> Rule[S]:
+    def judged_by(check: Callable[..., Iterator[Violation]]) -> Rule[Any]:
         function = cast(FunctionType, check)
-        subject = next(iter(function.__annotations__.values()))
-        made: Rule[S] = Rule(
+        asked = cast(FunctionType, of or check)
+        subject = next(iter(asked.__annotations__.values()))
+        made: Rule[Any] = Rule(
             code=code,
             name=function.__name__.replace("_", "-"),
             severity=severity,
-            on=function.__globals__[subject],
+            on=asked.__globals__[subject],
             clause=clause,
             remedy=remedy,
             docstring=check.__doc__ or "",
             explains=frozenset(explains),
             stops=stops,
-            check=check,
+            check=check if function.__code__.co_argcount > 1 else lambda about, _context: check(about),
             applies=applies,
+            of=of,
         )
         register(made)
         return made

@@ -22,7 +22,7 @@ from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
-from keystore_audit.rules.wording import VERBS, listed, more_like, quoted, sole
+from keystore_audit.rules.wording import VERBS, listed, more_like, quoted
 
 
 def meet(some: Iterable[DomainRange], others: Iterable[DomainRange]) -> bool:
@@ -49,7 +49,7 @@ def _open_range(domains: DomainRange) -> str | None:
     remedy=in_governance("Write both <min> and <max>"),
     applies=speaks,
 )
-def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violation]:
+def domain_range_open(use: GovernanceUse) -> Iterator[Violation]:
     """An <id_range> lacks <min> or <max>, and implementations read different domains in it (measured)."""
     for domains in use.document.domains:
         why = _open_range(domains)
@@ -57,7 +57,6 @@ def domain_range_open(use: GovernanceUse, _context: Context) -> Iterator[Violati
             yield Violation(
                 message=f"{why}.",
                 locations=(use.at(domains.line),),
-                enclave=sole(use.enclaves),
                 key=f"{domains.low} {domains.high}",
             )
 
@@ -88,7 +87,6 @@ def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
                 message=f"Domain {highest}, expected at most {_HIGHEST} (ports end at {MAX_DOMAIN}): "
                 "Cyclone DDS refuses the whole document.",
                 locations=(use.at(domains.line),),
-                enclave=sole(use.enclaves),
                 severity=Severity.HIGH if context.chose(_LIMITED) else None,
                 profiles=tuple(profile.name for profile in _LIMITED) if highest <= MAX_DOMAIN else (),
                 key=f"{domains.low} {domains.high}",
@@ -117,7 +115,7 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
     applies=speaks,
     stops=True,
 )
-def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def grant_outside_governance_domains(use: PermissionsUse) -> Iterator[Violation]:
     """No allow rule of the enclave's grant names a domain that its governance covers, so that it can take part in none.
 
     Fast DDS creates the participant all the same, and peers refuse its endpoints (measured).
@@ -151,7 +149,7 @@ def grant_outside_governance_domains(use: PermissionsUse, _context: Context) -> 
     remedy=in_permissions("Write both <min> and <max>"),
     applies=speaks,
 )
-def rule_domain_range_open(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def rule_domain_range_open(use: PermissionsUse) -> Iterator[Violation]:
     """An <id_range> of a rule lacks <min> or <max>, and implementations read different domains in it (measured).
 
     Critical without <min>: evaluating such a rule crashes Cyclone DDS 0.10.2 (measured with its plugin). Permissions
@@ -178,7 +176,7 @@ def rule_domain_range_open(use: PermissionsUse, _context: Context) -> Iterator[V
     remedy=in_permissions("ROS 2 has no data tags: take <data_tags> out, and allow or deny what remains"),
     applies=speaks,
 )
-def data_tags_ignored(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def data_tags_ignored(use: PermissionsUse) -> Iterator[Violation]:
     """A rule is limited to endpoints with certain data tags, and every implementation applies it to all endpoints.
 
     To the specification an allow rule with tags allows these alone, and a deny rule leaves all others alone. High where
@@ -218,7 +216,7 @@ NO_PARTITIONS: Final = in_permissions("ROS 2 uses no partitions: take them out o
     remedy=NO_PARTITIONS,
     applies=speaks,
 )
-def partition_evaded(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def partition_evaded(use: PermissionsUse) -> Iterator[Violation]:
     """Where an endpoint may be in a partition that is a pattern, and so meet data that the rules keep from it.
 
     To permissions the partition of an endpoint is a plain string, to matching it is a pattern (measured on Cyclone DDS

@@ -24,7 +24,6 @@ from keystore_audit.rules.wording import (
     located,
     of_kinds,
     paths,
-    places,
     quoted,
     sole,
 )
@@ -49,7 +48,6 @@ def _about(use: RevocationUse, revocations: RevocationList, message: str, key: s
     return Violation(
         message=message,
         locations=(located(revocations),),
-        enclave=sole(use.enclaves),
         profiles=_reads(use),
         key=key,
         **more,
@@ -70,7 +68,7 @@ def _signed(use: RevocationUse, revocations: RevocationList) -> bool | None:
     explains=("identities-chain-to-the-identity-ca",),
     stops=True,
 )
-def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def identity_revoked(keystore: Keystore) -> Iterator[Violation]:
     """A revocation list of this keystore names an enclave's identity: whoever carries the list refuses the enclave.
 
     Enclaves that do not carry it accept the identity as before. Lists that no identity CA signed revoke nothing here.
@@ -89,7 +87,7 @@ def identity_revoked(keystore: Keystore, _context: Context) -> Iterator[Violatio
             yield Violation(
                 message=f"The identity {quoted(first.subject)} of {enclave.path} is revoked by {found[0][1].path}: "
                 f"refused by {paths(holders.values())}.",
-                locations=places((located(first), *(located(r, "the revocation list") for _use, r in found))),
+                locations=(located(first), *(located(r, "the revocation list") for _use, r in found)),
                 enclave=enclave.path,
                 profiles=FAST_DDS if all(use.in_ca_file for use, _ in found) else (),
                 key=first.key,
@@ -109,12 +107,9 @@ def crl_invalid(use: RevocationUse, context: Context) -> Iterator[Violation]:
     OpenSSL, told to check revocation and finding no list that it can use, refuses every identity: the enclaves that
     carry it talk to nobody.
     """
-    yield from defective(
-        of_kinds(use.defects, Kind.CRL_UNREADABLE), use.enclaves, "whom it revokes is unknown.", undecided=True
-    )
+    yield from defective(of_kinds(use.defects, Kind.CRL_UNREADABLE), "whom it revokes is unknown.", undecided=True)
     yield from defective(
         of_kinds(use.defects, Kind.CERTIFICATE_FILE_EXTRA),
-        use.enclaves,
         "run times read the first list.",
         severity=Severity.MEDIUM,
     )
@@ -226,7 +221,7 @@ def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
     clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl); measured: each peer asks its own list only",
     remedy=decision("Put the newest crl.pem into every enclave."),
 )
-def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def crl_not_everywhere(keystore: Keystore) -> Iterator[Violation]:
     """Some enclaves carry a revocation list and others none, or another one.
 
     A revoked identity is refused only where the list is. Compared are the bytes of crl.pem; a list that could not be
@@ -244,11 +239,11 @@ def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violat
     said += [f"{paths(without)} {'has' if len(without) == 1 else 'have'} none"] if without else []
     yield Violation(
         message=f"Revocation does not hold everywhere: {'; '.join(said)}.",
-        locations=places(
+        locations=[
             Location(path=enclave.files.files[Role.CRL].place)
             for group in (without, *reversed(holders))
             for enclave in group
-        ),
+        ],
     )
 
 
@@ -258,7 +253,7 @@ def crl_not_everywhere(keystore: Keystore, _context: Context) -> Iterator[Violat
     clause="RFC 5280, 5.2.4 (delta lists) and 6.3.3; measured: run times read the first list of crl.pem",
     remedy=new_list("Let one complete list say all that is revoked. "),
 )
-def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator[Violation]:
+def revocation_without_effect(use: RevocationUse) -> Iterator[Violation]:
     """What was revoked is in force: a list behind the first, a delta, or an entry that is passed over says so alone.
 
     OpenSSL, as the implementations ask it, takes a delta for a complete list (measured): whatever its base revokes is
@@ -292,6 +287,5 @@ def revocation_without_effect(use: RevocationUse, _context: Context) -> Iterator
                 message=f"Run times read the first revocation list of {paths(use.enclaves)} alone, and one behind it "
                 f"revokes {len(unheard)} more: {listed([f'{serial:X}' for serial in unheard])}.",
                 locations=(located(revocations), located(first, "the list that is read")),
-                enclave=sole(use.enclaves),
                 key=" ".join([revocations.issuer, *(f"{serial:X}" for serial in unheard)]),
             )

@@ -16,7 +16,7 @@ from keystore_audit.model.ros.halves import Half
 from keystore_audit.model.ros.services import Reach, Rivals
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
-from keystore_audit.rules.wording import VERBS, listed, located, places, quoted
+from keystore_audit.rules.wording import VERBS, listed, located, quoted
 
 _PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
 _FEWER: Final = in_permissions("Write fewer expressions with several wildcards, and name each service and action")
@@ -53,7 +53,7 @@ def _half(path: str, found: Sequence[Half]) -> Violation:
     return Violation(
         message=f"{path} may {_DOES[first.role]} {first.name} in part only{like}{others}: "
         f"it may not {VERBS[operation]} {ros_name(topic)}{more}.",
-        locations=places(half.location for half in found),
+        locations=[half.location for half in found],
         enclave=path,
         profiles=first.profiles if all(half.profiles == first.profiles for half in found) else _united(found),
         key="\n".join(sorted({f"{half.role} {half.name}" for half in found})),
@@ -200,7 +200,7 @@ def _rivals(rivals: Rivals, profiles: tuple[str, ...]) -> Violation:
         message = f"{rivals.intruder} may answer {first}{more} by a pattern, in the place of {listed(owners)}."
     return Violation(
         message=message,
-        locations=places(located(right) for right in rivals.rights),
+        locations=[located(right) for right in rivals.rights],
         enclave=rivals.intruder,
         profiles=profiles,
         key="\n".join((*rivals.enclaves, *rivals.services)),
@@ -236,7 +236,7 @@ def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[V
         yield Violation(
             message=f"By {quoted(found.expression)}{more} {found.enclave} may {_USES[found.operation]} feedback and "
             f"status of actions too, as of {found.action}, {of}.",
-            locations=places(found.locations),
+            locations=found.locations,
             enclave=found.enclave,
             severity=_severity(found),
             key="\n".join((f"{found.operation.value} {found.expression}", *map(" ".join, found.served))),
@@ -286,7 +286,7 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
         yield Violation(
             message=f"{listed(nodes.values())} may not answer {TYPE_DESCRIPTION}, which nodes serve since Iron: they "
             "fail unless they are told to do without (start_type_description_service false).",
-            locations=places(each.location for each in ros.undescribed),
+            locations=[each.location for each in ros.undescribed],
             enclave=ros.undescribed[0].enclave if len(ros.undescribed) == 1 else None,
             key="\n".join(nodes),
         )

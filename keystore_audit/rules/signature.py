@@ -22,7 +22,7 @@ from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import sign_again
 from keystore_audit.rules.subjects import EXCHANGED, SPEC, DocumentUse, SignedUse, accepting, exchange, signed_bytes
-from keystore_audit.rules.wording import located, of_kinds, paths, places, quoted, sole
+from keystore_audit.rules.wording import located, of_kinds, paths, quoted
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"
 _FORGED: Final = (
@@ -150,8 +150,7 @@ def _violation(use: SignedUse, message: str, signer: Certificate | None, key: st
     found = [] if signer is None else [located(signer, "the signer's certificate")]
     return Violation(
         message=message,
-        locations=places((place, *(location for location in found if location.path != place.path))),
-        enclave=sole(use.enclaves),
+        locations=(place, *(location for location in found if location.path != place.path)),
         # What was signed is part of it, with all of its dates: who accepts this accepts no other document.
         key=f"{key} {signed_bytes(use.signed)}",
         **more,
@@ -330,7 +329,6 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
         yield Violation(
             message=f"{use.signed.file.place} is refused ({reasons}).",
             locations=(use.at(1),),
-            enclave=sole(use.enclaves),
             severity=None if chosen else Severity.LOW,
             profiles=names,
             key=f"refused {' '.join(names)}",

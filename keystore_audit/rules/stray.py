@@ -27,7 +27,7 @@ from keystore_audit.rules.files import renaming
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import SIGN_AGAIN
 from keystore_audit.rules.subjects import stray_uses
-from keystore_audit.rules.wording import VERBS, listed, located, more_like, of_kinds, places, quoted, sentence
+from keystore_audit.rules.wording import VERBS, listed, located, more_like, of_kinds, quoted, sentence
 
 _CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"
 
@@ -66,8 +66,8 @@ def _documents(number: int) -> str:
     return "A signed document" if number == 1 else f"{number} signed documents"
 
 
-def _at(strays: Sequence[Stray]) -> tuple[Location, ...]:
-    return places(Location(path=stray.place) for stray in strays)
+def _at(strays: Sequence[Stray]) -> list[Location]:
+    return [Location(path=stray.place) for stray in strays]
 
 
 @rule(
@@ -95,7 +95,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
         yield Violation(
             message=f"{first.document} is validly signed and in force, and lets {first.enclave} {right}, which its own "
             f"permissions do not: peers take it{more_like(wider)}.",
-            locations=places(grant.location for grant in wider),
+            locations=[grant.location for grant in wider],
             enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
             profiles=context.unless_all(profiles),
             key="wider",
@@ -110,7 +110,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
             message=f"{_documents(len(documents))} outside the enclaves {give} no more than theirs do, for now: "
             f"{listed(documents)} for {listed(dict.fromkeys(grant.enclave for grant in equal))}. A right that is taken "
             "away later stays usable.",
-            locations=places(grant.location for grant in equal),
+            locations=[grant.location for grant in equal],
             severity=Severity.LOW,
             key="equal",
         )
@@ -126,7 +126,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
     ),
     applies=_has_strays,
 )
-def signed_governance_at_large(keystore: Keystore, _context: Context) -> Iterator[Violation]:
+def signed_governance_at_large(keystore: Keystore) -> Iterator[Violation]:
     """A governance document that the permissions CA signed lies where no enclave applies it.
 
     It has no effect on enclaves. Whoever has an identity outside of them (KA668) may start with it: flows count that.
@@ -261,7 +261,7 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
         yield Violation(
             message=f"{unread[0].place} may hold an identity that peers let in: it {unread[0].detail}"
             f"{more_like(unread)}.",
-            locations=places(Location(path=file.place) for file in unread),
+            locations=[Location(path=file.place) for file in unread],
             undecided=True,
             remedy=decision(_FIND_OUT),
             key="unread",
@@ -276,7 +276,7 @@ def _started(found: Sequence[Admitted], rename: str) -> Violation:
     return Violation(
         message=f"{first.certificate.path} is {whose} ({quoted(first.certificate.subject)}), its private key "
         f"is in {first.key}, and peers let it in: whoever has this tree can start it{more_like(found)}.",
-        locations=places(place for each in found for place in _identity_at(each)),
+        locations=[place for each in found for place in _identity_at(each)],
         severity=Severity.MEDIUM if same else None,
         key=f"{'same' if same else 'other'} subject",
         remedy=decision(f"{rename} Else: {_NEEDED_OR_NOT}") if rename else None,
@@ -291,7 +291,7 @@ def _perhaps_started(possible: Sequence[Admitted]) -> Iterator[Violation]:
             message=f"Peers let in whoever has the key of {first.certificate.path} "
             f"({quoted(first.certificate.subject)}). Whether {first.key} holds it is unknown: it could not be read"
             f"{more_like(possible)}.",
-            locations=places(place for each in possible for place in _identity_at(each, "perhaps its private key")),
+            locations=[place for each in possible for place in _identity_at(each, "perhaps its private key")],
             undecided=True,
             remedy=decision(_FIND_OUT),
             key="possible",
@@ -332,7 +332,7 @@ def keystore_inside_keystore(keystore: Keystore, context: Context) -> Iterator[V
             message=f"{listed(folders)} {'is a keystore or an enclave' if one else 'are keystores or enclaves'} of "
             f"{'its' if one else 'their'} own outside enclaves/: what {'it' if one else 'they'} would let anybody do "
             "was not judged here.",
-            locations=places(Location(path=path) for path in folders),
+            locations=[Location(path=path) for path in folders],
             undecided=any(each.startable and each.path not in apart for each in nested),
             key="\n".join(folders),
         )

@@ -59,7 +59,6 @@ def of_kinds(defects: Iterable[Defect], *kinds: Kind) -> Iterator[Defect]:
 
 def defective(
     defects: Iterable[Defect],
-    enclaves: Sequence[Enclave],
     says: str = "",
     *,
     undecided: bool = False,
@@ -78,8 +77,7 @@ def defective(
     joint = "; " if ": " in first.detail else ": "  # one colon in a sentence
     yield Violation(
         message=f"{sentence(first.detail)}{more}{joint if says else '.'}{says}",
-        locations=places(located(each, shorten(each.detail, MAX_QUOTED) if several else "") for each in found),
-        enclave=sole(enclaves),
+        locations=[located(each, shorten(each.detail, MAX_QUOTED) if several else "") for each in found],
         undecided=undecided,
         severity=severity,
         key=first.kind.value,

@@ -36,16 +36,16 @@ def defects(*details: str) -> tuple[Defect, ...]:
 
 
 def test_what_one_defect_is_stands_in_the_message_and_not_at_its_place_too() -> None:
-    (one,) = defective(defects("text at 1"), (), "nobody reads it.")
+    (one,) = defective(defects("text at 1"), "nobody reads it.")
     assert (one.message, [place.message for place in one.locations]) == ("Text at 1: nobody reads it.", [""])
-    (several,) = defective(defects("text at 1", "text at 2"), (), "nobody reads it.")
+    (several,) = defective(defects("text at 1", "text at 2"), "nobody reads it.")
     assert [place.message for place in several.locations] == ["text at 1", "text at 2"]
-    (twice,) = defective(defects("the same", "the same"), (), "nobody reads it.")
+    (twice,) = defective(defects("the same", "the same"), "nobody reads it.")
     assert [(place.line, place.message) for place in twice.locations] == [(1, ""), (2, "")]
 
 
 def test_a_colon_in_what_is_wrong_is_the_only_one() -> None:
-    (one,) = defective(defects("one value: two readings"), (), "who reads it decides.")
+    (one,) = defective(defects("one value: two readings"), "who reads it decides.")
     assert one.message == "One value: two readings; who reads it decides."
 
 
