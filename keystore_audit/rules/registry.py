@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from datetime import datetime, timedelta
+from functools import wraps
 from inspect import cleandoc
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, cast
@@ -159,6 +160,10 @@ def rule(
     """
 
     def judged_by(check: Callable[..., Iterator[Violation]]) -> Rule[Any]:
+        @wraps(check)
+        def alone(about: Any, _context: Context) -> Iterator[Violation]:
+            return check(about)
+
         function = cast(FunctionType, check)
         asked = cast(FunctionType, of or check)
         subject = next(iter(asked.__annotations__.values()))
@@ -172,7 +177,7 @@ def rule(
             docstring=check.__doc__ or "",
             explains=frozenset(explains),
             stops=stops,
-            check=check if function.__code__.co_argcount > 1 else lambda about, _context: check(about),
+            check=check if function.__code__.co_argcount > 1 else alone,
             applies=applies,
             of=of,
         )

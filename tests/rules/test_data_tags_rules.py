@@ -8,13 +8,14 @@ from msgspec.structs import replace
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Rule
+from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import ruled, talking
-from tests.rules.evidence import context, rules_of
+from tests.rules.evidence import context
 
 
 def spoken(store: Keystore) -> tuple[Finding, ...]:
-    return judge(context(store), rules_of("data_tags")).findings
+    return judge(context(store), [BY_CODE["KA638"]]).findings
 
 
 def tagged(rule: Rule) -> Rule:

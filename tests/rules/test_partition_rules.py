@@ -9,6 +9,7 @@ import pytest
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Rule
+from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import Listed, ruled, talking
 from tests.rules.evidence import context, rules_of
@@ -21,7 +22,7 @@ def at(*partitions: str) -> Listed:
 
 
 def spoken(store: Keystore) -> tuple[Finding, ...]:
-    return judge(context(store), rules_of("partition")).findings
+    return judge(context(store), [BY_CODE["KA637"]]).findings
 
 
 def denied(*partitions: str) -> Rule:

@@ -30,7 +30,7 @@ from tests.rules.evidence import (
     topic_rule,
 )
 
-OWN = rules_of("ros_services", "ros_topics")
+OWN = rules_of("ros")
 DISCOVERY = allow(["ros_discovery_info"], ["ros_discovery_info"])
 USUAL = allow(["rt/rosout", "rt/parameter_events", "rr/*Reply"], ["rt/parameter_events"])
 """All that KA636 asks for in an enclave of nodes without names."""
