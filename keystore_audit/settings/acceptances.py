@@ -2,131 +2,109 @@
 
 from __future__ import annotations
 
-import re
-from typing import Final
+from collections.abc import Sequence
+from datetime import date
+from typing import Annotated, Final
 
-from keystore_audit.findings import MAX_OWNER, MAX_REASON, OF_THE_AUDIT, SEVERITIES, Severity
+from msgspec import Meta
+
+from keystore_audit.findings import MAX_OWNER, MAX_REASON, OF_THE_AUDIT, Severity
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.settings.document import Source, Table, Texts, several
 from keystore_audit.settings.suppressions import ALL, Acceptance
-from keystore_audit.settings.table import Table
 
-_CODE: Final = re.compile(r"KA[0-9]{3}")
-_DIGEST: Final = re.compile(r"[0-9a-f]{64}")
+Code = Annotated[str, Meta(pattern=r"^KA[0-9]{3}\Z", description="one rule's code, e.g. KA203, and no family")]
+Digest = Annotated[
+    str, Meta(pattern=r"^[0-9a-f]{64}\Z", description="64 digits 0 to 9 and a to f, as in the JSON report")
+]
+_WORDS: Final = "words, and not only spaces"
 
 
-def read_suppressions(root: Table) -> tuple[Acceptance, ...]:
+class _AcceptanceTable(Table, frozen=True, kw_only=True):
+    """What both kinds of tables have. `profiles`: None, any; `until`: the last day."""
+
+    code: Code
+    profiles: Texts | None = None
+    reason: Annotated[str, Meta(max_length=MAX_REASON, pattern=r"\S", description=_WORDS)]
+    owner: Annotated[str, Meta(max_length=MAX_OWNER, pattern=r"\S", description=_WORDS)]
+    until: date
+
+
+class SuppressionTable(_AcceptanceTable, frozen=True, kw_only=True):
+    """A `[[suppression]]`: at places, or with a fingerprint."""
+
+    where: Texts | None = None
+    fingerprint: Digest | None = None
+    meaning: Digest | None = None
+    severity: Severity | None = None
+
+
+class AcceptedTable(_AcceptanceTable, frozen=True, kw_only=True):
+    """An `[[accepted]]` finding. `severity`: the worst that is accepted; `finding`: what it says, for people."""
+
+    fingerprint: Digest
+    meaning: Digest
+    severity: Severity
+    finding: str = ""
+
+
+def read_suppressions(tables: Sequence[SuppressionTable], source: Source) -> tuple[Acceptance, ...]:
     """The `[[suppression]]` tables of settings. Raises errors.UsageError."""
-    return tuple(_suppression(table) for table in root.tables("suppression"))
+    return tuple(_suppression(table, source.at(number)) for number, table in enumerate(tables))
 
 
-def _suppression(table: Table) -> Acceptance:
-    table.only("code", "where", "fingerprint", "meaning", "severity", "profiles", "reason", "owner", "until")
-    if ("where" in table.values) == ("fingerprint" in table.values):
-        table.wrong(None, "expected exactly one of where, fingerprint")
-    by_place = "where" in table.values
-    if by_place and "meaning" in table.values:
-        table.wrong("meaning", "this belongs to a fingerprint, and here is where")
-    return _acceptance(
-        table,
-        where=_where(table) if by_place else (),
-        fingerprint=None if by_place else _digest(table, "fingerprint"),
-        severity=Severity(table.choice("severity", SEVERITIES)) if "severity" in table.values else None,
-        profiles=_profiles(table),
-        meaning=None if by_place else _digest(table, "meaning"),
-    )
+def _suppression(table: SuppressionTable, source: Source) -> Acceptance:
+    if (table.where is None) == (table.fingerprint is None):
+        source.wrong("expected exactly one of where, fingerprint")
+    if table.where is not None and table.meaning is not None:
+        source.at("meaning").wrong("this belongs to a fingerprint, and here is where")
+    if table.fingerprint is not None and table.meaning is None:
+        source.wrong("missing key `meaning`")
+    where, here = several(table.where), source.at("where")
+    if ALL in where and len(where) > 1:
+        here.wrong(f'"{ALL}" is everything: expected it alone')
+    for glob in where:
+        if glob.startswith("./") or "//" in glob or ".." in glob.split("/"):
+            here.wrong(f'{glob!r}: expected an enclave ("/arm/*"), or a path in the keystore ("public/*")')
+    return _acceptance(table, source, where)
 
 
-def read_accepted(root: Table) -> tuple[Acceptance, ...]:
+def read_accepted(tables: Sequence[AcceptedTable], source: Source) -> tuple[Acceptance, ...]:
     """The `[[accepted]]` tables of a baseline. Raises errors.UsageError."""
-    seen: dict[str | None, str] = {}
+    seen: dict[str, str] = {}
     read = []
-    for table in root.tables("accepted"):
-        accepted = _accepted(table)
-        if accepted.fingerprint in seen:
-            table.wrong("fingerprint", f"this one is accepted already, at {seen[accepted.fingerprint]}")
-        seen[accepted.fingerprint] = accepted.place
-        read.append(accepted)
+    for number, table in enumerate(tables):
+        here = source.at(number)
+        if table.fingerprint in seen:
+            here.at("fingerprint").wrong(f"this one is accepted already, at {seen[table.fingerprint]}")
+        seen[table.fingerprint] = here.place
+        read.append(_acceptance(table, here, (), table.finding))
     return tuple(read)
 
 
-def _accepted(table: Table) -> Acceptance:
-    table.only("code", "fingerprint", "meaning", "severity", "profiles", "finding", "reason", "owner", "until")
-    if "severity" not in table.values:
-        table.wrong(None, f"expected severity = one of {', '.join(SEVERITIES)}, the worst that is accepted")
-    return _acceptance(
-        table,
-        fingerprint=_digest(table, "fingerprint"),
-        severity=Severity(table.choice("severity", SEVERITIES)),
-        profiles=_profiles(table),
-        meaning=_digest(table, "meaning"),
-        finding=table.text("finding") if "finding" in table.values else "",
-    )
-
-
 def _acceptance(
-    table: Table,
-    *,
-    where: tuple[str, ...] = (),
-    fingerprint: str | None,
-    severity: Severity | None,
-    profiles: frozenset[str] | None = None,
-    meaning: str | None,
+    table: SuppressionTable | AcceptedTable,
+    source: Source,
+    where: tuple[str, ...],
     finding: str = "",
 ) -> Acceptance:
-    code = table.text("code")
-    if not _CODE.fullmatch(code):
-        table.wrong("code", f"{code!r} is no rule's code; expected one rule, e.g. KA203, and no family")
-    if code.startswith(OF_THE_AUDIT):
-        table.wrong("code", f"{code} is about the audit itself, which nothing accepts")
+    if table.code.startswith(OF_THE_AUDIT):
+        source.at("code").wrong(f"{table.code} is about the audit itself, which nothing accepts")
+    for name in several(table.profiles):
+        if name not in VARIANTS:  # what an alias stands for changes from version to version
+            source.at("profiles").wrong(f"{name!r} is no profile; expected names as in reports, e.g. fastdds-3.6")
     return Acceptance(
-        code=code,
+        code=table.code,
         where=where,
-        fingerprint=fingerprint,
-        severity=severity,
-        profiles=profiles,
-        meaning=meaning,
-        reason=_sentence(table, "reason", MAX_REASON),
-        owner=_sentence(table, "owner", MAX_OWNER),
-        until=table.day("until"),
-        location=table.location,
-        place=table.place(),
-        until_place=table.place("until"),
+        fingerprint=table.fingerprint,
+        severity=table.severity,
+        profiles=None if table.profiles is None else frozenset(several(table.profiles)),
+        meaning=table.meaning,
+        reason=table.reason,
+        owner=table.owner,
+        until=table.until,
+        location=source.location,
+        place=source.place,
+        until_place=source.at("until").place,
         finding=finding,
     )
-
-
-def _where(table: Table) -> tuple[str, ...]:
-    globs = table.texts("where")
-    if ALL in globs and len(globs) > 1:
-        table.wrong("where", f'"{ALL}" is everything: expected it alone')
-    for glob in globs:
-        if glob.startswith("./") or "//" in glob or ".." in glob.split("/"):
-            table.wrong("where", f'{glob!r}: expected an enclave ("/arm/*"), or a path in the keystore ("public/*")')
-    return globs
-
-
-def _digest(table: Table, key: str) -> str:
-    value = table.text(key)
-    if not _DIGEST.fullmatch(value):
-        table.wrong(key, "expected 64 digits 0 to 9 and a to f, as in the JSON report")
-    return value
-
-
-def _profiles(table: Table) -> frozenset[str] | None:
-    """Variants by their canonical names, as in reports: what an alias stands for changes from version to version."""
-    if "profiles" not in table.values:
-        return None
-    names = table.texts("profiles")
-    for name in names:
-        if name not in VARIANTS:
-            table.wrong("profiles", f"{name!r} is no profile; expected names as in reports, e.g. fastdds-3.6")
-    return frozenset(names)
-
-
-def _sentence(table: Table, key: str, most: int) -> str:
-    text = table.text(key)
-    if not text.strip():
-        table.wrong(key, f"expected {key} = words, and found only spaces")
-    if len(text) > most:
-        table.wrong(key, f"expected at most {most} characters, found {len(text)}")
-    return text

@@ -6,36 +6,38 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
+
+from msgspec import Meta
 
 from keystore_audit.errors import UsageError
 from keystore_audit.given import check_beside
 from keystore_audit.keystore.certificate import Certificate, read_certificate, read_certificates
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.model.trust.authorities import Authorities
-from keystore_audit.settings.table import Table
+from keystore_audit.settings.document import Table, several
 
 PREFIX: Final = "sha256:"
-_FINGERPRINT: Final = re.compile(f"{PREFIX}[0-9a-fA-F]{{2}}(:?[0-9a-fA-F]{{2}}){{31}}")
+_FINGERPRINT: Final = rf"^{PREFIX}[0-9a-fA-F]{{2}}(:?[0-9a-fA-F]{{2}}){{31}}\Z"
+Fingerprint = Annotated[
+    str, Meta(pattern=_FINGERPRINT, description='a fingerprint: "sha256:" and 64 hexadecimal digits')
+]
+Fingerprints = Fingerprint | Annotated[list[Fingerprint], Meta(min_length=1)]
 MAX_BYTES: Final = 1_000_000
 """Of a file of certificates that is named."""
 
 
-def read_authorities(root: Table) -> Authorities:
-    """The table `[authorities]`. Raises errors.UsageError."""
-    if "authorities" not in root.values:
-        return Authorities()
-    table = root.table("authorities")
-    table.only("identity", "permissions")
-    return Authorities(identity=_declared(table, "identity"), permissions=_declared(table, "permissions"))
+class AuthoritiesTable(Table, frozen=True, kw_only=True):
+    """The table `[authorities]`."""
+
+    identity: Fingerprints | None = None
+    permissions: Fingerprints | None = None
 
 
-def _declared(table: Table, key: str) -> frozenset[str]:
-    texts = table.texts(key) if key in table.values else ()
-    for text in texts:
-        if not _FINGERPRINT.fullmatch(text):
-            table.wrong(key, f'{text!r} is no fingerprint: expected "sha256:" and 64 hexadecimal digits')
-    return frozenset(map(_digits, texts))
+def declared_authorities(table: AuthoritiesTable) -> Authorities:
+    """What settings declare."""
+    identity, permissions = (frozenset(map(_digits, several(each))) for each in (table.identity, table.permissions))
+    return Authorities(identity=identity, permissions=permissions)
 
 
 def _digits(fingerprint: str) -> str:
@@ -58,7 +60,7 @@ def _expected(values: Sequence[str], keystores: Sequence[str | Path]) -> frozens
     found = set[str]()
     for value in values:
         if value.startswith(PREFIX):
-            if not _FINGERPRINT.fullmatch(value):
+            if not re.match(_FINGERPRINT, value):
                 raise UsageError(f"{value!r} is no fingerprint: expected sha256: and 64 hexadecimal digits.")
             found.add(_digits(value))
         else:

@@ -2,33 +2,102 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any, Final, Literal
+
+from msgspec import Meta, field
 
 from keystore_audit.errors import UsageError
+from keystore_audit.findings import Severity
 from keystore_audit.model.claims.forwards import Declared, Determinism, Forward
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.properties import BY_ID
-from keystore_audit.settings.forwards import FORM, read_determinism, read_forwards
-from keystore_audit.settings.table import OUTSIDER, WORD, Table, globs
+from keystore_audit.settings.document import (
+    OUTSIDER,
+    Enclave,
+    Enclaves,
+    Source,
+    Table,
+    Text,
+    Texts,
+    Topics,
+    Word,
+    dds_topics,
+    described,
+    globs,
+    instant,
+    place_of,
+    several,
+)
+from keystore_audit.settings.forwards import Deterministic, ForwardTable, read_determinism, read_forwards
+
+FlowAttacker = Literal["relays", "source", "honest"]
 
 
-def read_properties(root: Table) -> tuple[tuple[Claim, ...], Declared]:
+class NoFlow(Table, frozen=True, kw_only=True):
+    """From some places nothing gets to others."""
+
+    source: Texts = field(name="from")
+    target: Texts = field(name="to")
+    through: Enclaves | None = None
+    attacker: FlowAttacker = "relays"
+    include_ambient: bool = False
+
+
+class Able(Table, frozen=True, kw_only=True):
+    """From some places data can get to others."""
+
+    source: Texts = field(name="from")
+    target: Texts = field(name="to")
+    include_ambient: bool = False
+
+
+class OnlyPublish(Table, frozen=True, kw_only=True):
+    """Nobody but these enclaves may publish a topic."""
+
+    topic: Topics
+    enclaves: Enclaves
+
+
+class Encrypted(Table, frozen=True, kw_only=True):
+    """A topic is encrypted."""
+
+    topic: Topics
+    against: Literal["outsider", "insider"] = "outsider"
+
+
+class PropertyTable(Table, frozen=True, kw_only=True):
+    """A `[[property]]`: one of the forms, which stand last."""
+
+    name: Word
+    description: Text | None = None
+    severity: Severity = Severity.HIGH
+    until: Any = None
+    no_flow: NoFlow | None = None
+    only_publish: OnlyPublish | None = None
+    encrypted: Encrypted | None = None
+    never_share_domain: Annotated[list[Enclave], Meta(min_length=2, max_length=2)] | None = None
+    able: Able | None = None
+    deterministic: Deterministic | None = None
+
+
+def read_properties(
+    tables: Sequence[PropertyTable], forwards: Sequence[ForwardTable], source: Source
+) -> tuple[tuple[Claim, ...], Declared]:
     """What is asserted, and what is declared and asserted of behaviour. Raises errors.UsageError."""
-    forwards = read_forwards(root)
+    declared = read_forwards(forwards, source.at("forward"))
     claims: dict[str, Claim | Determinism] = {}
-    for table in root.tables("property"):
-        claim = _claim(table, forwards)
-        if claim.id in claims:
-            table.wrong("name", f"there is a property {claim.id!r} already, at {claims[claim.id].place}")
-        claims[claim.id] = claim
-    return (
-        tuple(claim for claim in claims.values() if isinstance(claim, Claim)),
-        Declared(forwards=forwards, claims=tuple(claim for claim in claims.values() if isinstance(claim, Determinism))),
-    )
+    for number, table in enumerate(tables):
+        here = source.at("property", number)
+        if table.name in claims:
+            here.at("name").wrong(f"there is a property {table.name!r} already, at {claims[table.name].place}")
+        claims[table.name] = _claim(table, here, declared)
+    asserted = tuple(claim for claim in claims.values() if isinstance(claim, Claim))
+    determined = tuple(claim for claim in claims.values() if isinstance(claim, Determinism))
+    return asserted, Declared(forwards=declared, claims=determined)
 
 
 def place(word: str) -> Globs:
@@ -39,107 +108,95 @@ def place(word: str) -> Globs:
         raise UsageError(f"{error}.") from error
 
 
-def _claim(table: Table, forwards: tuple[Forward, ...]) -> Claim | Determinism:
-    known = (*_FORMS, FORM)
-    table.only("name", "description", "severity", "until", *known)
-    forms = [form for form in known if form in table.values]
-    name = table.text("name")
-    if not WORD.fullmatch(name) or name in BY_ID:
-        taken = "the name of a property that is always decided" if name in BY_ID else "no name"
-        table.wrong("name", f'{name!r} is {taken}; expected letters a to z, digits and hyphens, e.g. "no-leak"')
+def _claim(table: PropertyTable, source: Source, forwards: tuple[Forward, ...]) -> Claim | Determinism:
+    if table.name in BY_ID:
+        source.at("name").wrong(f"{table.name!r} is the name of a property that is always decided")
+    known = (*_FORMS, "deterministic")
+    forms = [form for form in known if getattr(table, form) is not None]
     if len(forms) != 1:
-        table.wrong(None, f"expected exactly one of {', '.join(known)} in property {name!r}, found {len(forms)}")
-    severity = table.severity()
-    if forms[0] == FORM:
-        return read_determinism(table, name, severity, forwards)
-    said = _FORMS[forms[0]](table, forms[0])
+        source.wrong(f"expected exactly one of {', '.join(known)} in property {table.name!r}, found {len(forms)}")
+    (form,) = forms
+    if table.deterministic is not None:
+        if table.until is not None:
+            source.at("until").wrong("expected no until beside deterministic: it is decided at the audit instant")
+        return read_determinism(table, table.deterministic, forwards, source)
+    said = _FORMS[form](getattr(table, form), source.at(form))
     statement = said.pop("statement")
     return Claim(
-        id=name,
-        statement=table.described(statement),
-        severity=severity,
-        until=table.instant("until"),
-        location=table.location,
-        place=table.place(),
-        marks=table.marks,
+        id=table.name,
+        statement=described(table.description, statement),
+        severity=table.severity,
+        until=instant(table.until, source.at("until")),
+        location=source.location,
+        place=source.place,
+        marks=source.marks(table),
         **said,
     )
 
 
-def _no_flow(table: Table, key: str) -> dict[str, Any]:
-    form = table.table(key)
-    form.only("from", "to", "through", "attacker", "include_ambient")
-    through = form.enclaves("through") if "through" in form.values else ()
+def _no_flow(form: NoFlow, source: Source) -> dict[str, Any]:
+    through = several(form.through)
     besides = f" except through {_listed(through)}" if through else ""
+    apart = "" if form.include_ambient else ", apart from topics that nearly every node uses"
     return {
         "kind": ClaimKind.NO_FLOW,
-        "attacker": form.attacker(),
-        "source": form.place_of("from"),
-        "target": form.place_of("to"),
+        "attacker": Attacker(form.attacker),
+        "source": place_of(form.source, source.at("from")),
+        "target": place_of(form.target, source.at("to")),
         "through": through,
-        "include_ambient": form.flag("include_ambient"),
-        "statement": f"Nothing gets from {_listed(form.texts('from'))} to {_listed(form.texts('to'))}{besides}"
-        f"{'' if form.flag('include_ambient') else ', apart from topics that nearly every node uses'}.",
+        "include_ambient": form.include_ambient,
+        "statement": f"Nothing gets from {_listed(form.source)} to {_listed(form.target)}{besides}{apart}.",
     }
 
 
-def _able(table: Table, key: str) -> dict[str, Any]:
-    form = table.table(key)
-    form.only("from", "to", "include_ambient")
+def _able(form: Able, source: Source) -> dict[str, Any]:
     return {
         "kind": ClaimKind.ABLE,
         "attacker": Attacker.HONEST,
-        "source": form.place_of("from"),
-        "target": form.place_of("to"),
-        "include_ambient": form.flag("include_ambient"),
-        "statement": f"Data can get from {_each(form.texts('from'))} to {_each(form.texts('to'))}, by what "
+        "source": place_of(form.source, source.at("from")),
+        "target": place_of(form.target, source.at("to")),
+        "include_ambient": form.include_ambient,
+        "statement": f"Data can get from {_each(form.source)} to {_each(form.target)}, by what "
         "permissions allow; whether governances match (KA416), nodes can be made (KA636) and use it is not asked.",
     }
 
 
-def _only_publish(table: Table, key: str) -> dict[str, Any]:
-    form = table.table(key)
-    form.only("topic", "enclaves")
+def _only_publish(form: OnlyPublish, _source: Source) -> dict[str, Any]:
     return {
         "kind": ClaimKind.ONLY_PUBLISH,
         "attacker": Attacker.INSIDER,
-        "source": Globs(enclaves=form.enclaves("enclaves")),
-        "target": Globs(topics=form.topics("topic")),
+        "source": Globs(enclaves=several(form.enclaves)),
+        "target": Globs(topics=dds_topics(form.topic)),
         "include_ambient": True,
-        "statement": f"Only {_listed(form.texts('enclaves'))} may publish {_listed(form.texts('topic'))}.",
+        "statement": f"Only {_listed(form.enclaves)} may publish {_listed(form.topic)}.",
     }
 
 
-def _encrypted(table: Table, key: str) -> dict[str, Any]:
-    form = table.table(key)
-    form.only("topic", "against")
-    against = form.choice("against", ("outsider", "insider"))
+def _encrypted(form: Encrypted, _source: Source) -> dict[str, Any]:
+    whom = "outsiders" if form.against == OUTSIDER else "insiders that no grant lets read it"
     return {
         "kind": ClaimKind.ENCRYPTED,
-        "attacker": Attacker(against),
+        "attacker": Attacker(form.against),
         "source": Globs(),
-        "target": Globs(topics=form.topics("topic")),
+        "target": Globs(topics=dds_topics(form.topic)),
         "include_ambient": True,
-        "statement": f"{_listed(form.texts('topic'))} is encrypted against "
-        f"{'outsiders' if against == OUTSIDER else 'insiders that no grant lets read it'}.",
+        "statement": f"{_listed(form.topic)} is encrypted against {whom}.",
     }
 
 
-def _never_share_domain(table: Table, key: str) -> dict[str, Any]:
-    sides = table.enclaves(key)
-    if len(sides) != 2:
-        table.wrong(key, f"expected two globs on enclaves, found {len(sides)}")
+def _never_share_domain(sides: Sequence[str], _source: Source) -> dict[str, Any]:
+    one, other = sides
     return {
         "kind": ClaimKind.SEPARATE_DOMAINS,
         "attacker": Attacker.INSIDER,
-        "source": Globs(enclaves=sides[:1]),
-        "target": Globs(enclaves=sides[1:]),
+        "source": Globs(enclaves=(one,)),
+        "target": Globs(enclaves=(other,)),
         "include_ambient": True,
-        "statement": f"{sides[0]} and {sides[1]} can never join one domain.",
+        "statement": f"{one} and {other} can never join one domain.",
     }
 
 
-_FORMS: Final[Mapping[str, Callable[[Table, str], dict[str, Any]]]] = {
+_FORMS: Final[dict[str, Callable[[Any, Source], dict[str, Any]]]] = {
     "no_flow": _no_flow,
     "only_publish": _only_publish,
     "encrypted": _encrypted,
@@ -148,12 +205,13 @@ _FORMS: Final[Mapping[str, Callable[[Table, str], dict[str, Any]]]] = {
 }
 
 
-def _listed(words: Iterable[str]) -> str:
-    return ", ".join(words)
+def _listed(value: str | Sequence[str]) -> str:
+    return ", ".join(several(value))
 
 
-def _each(words: Sequence[str]) -> str:
+def _each(value: str | Sequence[str]) -> str:
     """All of the places, one by one, where they are several; a glob on topics is one place."""
-    told = _listed(f"some topic of {w}" if has_wildcard(w) and not w.startswith("/") else w for w in words)
-    several = len(words) > 1 or (has_wildcard(words[0]) and words[0].startswith("/"))
-    return f"each of {told}" if several else told
+    words = several(value)
+    told = _listed([f"some topic of {w}" if has_wildcard(w) and not w.startswith("/") else w for w in words])
+    alone = len(words) == 1 and not (has_wildcard(words[0]) and words[0].startswith("/"))
+    return told if alone else f"each of {told}"

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
-from msgspec import Struct, field
+from msgspec import Meta, Struct, field
 
 from keystore_audit.assumptions import Assumption, Declaration
 from keystore_audit.errors import UsageError
@@ -16,15 +16,13 @@ from keystore_audit.model.claims.forwards import Declared, Determinism
 from keystore_audit.model.claims.stated import Claim, Labelling
 from keystore_audit.model.trust.authorities import Authorities
 from keystore_audit.profiles import in_scope
-from keystore_audit.settings.acceptances import read_accepted, read_suppressions
-from keystore_audit.settings.authorities import read_authorities
-from keystore_audit.settings.claims import read_properties
-from keystore_audit.settings.files import read_files
-from keystore_audit.settings.labels import KEYS as LABEL_KEYS
-from keystore_audit.settings.labels import read_labels, read_single_writers
+from keystore_audit.settings.acceptances import AcceptedTable, SuppressionTable, read_accepted, read_suppressions
+from keystore_audit.settings.authorities import AuthoritiesTable, declared_authorities
+from keystore_audit.settings.claims import PropertyTable, read_properties
+from keystore_audit.settings.document import Enclaves, Source, Table, Text, Texts, Topics, read_document, several
+from keystore_audit.settings.forwards import ForwardTable
+from keystore_audit.settings.labels import DeclassifierTable, LabelTable, LatticeTable, read_labels, single_writers
 from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance
-from keystore_audit.settings.table import Table, read_table
-from keystore_audit.text import meant
 
 MAX_BYTES: Final = 1_000_000
 """A settings file is written by people."""
@@ -34,6 +32,58 @@ MAX_BASELINE_BYTES: Final = 10_000_000
 
 MOST_DAYS: Final = 3650
 """Of `max_suppression_days`: ten years, after which nobody knows why."""
+
+_Sha256 = Annotated[
+    str, Meta(pattern=r"^sha256:[0-9a-f]{64}\Z", description='"sha256:" and 64 digits 0 to 9 and a to f')
+]
+
+
+class ScopeTable(Table, frozen=True, kw_only=True):
+    """What the robots run: distributions and middleware."""
+
+    distro: Texts | None = None
+    rmw: Texts | None = None
+
+
+class AssumptionTable(Table, frozen=True, kw_only=True):
+    """An `[[assumption]]` that somebody takes upon himself."""
+
+    name: Assumption
+    owner: Text
+    reason: Text
+
+
+class FilesTable(Table, frozen=True, kw_only=True):
+    """What is said of the files of a keystore (`keystore.foreign.DeclaredFiles`)."""
+
+    foreign: Texts | None = None
+    accepted: _Sha256 | Annotated[list[_Sha256], Meta(min_length=1)] | None = None
+    key_group: Annotated[int, Meta(ge=0, le=2**32 - 2)] | None = None
+    aliases: Enclaves | None = None
+
+
+class SettingsTable(Table, frozen=True, kw_only=True):
+    """A settings file."""
+
+    properties: list[PropertyTable] = field(default_factory=list, name="property")
+    forward: list[ForwardTable] = field(default_factory=list)
+    lattice: LatticeTable | None = None
+    label: list[LabelTable] = field(default_factory=list)
+    declassifier: list[DeclassifierTable] = field(default_factory=list)
+    endorser: list[DeclassifierTable] = field(default_factory=list)
+    single_writer: Topics | None = None
+    suppression: list[SuppressionTable] = field(default_factory=list)
+    max_suppression_days: Annotated[int, Meta(ge=1, le=MOST_DAYS)] = MAX_DAYS
+    assumption: list[AssumptionTable] = field(default_factory=list)
+    authorities: AuthoritiesTable = field(default_factory=AuthoritiesTable)
+    files: FilesTable = field(default_factory=FilesTable)
+    scope: ScopeTable | None = None
+
+
+class BaselineTable(Table, frozen=True, kw_only=True):
+    """A baseline."""
+
+    accepted: list[AcceptedTable] = field(default_factory=list)
 
 
 class Settings(Struct, frozen=True, kw_only=True):
@@ -78,59 +128,55 @@ class Baseline(Struct, frozen=True, kw_only=True):
 def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
     """The settings in the file at `path`.
 
-    Raises errors.UsageError, with line and column, for what is no settings file; and for one that lies in one of the
+    Raises errors.UsageError, with the line, for what is no settings file; and for one that lies in one of the
     `keystores`, which could then absolve itself.
     """
-    file = read_table(path, keystores, MAX_BYTES)
-    root = file.root
-    keys = ("property", "forward", *LABEL_KEYS, "suppression", "max_suppression_days")
-    root.only(*keys, "assumption", "authorities", "files", "scope")
-    labels = read_labels(root)
-    claims, declared = read_properties(root)
+    file, root, source = read_document(path, keystores, MAX_BYTES, SettingsTable)
+    labels = read_labels(root, source)
+    claims, declared = read_properties(root.properties, root.forward, source)
+    writers = single_writers(root.single_writer, source.at("single_writer"))
     return Settings(
-        file=file.given,
-        authorities=read_authorities(root),
-        claims=_unique((*claims, *(labels.claims() if labels else ()), *read_single_writers(root)), declared),
+        file=file,
+        authorities=declared_authorities(root.authorities),
+        claims=_unique((*claims, *(labels.claims() if labels else ()), *writers), declared),
         labels=labels,
         declared=declared,
-        acceptances=read_suppressions(root),
-        files=read_files(root),
-        scope=_scope(root),
-        max_suppression_days=root.number("max_suppression_days", MAX_DAYS, 1, MOST_DAYS),
-        assumptions=dict(_assumptions(root)),
+        acceptances=read_suppressions(root.suppression, source.at("suppression")),
+        files=_files(root.files, source.at("files")),
+        scope=_scope(root.scope, source.at("scope")),
+        max_suppression_days=root.max_suppression_days,
+        assumptions={each.name: Declaration(owner=each.owner, reason=each.reason) for each in root.assumption},
     )
 
 
-def _scope(root: Table) -> tuple[str, ...]:
+def _files(table: FilesTable, source: Source) -> DeclaredFiles:
+    """What is said of the keystore's files."""
+    foreign = several(table.foreign)
+    for pattern in foreign:
+        if pattern.startswith(("/", "./")) or "//" in pattern or ".." in pattern.split("/"):
+            source.at("foreign").wrong(f'{pattern!r}: expected a path in the keystore, e.g. "maps/**"')
+    return DeclaredFiles(
+        foreign=foreign,
+        accepted=frozenset(each.removeprefix("sha256:") for each in several(table.accepted)),
+        key_group=table.key_group,
+        aliases=several(table.aliases),
+    )
+
+
+def _scope(table: ScopeTable | None, source: Source) -> tuple[str, ...]:
     """The variants of `[scope]`, by what the distributions ship and the middleware runs on."""
-    if "scope" not in root.values:
+    if table is None:
         return ()
-    table = root.table("scope")
-    table.only("distro", "rmw")
-    distributions, middleware = (table.texts(key) if key in table.values else () for key in ("distro", "rmw"))
     try:
-        return in_scope(distributions, middleware, ())
+        return in_scope(several(table.distro), several(table.rmw), ())
     except UsageError as error:
-        table.wrong(None, error.message)
-
-
-def _assumptions(root: Table) -> Iterator[tuple[Assumption, Declaration]]:
-    """What somebody takes upon himself; nothing that is not assumed anyhow."""
-    names = [each.value for each in Assumption]
-    for table in root.tables("assumption"):
-        table.only("name", "owner", "reason")
-        name = table.text("name")
-        if name not in names:
-            table.wrong("name", f"expected one of {', '.join(names)}{meant(name, names, '; did you mean {!r}')}")
-        yield Assumption(name), Declaration(owner=table.text("owner"), reason=table.text("reason"))
+        source.wrong(error.message)
 
 
 def read_baseline(path: Path, keystores: Iterable[str | Path]) -> Baseline:
     """The baseline in the file at `path`; raises errors.UsageError as `read_settings` does."""
-    file = read_table(path, keystores, MAX_BASELINE_BYTES)
-    root = file.root
-    root.only("accepted")
-    return Baseline(file=file.given, acceptances=read_accepted(root))
+    file, root, source = read_document(path, keystores, MAX_BASELINE_BYTES, BaselineTable)
+    return Baseline(file=file, acceptances=read_accepted(root.accepted, source.at("accepted")))
 
 
 def _unique(claims: tuple[Claim, ...], declared: Declared) -> tuple[Claim, ...]:

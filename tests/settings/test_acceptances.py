@@ -31,7 +31,7 @@ meaning = "{PRINT}"
     assert settings.max_suppression_days == 400
     assert (placed.code, placed.where, placed.fingerprint, placed.severity) == ("KA205", ("/talker",), None, None)
     assert (placed.reason, placed.owner, placed.until) == ("so", "Ada", date(2026, 12, 4))
-    assert (placed.location.line, placed.location.beside, placed.place) == (2, True, f"{settings.file.path}:2:1")
+    assert (placed.location.line, placed.location.beside, placed.place) == (2, True, f"{settings.file.path}:2")
     assert (printed.where, printed.fingerprint, printed.severity) == ((), PRINT, Severity.CRITICAL)
     assert printed.profiles == {"spec", "fastdds-3.6"}
     assert (placed.meaning, printed.meaning) == (None, PRINT)
@@ -39,36 +39,40 @@ meaning = "{PRINT}"
 
 
 WRONG = [
-    (PLACED.replace("reason", "reson"), ":4:1", "unknown key 'reson'; expected code, where, fingerprint, meaning"),
-    (PLACED.replace('reason = "so"\n', ""), ":1:1", "expected reason ="),
-    (PLACED.replace('owner = "Ada"\n', ""), ":1:1", "expected owner ="),
-    (PLACED.replace("until = 2026-12-04\n", ""), ":1:1", "expected until = a date without quotes"),
-    (PLACED.replace("2026-12-04", '"2026-12-04"'), ":6:1", "expected until = a date without quotes"),
-    (PLACED.replace("2026-12-04", "2026-12-04T12:00:00Z"), ":6:1", "expected until = a date without quotes"),
+    (
+        PLACED.replace("reason", "reson"),
+        ":4",
+        "unknown key 'reson'; expected code, profiles, reason",
+    ),
+    (PLACED.replace('reason = "so"\n', ""), ":1", "missing key `reason`"),
+    (PLACED.replace('owner = "Ada"\n', ""), ":1", "missing key `owner`"),
+    (PLACED.replace("until = 2026-12-04\n", ""), ":1", "missing key `until`"),
+    (PLACED.replace("2026-12-04", '"2026-12-04"'), ":6", "Expected `date` without quotes"),
+    (PLACED.replace("2026-12-04", "2026-12-04T12:00:00Z"), ":6", "Expected `date` without quotes"),
     (PLACED.replace("2026-12-04", "2026-13-04"), ":6:", "this is not TOML"),
-    (PLACED.replace('"so"', '"  "'), ":4:1", "found only spaces"),
-    (PLACED.replace('"so"', '""'), ":4:1", "a string that is not empty"),
-    (PLACED.replace('"so"', f'"{"x" * 1001}"'), ":4:1", "at most 1000 characters, found 1001"),
-    (PLACED.replace("Ada", "x" * 201), ":5:1", "at most 200 characters, found 201"),
-    (PLACED.replace("KA205", "KA2"), ":2:1", "'KA2' is no rule's code; expected one rule"),
-    (PLACED.replace("KA205", "certificate-expires-soon"), ":2:1", "is no rule's code"),
-    (PLACED.replace("KA205", "KA903"), ":2:1", "which nothing accepts"),
-    (PLACED.replace('where = "/talker"\n', ""), ":1:1", "exactly one of where, fingerprint"),
-    (f'{PLACED}fingerprint = "{PRINT}"\n', ":1:1", "exactly one of where, fingerprint"),
-    (PLACED.replace('"/talker"', '["*", "/talker"]'), ":3:1", "everything: expected it alone"),
-    (PLACED.replace("/talker", "./talker"), ":3:1", "expected an enclave"),
-    (PLACED.replace("/talker", "enclaves//talker"), ":3:1", "expected an enclave"),
-    (PLACED.replace("/talker", "../talker"), ":3:1", "expected an enclave"),
-    (PLACED.replace('"/talker"', "[]"), ":3:1", "array of such strings"),
-    (f'{PLACED}severity = "bad"\n', ":7:1", "expected 'critical' or 'high'"),
-    (f'{PLACED}meaning = "{PRINT}"\n', ":7:1", "this belongs to a fingerprint"),
-    (PLACED.replace('where = "/talker"', f'fingerprint = "{PRINT}"'), ":1:1", "expected meaning ="),
-    (f'{PLACED}profiles = "humble"\n', ":7:1", "'humble' is no profile; expected names as in reports"),
-    (PLACED.replace('where = "/talker"', f'fingerprint = "{PRINT[:-1]}"'), ":3:1", "expected 64 digits"),
-    ("suppression = 3\n", ":1:1", "each headed [[suppression]]"),
-    ("max_suppression_days = 0\n", ":1:1", "a number from 1 to 3650"),
-    ("max_suppression_days = true\n", ":1:1", "a number from 1 to 3650"),
-    ("max_suppression_days = 99999\n", ":1:1", "a number from 1 to 3650"),
+    (PLACED.replace('"so"', '"  "'), ":4", "expected words, and not only spaces"),
+    (PLACED.replace('"so"', '""'), ":4", "expected words, and not only spaces"),
+    (PLACED.replace('"so"', f'"{"x" * 1001}"'), ":4", "Expected `str` of length <= 1000"),
+    (PLACED.replace("Ada", "x" * 201), ":5", "Expected `str` of length <= 200"),
+    (PLACED.replace("KA205", "KA2"), ":2", "expected one rule's code, e.g. KA203, and no family"),
+    (PLACED.replace("KA205", "certificate-expires-soon"), ":2", "expected one rule's code"),
+    (PLACED.replace("KA205", "KA903"), ":2", "which nothing accepts"),
+    (PLACED.replace('where = "/talker"\n', ""), ":1", "exactly one of where, fingerprint"),
+    (f'{PLACED}fingerprint = "{PRINT}"\n', ":1", "exactly one of where, fingerprint"),
+    (PLACED.replace('"/talker"', '["*", "/talker"]'), ":3", "everything: expected it alone"),
+    (PLACED.replace("/talker", "./talker"), ":3", "expected an enclave"),
+    (PLACED.replace("/talker", "enclaves//talker"), ":3", "expected an enclave"),
+    (PLACED.replace("/talker", "../talker"), ":3", "expected an enclave"),
+    (PLACED.replace('"/talker"', "[]"), ":3", "Expected `array` of length >= 1"),
+    (f'{PLACED}severity = "bad"\n', ":7", "'bad'; expected critical, high"),
+    (f'{PLACED}meaning = "{PRINT}"\n', ":7", "this belongs to a fingerprint"),
+    (PLACED.replace('where = "/talker"', f'fingerprint = "{PRINT}"'), ":1", "missing key `meaning`"),
+    (f'{PLACED}profiles = "humble"\n', ":7", "'humble' is no profile; expected names as in reports"),
+    (PLACED.replace('where = "/talker"', f'fingerprint = "{PRINT[:-1]}"'), ":3", "expected 64 digits"),
+    ("suppression = 3\n", ":1", "Expected `array`, got `int`"),
+    ("max_suppression_days = 0\n", ":1", "Expected `int` >= 1"),
+    ("max_suppression_days = true\n", ":1", "Expected `int`, got `bool`"),
+    ("max_suppression_days = 99999\n", ":1", "Expected `int` <= 3650"),
 ]
 
 
@@ -80,14 +84,14 @@ def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, w
 
 
 WRONG_ENTRIES = [
-    (ENTRY.replace('severity = "low"\n', ""), ":1:1", "expected severity = one of critical, high"),
-    (ENTRY.replace("fingerprint", "where"), ":3:1", "unknown key 'where'"),
-    (f"{ENTRY}{ENTRY}", ":11:1", "accepted already, at"),
-    (ENTRY.replace(f'meaning = "{PRINT}"', 'meaning = "x"'), ":4:1", "expected 64 digits"),
-    (f"{ENTRY}profiles = []\n", ":9:1", "array of such strings"),
-    (ENTRY.replace("KA205", "KA905"), ":2:1", "which nothing accepts"),
-    (ENTRY.replace("accepted", "suppression"), ":1:1", "unknown key 'suppression'; expected accepted"),
-    (ENTRY.replace("low", "none"), ":5:1", "expected 'critical' or"),
+    (ENTRY.replace('severity = "low"\n', ""), ":1", "missing key `severity`"),
+    (ENTRY.replace("fingerprint", "where"), ":3", "unknown key 'where'"),
+    (f"{ENTRY}{ENTRY}", ":11", "accepted already, at"),
+    (ENTRY.replace(f'meaning = "{PRINT}"', 'meaning = "x"'), ":4", "expected 64 digits"),
+    (f"{ENTRY}profiles = []\n", ":9", "Expected `array` of length >= 1"),
+    (ENTRY.replace("KA205", "KA905"), ":2", "which nothing accepts"),
+    (ENTRY.replace("accepted", "suppression"), ":1", "unknown key 'suppression'; expected accepted"),
+    (ENTRY.replace("low", "none"), ":5", "'none'; expected critical, high"),
 ]
 
 
@@ -104,7 +108,7 @@ NOT_OF_THE_SCHEMA = (
     "everything",
     "'humble' is no",
     "this is not TOML",
-    "'KA2'",
+    "expected one rule's code, e.g. KA203",
 )
 """What no JSON Schema says."""
 

@@ -40,9 +40,9 @@ def test_every_key_is_read(tmp_path: Path) -> None:
         ('foreign = ["maps/../keys"]', "expected a path in the keystore"),
         ('accepted = ["sha256:abc"]', "64 digits"),
         (f'accepted = ["{"0" * 64}"]', "64 digits"),
-        ('key_group = "ros"', "a number from 0"),
-        ("key_group = -1", "a number from 0"),
-        ('aliases = ["motor"]', "no enclave's path"),
+        ('key_group = "ros"', "Expected `int`, got `str`"),
+        ("key_group = -1", "Expected `int` >= 0"),
+        ('aliases = ["motor"]', "expected an enclave's path"),
         ('roots = ["/opt"]', "unknown key"),
     ],
 )

@@ -55,7 +55,7 @@ def fate(keystore: Path, *options: str | Path) -> dict[str, bool]:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (PLACED.replace("2026-12-04", "2027-05-21"), ":6:1: 2027-05-21 is too far away: expected 2027-05-20 or"),
+        (PLACED.replace("2026-12-04", "2027-05-21"), ":6: 2027-05-21 is too far away: expected 2027-05-20 or"),
         (PLACED.replace("KA205", "KA250"), "KA250 is no rule's code. Did you mean KA"),
         (PLACED.replace("owner", "onwer"), "unknown key 'onwer'"),
     ],

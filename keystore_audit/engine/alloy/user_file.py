@@ -28,7 +28,7 @@ from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.places import NamedPlace
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.properties import BY_ID
-from keystore_audit.settings.table import dds_topic
+from keystore_audit.settings.document import dds_topic
 
 CONSISTENT: Final = "KeystoreAuditIsConsistent"
 """The run that is added to each file: without an instance, nothing that the file says means anything."""

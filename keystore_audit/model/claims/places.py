@@ -17,7 +17,7 @@ from keystore_audit.model.formal.system import System
 
 
 class NamedPlace(Struct, frozen=True, kw_only=True):
-    """A name for enclaves, or for topics (`globs`). `place`: where a user gave it, `FILE:LINE:COLUMN`."""
+    """A name for enclaves, or for topics (`globs`). `place`: where a user gave it, `FILE:LINE`."""
 
     name: str
     globs: Globs

@@ -38,7 +38,7 @@ class LabelPair(Struct, frozen=True, kw_only=True):
 
 
 Marks = tuple[tuple[str, str], ...]
-"""Globs on enclaves or DDS topics, each with the place where it stands: `FILE:LINE:COLUMN`."""
+"""Globs on enclaves or DDS topics, each with the place where it stands: `FILE:LINE`."""
 
 
 class Marked(Protocol):
@@ -57,7 +57,7 @@ class Claim(Struct, frozen=True, kw_only=True):
     """A property that a user asserts, or a question about a flow.
 
     `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
-    `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE:COLUMN`,
+    `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE`,
     empty for a question of the command line; `marks`: where its globs stand, if known. `labels`: where labels make it.
     `source` may be empty for ONLY_PUBLISH alone: one enclave may publish then, whichever it is.
     """
@@ -183,7 +183,7 @@ class CyclicOrder(ValueError):
 
 
 class Labelled(Struct, frozen=True, kw_only=True):
-    """Enclaves and topics with a label: globs on enclave paths and on DDS topics. `place`: `FILE:LINE:COLUMN`."""
+    """Enclaves and topics with a label: globs on enclave paths and on DDS topics. `place`: `FILE:LINE`."""
 
     label: str
     enclaves: tuple[str, ...] = ()
