@@ -22,10 +22,10 @@ from keystore_audit.report.summary import Row, Summary, render_json, render_text
 from keystore_audit.text import some
 
 if TYPE_CHECKING:
-    from keystore_audit.fleet.executor import Executor
     from keystore_audit.fleet.parquet import Datasets
-    from keystore_audit.fleet.run import Fleet
+    from keystore_audit.fleet.pools import Pool
     from keystore_audit.fleet.search import Found
+    from keystore_audit.fleet.shared import Identities
     from keystore_audit.fleet.tables import Rows
     from keystore_audit.fleet.task import Audited
     from keystore_audit.options import Options
@@ -123,6 +123,7 @@ class _Run(Struct):
     texts: dict[int, str] = field(default_factory=dict)
     shown: int = 0
     datasets: list[Datasets] = field(default_factory=list)
+    identities: Identities | None = None
 
     def carried_out(self) -> int:
         """Audit all of them, and deliver what there is, also after an interrupt."""
@@ -130,14 +131,14 @@ class _Run(Struct):
         began = time.perf_counter()
         quiet = self.given["quiet"] or (self._texts_wanted and delivery.is_terminal())
         with ExitStack() as stack:
-            executor = self._executor(stack)
+            pool = self._pool(stack)
             try:
                 for wanted in self._summaries:  # however this run ends, an earlier one's does not speak of it
                     output.remove(wanted)
                 watch = stack.enter_context(
                     FleetWatch(len(self.found.keystores), visible=not quiet and sys.stderr.isatty())
                 )
-                self._audit(executor, watch)
+                self._audit(pool, watch)
             except KeyboardInterrupt:
                 interrupted = True
             except output.Unwritable:
@@ -147,26 +148,23 @@ class _Run(Struct):
             self._say_rate(time.perf_counter() - began)
         return self._finish(interrupted=interrupted)
 
-    def _audit(self, executor: Executor, watch: FleetWatch) -> None:
-        from keystore_audit.fleet.run import Fleet
+    def _audit(self, pool: Pool | None, watch: FleetWatch) -> None:
+        from keystore_audit.fleet.run import audited
+        from keystore_audit.fleet.shared import Identities
 
         tables = [wanted for wanted in self.given["targets"] if wanted.tables]
-        fleet = Fleet(
-            tasks=self._tasks(),
-            executor=executor,
-            step=watch.step,
-            compared=bool(tables) or len(self.found.keystores) > 1,
-        )
+        self.identities = Identities() if tables or len(self.found.keystores) > 1 else None
         try:
             with ExitStack() as stack:
                 if tables:
                     from keystore_audit.fleet.parquet import Datasets
 
                     self.datasets = [stack.enter_context(Datasets(wanted.path)) for wanted in tables]
-                results = stack.enter_context(closing(fleet.audit()))
-                for number, audited in results:
+                tasks = self._tasks()
+                results = stack.enter_context(closing(audited(tasks, pool, watch.step, self.identities)))
+                for number, outcome in results:
                     with interrupts_later():  # what the summary says of a keystore is there
-                        self._take(number, audited, fleet)
+                        self._take(number, outcome)
         except OSError as error:
             raise output.Unwritable(f"Cannot write a report: {error.strerror or error}.") from error
 
@@ -220,24 +218,21 @@ class _Run(Struct):
             for path in self.found.keystores
         ]
 
-    def _executor(self, stack: ExitStack) -> Executor:
-        """Return who audits; what has to be closed afterwards is left to the stack."""
+    def _pool(self, stack: ExitStack) -> Pool | None:
+        """Return who audits beside this process, if anybody; what has to be closed afterwards is left to the stack."""
+        from keystore_audit.fleet.pools import Cluster, Processes, processors
+
         address: str | None = self.given["executor"]
         if address is not None:
-            from keystore_audit.fleet.cluster import Cluster
-
             return stack.enter_context(closing(Cluster(address)))
-        from keystore_audit.fleet.executor import InTurn
-        from keystore_audit.fleet.processes import Processes, processors
-
         jobs: int | None = self.given["jobs"]
         if jobs is None:
             # Two Analyzers run side by side for one keystore.
             cores = processors() if self.options.engine == ENGINE_WITHOUT_JAVA else processors() // 2
             jobs = max(1, cores) if len(self.found.keystores) > MAX_IN_TURN else 1
-        return Processes(jobs) if jobs > 1 else InTurn()
+        return stack.enter_context(closing(Processes(jobs))) if jobs > 1 else None
 
-    def _take(self, number: int, audited: Audited, fleet: Fleet) -> None:
+    def _take(self, number: int, audited: Audited) -> None:
         """Keep what is to be kept of a keystore, and write its own files."""
         path = self.found.keystores[number]
         if audited.made is None:
@@ -255,18 +250,19 @@ class _Run(Struct):
             for wanted, text in zip(self._each, made.files, strict=True):
                 output.write(places.own_file(wanted, self.reports[path]), text)
         for datasets in self.datasets:
-            self._tabulate(datasets, number, audited, fleet)
+            self._tabulate(datasets, number, audited)
         while self.shown in self.texts:
             self._show(self.texts.pop(self.shown))
             self.shown += 1
 
-    def _tabulate(self, datasets: Datasets, number: int, audited: Audited, fleet: Fleet) -> None:
+    def _tabulate(self, datasets: Datasets, number: int, audited: Audited) -> None:
         from keystore_audit.fleet.tables import rows_of_identities, rows_without_report
 
         path, at = self.found.keystores[number], self.options.at
         rows: Rows | None = None if audited.made is None else audited.made.rows
         datasets.add(rows or rows_without_report(path, at, audited.exit_code, audited.error))
-        datasets.add(rows_of_identities(path, at, fleet.identities.of(number)))
+        if self.identities is not None:
+            datasets.add(rows_of_identities(path, at, self.identities.of(number)))
 
     def _show(self, text: str) -> None:
         if self._texts_wanted and text:

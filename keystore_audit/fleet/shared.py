@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 from keystore_audit.keystore.descent import display
-from keystore_audit.keystore.identity import Compared, Identity, LooseKey, alike
+from keystore_audit.keystore.identity import Beside, Compared, Identity, LooseKey, alike
 from keystore_audit.keystore.key_quality import Material, PublicKey, Signed, related_keys, shared_nonces
 
 
@@ -48,6 +48,10 @@ class Identities:
     def compared(self, number: int) -> Compared:
         """What one keystore was compared by."""
         return self._own.get(number, Compared())
+
+    def beside(self, number: int) -> Beside:
+        """What is known of the other keystores to the audit of one."""
+        return Beside(shared=self.shared_with(number), compared=self.compared(number), apart=self.within(number))
 
     def within(self, number: int) -> frozenset[str]:
         """The keystores in the directory of one: where they lie in it, as `layout.Nested.path`."""

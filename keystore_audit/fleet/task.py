@@ -6,6 +6,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import _lru_cache_wrapper
 from itertools import count
 from threading import Lock
@@ -55,37 +56,24 @@ class Audited(Struct, frozen=True, kw_only=True):
     error: str = ""
 
 
-class Known(Struct, frozen=True, kw_only=True):
-    """What is compared of the directory `place`, links resolved, and the subjects that grants name there; `error`: why
-    there may be more, a sentence.
-    """
+def identify(task: Task) -> tuple[str, Compared, frozenset[str]]:
+    """The directory of a keystore, links resolved, what is compared of it, and the subjects that grants name there.
 
-    place: str
-    compared: Compared = Compared()
-    named: frozenset[str] = frozenset()
-    error: str = ""
-
-
-def identify(task: Task) -> Known:
-    """Read the identities of a keystore; of one that cannot be read none, since its audit says why.
-
-    An audit that reads others all the same is incomplete (KA666).
+    Of one that cannot be read there is nothing, since its audit, which takes the same steps, says why. An audit that
+    reads others all the same is incomplete (KA666).
     """
     place = os.path.realpath(task.root)
-    if task.version != __version__:
-        return Known(place=place, error=_other_version(task))
-    try:
-        with _ALONE:
-            compared, named = read_identities(task.root, task.options.files)
-            return Known(place=place, compared=compared, named=named)
-    except Exception:  # noqa: BLE001 - its audit takes the same steps, and compares what it meets
-        return Known(place=place)
+    with _ALONE, suppress(Exception):
+        if task.version == __version__:
+            return (place, *read_identities(task.root, task.options.files))
+    return place, Compared(), frozenset()
 
 
 def carry_out(task: Task) -> Audited:
     """Audit a keystore; whatever goes wrong is in what is returned."""
     if task.version != __version__:
-        return Audited(exit_code=EXIT_INCOMPLETE, error=_other_version(task))
+        said = f"a worker has keystore-audit {__version__}, expected {task.version}, that of the command"
+        return Audited(exit_code=EXIT_INCOMPLETE, error=f"{task.root}: {said}.")
     try:
         with _ALONE:
             _forget_now_and_then()
@@ -110,7 +98,3 @@ def _forget_now_and_then() -> None:
                 if isinstance(value, _lru_cache_wrapper):
                     value.cache_clear()
     gc.collect()
-
-
-def _other_version(task: Task) -> str:
-    return f"{task.root}: a worker has keystore-audit {__version__}, expected {task.version}, that of the command."

@@ -119,7 +119,7 @@ def test_an_address_that_is_none(address: str, fleet: Path, capsys: pytest.Captu
 def test_a_scheduler_that_does_not_answer(
     fleet: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("keystore_audit.fleet.cluster.PATIENCE", 0.5)
+    monkeypatch.setattr("keystore_audit.fleet.pools.SCHEDULER_PATIENCE", 0.5)
     with socket.socket() as nobody:
         nobody.bind(("127.0.0.1", 0))  # bound and not listening
         address = f"dask://127.0.0.1:{nobody.getsockname()[1]}"
