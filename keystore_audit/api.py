@@ -4,17 +4,28 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timedelta, timezone
+from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Annotated, Any, Final
 from zoneinfo import ZoneInfo
 
-from keystore_audit.arguments import check_arguments, check_ranges
+from msgspec import Meta, Struct, ValidationError, convert
+from msgspec.structs import asdict
+
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.formats import FORMATS
 from keystore_audit.formats import render as _render
-from keystore_audit.model.trust.authorities import Authorities
-from keystore_audit.options import DEFAULT_NOTICE, ENGINES, Options, user_files
+from keystore_audit.options import (
+    DEFAULT_NOTICE,
+    ENGINES,
+    FIRST_YEAR,
+    LAST_DOMAIN,
+    LAST_YEAR,
+    MAX_DAYS,
+    MAX_SECONDS,
+    options_of,
+)
 from keystore_audit.pipeline import audit as _audit
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
 
@@ -33,6 +44,15 @@ __all__ = [
 ]
 
 PathLike = str | os.PathLike[str]
+
+_File = Annotated[str, Meta(pattern="^[^\0\ud800-\udc7f\udd00-\udfff]*\\Z")]
+"""A path that a file can have; bytes that are no UTF-8 are surrogates of their own (PEP 383)."""
+
+_PATHS: Final = (
+    "alloy_jar", "baseline", "policy", "policy_include", "environment", "graphs", "launches", "alloy_properties",
+    "roots",
+)  # fmt: skip
+"""Arguments that are files and directories."""
 
 
 def audit(
@@ -75,54 +95,32 @@ def audit(
     NothingToAudit where there is no keystore, UsageError for arguments or files that make no sense, and AuditError for
     a damaged installation.
     """
-    check_arguments(locals())
+    given = _checked(locals())
     from keystore_audit.model.local_time import time_zone as zone_named
     from keystore_audit.rules.registry import rule_code
-    from keystore_audit.settings.authorities import expected
-    from keystore_audit.settings.settings import read_baseline, read_settings
+    from keystore_audit.settings.settings import read_settings
 
-    if engine not in ENGINES:
-        raise UsageError(f"{engine!r} is no engine; there are {', '.join(ENGINES)}.")
-    if at is not None and at.tzinfo is None:
-        raise UsageError(f"The instant {at} has no time zone: give it one, e.g. timezone.utc.")
-    check_ranges(at, timeout, expires_within, domain)
-    if policy_include is not None and policy is None:
+    if given["policy_include"] is not None and policy is None:
         raise UsageError("policy_include is for the files that a policy includes, and there is no policy.")
-    asserted = None if settings is None else read_settings(Path(settings), (os.fspath(path),))
-    options = Options(
-        at=(at or datetime.now(timezone.utc)).astimezone(timezone.utc).replace(microsecond=0),
-        at_given=at is not None,
-        profiles=tuple(profiles),
-        domain=domain,
-        time_zone=zone_named(time_zone) if isinstance(time_zone, str) else time_zone,
-        engine=engine,
-        offline=offline,
-        alloy_jar=_path(alloy_jar),
-        timeout=timeout,
-        fail_on=fail_on,
-        expires_within=expires_within,
-        deployed=deployed,
-        select=tuple(map(rule_code, select)),
-        ignore=tuple(map(rule_code, ignore)),
-        authorities=expected(
-            asserted.authorities if asserted is not None else Authorities(),
-            [os.fspath(each) for each in expect_identity_ca],
-            [os.fspath(each) for each in expect_permissions_ca],
-            (os.fspath(path),),
+    keystores = (given["path"],)
+    return _audit(
+        path,
+        options_of(
+            given
+            | {
+                "time_zone": zone_named(time_zone) if isinstance(time_zone, str) else time_zone,
+                "select": tuple(map(rule_code, select)),
+                "ignore": tuple(map(rule_code, ignore)),
+                "identity_cas": given["expect_identity_ca"],
+                "permissions_cas": given["expect_permissions_ca"],
+                "launch_arguments": dict(launch_arguments or {}),
+                "overview": pictures,
+                **{name: _paths(given[name]) for name in _PATHS},
+            },
+            keystores,
+            None if settings is None else read_settings(Path(given["settings"]), keystores),
         ),
-        settings=asserted,
-        baseline=None if baseline is None else read_baseline(Path(baseline), (os.fspath(path),)),
-        policy=_path(policy),
-        policy_include=_path(policy_include),
-        environment=_path(environment),
-        graphs=tuple(map(Path, graphs)),
-        launches=tuple(map(Path, launches)),
-        launch_arguments=dict(launch_arguments or {}),
-        alloy_properties=user_files(tuple(map(Path, alloy_properties)), asserted, (os.fspath(path),)),
-        roots=tuple(map(Path, roots)),
-        overview=pictures,
     )
-    return _audit(path, options)
 
 
 def render(report: Report, form: str = "json") -> str:
@@ -134,5 +132,71 @@ def render(report: Report, form: str = "json") -> str:
     return _render(form, [report], PLAIN, several=False)
 
 
-def _path(given: PathLike | None) -> Path | None:
-    return None if given is None else Path(given)
+class _Arguments(Struct, kw_only=True):
+    """What the arguments of `audit` have to be, paths as texts; ranges are those of the command line."""
+
+    path: _File
+    at: Annotated[datetime, Meta(tz=True)] | None
+    profiles: tuple[str, ...]
+    domain: Annotated[int, Meta(ge=0, le=LAST_DOMAIN)] | None
+    time_zone: Any
+    engine: str
+    offline: bool
+    alloy_jar: _File | None
+    timeout: Annotated[float, Meta(gt=0, le=MAX_SECONDS)]
+    fail_on: Any
+    expires_within: timedelta
+    deployed: bool
+    select: tuple[str, ...]
+    ignore: tuple[str, ...]
+    expect_identity_ca: tuple[_File, ...]
+    expect_permissions_ca: tuple[_File, ...]
+    settings: _File | None
+    baseline: _File | None
+    policy: _File | None
+    policy_include: _File | None
+    environment: _File | None
+    graphs: tuple[_File, ...]
+    launches: tuple[_File, ...]
+    launch_arguments: dict[str, str] | None
+    alloy_properties: tuple[_File, ...]
+    roots: tuple[_File, ...]
+    pictures: bool
+
+
+def _checked(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments. Raises UsageError for one that is not what it has to be; a text is no sequence of names.
+
+    The values are not told: who calls knows them.
+    """
+    texts = {name: _text(each) for name, each in given.items()}
+    try:
+        found = convert(texts, _Arguments, builtin_types=(datetime, timedelta))
+    except ValidationError as error:
+        message, _, name = str(error).removesuffix("`").partition(" - at `$.")
+        if "regex" in message:
+            message = "A path holds a NUL character or half of a surrogate pair: no file can have it"
+        raise UsageError(f"{name}: {message}.") from error
+    for name, kinds in (("time_zone", str | ZoneInfo | None), ("fail_on", Severity | None)):
+        if not isinstance(given[name], kinds):
+            raise UsageError(f"{name}: Expected `{kinds}`, got `{type(given[name]).__name__}`.")
+    if found.engine not in ENGINES:
+        raise UsageError(f"{found.engine!r} is no engine; there are {', '.join(ENGINES)}.")
+    if found.at is not None and not FIRST_YEAR <= found.at.year <= LAST_YEAR:
+        raise UsageError(f"The instant {found.at} is not between the years {FIRST_YEAR} and {LAST_YEAR}.")
+    if not timedelta(0) <= found.expires_within <= timedelta(days=MAX_DAYS):
+        raise UsageError(f"A notice of {found.expires_within} is not between 0 and {MAX_DAYS} days.")
+    return asdict(found)
+
+
+def _text(given: Any) -> Any:
+    """A path, or those of a collection, as texts; whatever else as it is."""
+    if isinstance(given, os.PathLike):
+        return os.fspath(given)
+    return [*map(_text, given)] if isinstance(given, list | tuple | set | frozenset) else given
+
+
+def _paths(given: str | tuple[str, ...] | None) -> Path | tuple[Path, ...] | None:
+    if given is None:
+        return None
+    return Path(given) if isinstance(given, str) else tuple(map(Path, given))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from msgspec import Struct, field
 from msgspec.structs import replace
@@ -58,6 +58,33 @@ def declared_files(settings: Settings | None, roots: Sequence[Path]) -> Declared
 
     declared = settings.files if settings is not None else NOTHING_DECLARED
     return replace(declared, roots=tuple(map(str, roots)))
+
+
+def options_of(given: Mapping[str, Any], keystores: Sequence[str], settings: Settings | None) -> Options:
+    """What is asked of the keystores: `given` has, by the names of `Options`, what users say.
+
+    Beside those, `identity_cas` and `permissions_cas` as users write authorities; `baseline` and `alloy_properties` are
+    paths there. Raises errors.UsageError for files that are none.
+    """
+    from keystore_audit.model.trust.authorities import Authorities
+    from keystore_audit.settings.authorities import expected
+    from keystore_audit.settings.settings import read_baseline
+
+    declared = settings.authorities if settings is not None else Authorities()
+    made = {
+        "at": (given["at"] or now()).astimezone(timezone.utc).replace(microsecond=0),
+        "at_given": given["at"] is not None,
+        "authorities": expected(declared, given["identity_cas"], given["permissions_cas"], keystores),
+        "settings": settings,
+        "baseline": None if given["baseline"] is None else read_baseline(given["baseline"], keystores),
+        "alloy_properties": user_files(given["alloy_properties"], settings, keystores),
+    }
+    return Options(**{name: given[name] for name in Options.__struct_fields__ if name in given} | made)
+
+
+def now() -> datetime:
+    """Return this instant, whole seconds, UTC: the one place where the program asks the clock."""
+    return datetime.now(timezone.utc).replace(microsecond=0)
 
 
 class Progress(Protocol):

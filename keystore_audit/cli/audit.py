@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timedelta
+from datetime import timedelta
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -16,7 +16,7 @@ from keystore_audit.cli.places import executor_address
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import SEVERITIES, Severity
-from keystore_audit.options import ENGINES, MAX_DAYS
+from keystore_audit.options import ENGINES, MAX_DAYS, options_of
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
@@ -172,41 +172,17 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
 
 def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
     """Return what the options mean, settings and baseline read. Raises errors.UsageError for files that are none."""
-    from keystore_audit.options import Options, user_files
-
     opt.check_launch_arguments(given["launch_arguments"], given["launches"])
-    at: datetime | None = given["at"]
-    asserted = settings.chosen(given, keystores)
-    return Options(
-        at=at or opt.now(),
-        at_given=at is not None,
-        profiles=given["profiles"],
-        domain=given["domain"],
-        time_zone=given["time_zone"],
-        not_assumed=given["not_assumed"],
-        environment=given["environment"],
-        policy=given["policy"],
-        policy_include=given["policy_include"],
-        engine=given["engine"],
-        offline=given["offline"],
-        alloy_jar=given["alloy_jar"],
-        timeout=given["timeout"],
-        fail_on=None if given["fail_on"] == NEVER else Severity(given["fail_on"]),
-        expires_within=timedelta(days=given["expires_within"]),
-        deployed=given["deployed"],
-        select=given["select"],
-        ignore=given["ignore"],
-        graphs=given["graphs"],
-        launches=given["launches"],
-        launch_arguments=dict(given["launch_arguments"]),
-        roots=given["roots"],
-        overview=formats.HTML in settings.formats_of(given),
-        authorities=settings.authorities(given, asserted, keystores),
-        settings=asserted,
-        settings_passed_over=settings.passed_over(given),
-        baseline=settings.baseline(given, keystores),
-        alloy_properties=user_files(given["alloy_properties"], asserted, keystores),
-    )
+    if given["baseline"] is not None and len(keystores) > 1:  # what is accepted in one may look the same in another
+        raise click.UsageError("--baseline is of one keystore: name one KEYSTORE.")
+    more = {
+        "fail_on": None if given["fail_on"] == NEVER else Severity(given["fail_on"]),
+        "expires_within": timedelta(days=given["expires_within"]),
+        "launch_arguments": dict(given["launch_arguments"]),
+        "overview": formats.HTML in settings.formats_of(given),
+        "settings_passed_over": settings.passed_over(given),
+    }
+    return options_of({**given, **more}, keystores, settings.chosen(given, keystores))
 
 
 def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int:

@@ -63,21 +63,12 @@ def command(word: str, keystore: str | None, **given: Any) -> int:
 def _print_script(rule: Rule[Any], path: str, given: dict[str, Any]) -> int:
     from keystore_audit.cli.output import say, write_stdout
     from keystore_audit.keystore.keystore import read_keystore
-    from keystore_audit.options import Options
+    from keystore_audit.options import Options, now
     from keystore_audit.pipeline import audit
     from keystore_audit.report.script import script
 
-    settings = opt.named_settings(given, path)
-    options = Options(
-        at=given["at"] or opt.now(),
-        profiles=given["profiles"],
-        domain=given["domain"],
-        time_zone=given["time_zone"],
-        roots=given["roots"],
-        settings=settings,
-        deployed=given["deployed"],
-        engine="native",
-    )
+    named = {name: given[name] for name in ("profiles", "domain", "time_zone", "roots", "deployed")}
+    options = Options(at=given["at"] or now(), settings=opt.named_settings(given, path), engine="native", **named)
     report = audit(path, options)
     found = [finding for finding in report.findings if finding.code == rule.code]
     if not found:

@@ -16,7 +16,7 @@ from click.core import ParameterSource
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.cli.completion import Directory, Known, Word
 from keystore_audit.cli.scope import read, scope_options, together
-from keystore_audit.options import FIRST_YEAR, LAST_DOMAIN, LAST_YEAR, MAX_SECONDS, declared_files
+from keystore_audit.options import FIRST_YEAR, LAST_DOMAIN, LAST_YEAR, MAX_SECONDS, declared_files, now
 from keystore_audit.text import meant
 
 if TYPE_CHECKING:
@@ -104,11 +104,6 @@ def rule_family(value: str) -> str:
 def unknown(sentence: str, word: str, known: Sequence[str]) -> str:
     """Return `sentence` continued with the `known` words and the nearest one to `word`."""
     return f"{sentence} {', '.join(known)}.{meant(word, known, ' Did you mean {!r}?')}"
-
-
-def now() -> datetime:
-    """Return this instant, whole seconds, UTC: the one place where the program asks the clock."""
-    return datetime.now(timezone.utc).replace(microsecond=0)
 
 
 def _keystore_path(value: str) -> str:

@@ -7,14 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import click
-
 from keystore_audit.ci import in_ci
 from keystore_audit.cli import options as opt
 
 if TYPE_CHECKING:
-    from keystore_audit.model.trust.authorities import Authorities
-    from keystore_audit.settings.settings import Baseline, Settings
+    from keystore_audit.settings.settings import Settings
 
 STATEMENTS: Final = ("statement", "svr")
 """Formats that others take as a promise, which nobody makes with a file that merely lay there."""
@@ -33,22 +30,6 @@ baseline_option = opt.file(
 )
 
 
-def baseline(given: Mapping[str, Any], keystores: Sequence[str]) -> Baseline | None:
-    """The baseline named.
-
-    Raises errors.UsageError for a file that is none, and for several keystores: what is accepted in one may look the
-    same in another.
-    """
-    path: Path | None = given["baseline"]
-    if path is None:
-        return None
-    if len(keystores) > 1:
-        raise click.UsageError("--baseline is of one keystore: name one KEYSTORE.")
-    from keystore_audit.settings.settings import read_baseline
-
-    return read_baseline(path, keystores)
-
-
 def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Settings | None:
     """The settings named, else those in the working directory, but never where the directory may be anybody's.
 
@@ -62,15 +43,6 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Settings | Non
     from keystore_audit.settings.settings import read_settings
 
     return read_settings(path, keystores)
-
-
-def authorities(given: Mapping[str, Any], found: Settings | None, keystores: Sequence[str]) -> Authorities:
-    """The authorities that settings or options declare. Raises errors.UsageError."""
-    from keystore_audit.model.trust.authorities import Authorities
-    from keystore_audit.settings.authorities import expected
-
-    declared = found.authorities if found is not None else Authorities()
-    return expected(declared, given["identity_cas"], given["permissions_cas"], keystores)
 
 
 def passed_over(given: Mapping[str, Any]) -> str:
