@@ -6,6 +6,8 @@ Every message is raw text and may quote names from a keystore: whoever prints on
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import ClassVar
 
 EXIT_USAGE = 2
@@ -70,3 +72,31 @@ class EngineOutOfScale(EngineError):
         """As every error; see the class."""
         super().__init__(message)
         self.atoms = atoms
+
+
+def not_installed(error: Exception) -> str:
+    """That the audit lacks a package, as when it runs from a clone without its environment; nothing of other errors."""
+    module = error.name if isinstance(error, ModuleNotFoundError) else None
+    if module is None or module.startswith("keystore_audit"):
+        return ""
+    return (
+        f"The Python module {module} is not installed for {sys.executable}, so nothing is decided. `pip install .` in "
+        "the program's directory installs what it needs."
+    )
+
+
+def fault(error: Exception, *, verbose: bool) -> str:
+    """Say that this program is at fault; the error's text stays out, since it may quote what it was reading.
+
+    A module that is missing is no fault of the program: it runs from a clone, or with another Python.
+    """
+    if missing := not_installed(error):
+        return missing
+    sentence = "A fault in keystore-audit itself stopped it, so nothing is decided. Please report it."
+    if not verbose:
+        return f"{sentence} With -v it says where."
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    where = f" at {Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno}" if trace is not None else ""
+    return f"{sentence} ({type(error).__name__}{where})"

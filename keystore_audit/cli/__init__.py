@@ -8,21 +8,10 @@ import sys
 from contextlib import suppress
 from typing import Any, Final, NoReturn, TextIO
 
-from keystore_audit.errors import EXIT_INCOMPLETE
+from keystore_audit.errors import EXIT_INCOMPLETE, not_installed
 
 EXIT_INTERRUPTED: Final = 130
 """128 + SIGINT, as a shell says it."""
-
-
-def not_installed(error: Exception) -> str:
-    """That the audit lacks a package, as when it runs from a clone without its environment; nothing of other errors."""
-    module = error.name if isinstance(error, ModuleNotFoundError) else None
-    if module is None or module.startswith("keystore_audit"):
-        return ""
-    return (
-        f"The Python module {module} is not installed for {sys.executable}, so nothing is decided. `pip install .` in "
-        "the program's directory installs what it needs."
-    )
 
 
 class _StandardError:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Iterable, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
 from keystore_audit import __version__
-from keystore_audit.cli import EXIT_INTERRUPTED, not_installed, once
-from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, AuditError
+from keystore_audit.cli import EXIT_INTERRUPTED, once
+from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, AuditError, fault
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -129,18 +127,3 @@ def _end(code: int, sentence: str) -> int:
 
     say(sentence)
     return code
-
-
-def fault(error: Exception, *, verbose: bool) -> str:
-    """Say that this program is at fault; the error's text stays out, since it may quote what it was reading.
-
-    A module that is missing is no fault of the program: it runs from a clone, or with another Python.
-    """
-    if missing := not_installed(error):
-        return missing
-    sentence = "A fault in keystore-audit itself stopped it, so nothing is decided. Please report it."
-    if not verbose:
-        return f"{sentence} With -v it says where."
-    frames = traceback.extract_tb(error.__traceback__)
-    where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
-    return f"{sentence} ({type(error).__name__}{where})"

@@ -7,10 +7,10 @@ from contextlib import closing
 
 from msgspec.structs import replace
 
-from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, UsageError
+from keystore_audit.errors import EXIT_USAGE, UsageError
 from keystore_audit.fleet.pools import Lost, Pool, carried_out
 from keystore_audit.fleet.shared import Identities
-from keystore_audit.fleet.task import Audited, Task, carry_out, identify
+from keystore_audit.fleet.task import Audited, Task, carry_out, identify, lost
 
 Step = Callable[[str, int], None]
 """Told of each step: its name, and how many keystores it is done with."""
@@ -25,30 +25,30 @@ def audited(
     Raises errors.UsageError for options that make no sense, whatever the keystore. Closing the generator ends what is
     under way.
     """
-    lost: dict[int, Audited] = {}
+    without: dict[int, Audited] = {}
     if identities is not None:
         with closing(carried_out(pool, identify, tasks)) as known:
             for done, (number, found) in enumerate(known, start=1):
                 if isinstance(found, Lost):  # it might share some
-                    lost[number] = _lost(tasks[number], found)
+                    without[number] = _ended(tasks[number], found)
                 else:
                     identities.add(number, *found)
                 step("reading identities", done)
-    yield from lost.items()
-    numbers = [number for number in range(len(tasks)) if number not in lost]
+    yield from without.items()
+    numbers = [number for number in range(len(tasks)) if number not in without]
     if identities is None or len(tasks) == 1:
         asked: Iterable[Task] = tasks
     else:
         asked = (replace(tasks[number], beside=identities.beside(number)) for number in numbers)
     with closing(carried_out(pool, carry_out, asked)) as results:
-        for done, (place, result) in enumerate(results, start=len(lost) + 1):
+        for done, (place, result) in enumerate(results, start=len(without) + 1):
             number = numbers[place]
-            outcome = _lost(tasks[number], result) if isinstance(result, Lost) else result
-            if outcome.exit_code == EXIT_USAGE:
-                raise UsageError(outcome.error)
+            outcome = _ended(tasks[number], result) if isinstance(result, Lost) else result
+            if outcome.row.exit_code == EXIT_USAGE:
+                raise UsageError(outcome.row.error)
             step("auditing", done)
             yield number, outcome
 
 
-def _lost(task: Task, lost: Lost) -> Audited:
-    return Audited(exit_code=EXIT_INCOMPLETE, error=f"{task.root}: nothing is decided. {lost.reason}")
+def _ended(task: Task, ended: Lost) -> Audited:
+    return lost(task, f"{task.root}: nothing is decided. {ended.reason}")

@@ -5,21 +5,24 @@ from __future__ import annotations
 import gc
 import os
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from functools import _lru_cache_wrapper
 from itertools import count
 from threading import Lock
-from typing import Any, Final
+from typing import Final
 
 from msgspec import Struct, field
 
-from keystore_audit import __version__
-from keystore_audit.errors import EXIT_INCOMPLETE, AuditError
+from keystore_audit import __version__, formats
+from keystore_audit.errors import EXIT_INCOMPLETE, AuditError, fault
+from keystore_audit.fleet.tables import Rows, rows_of, rows_without_report
 from keystore_audit.keystore.identity import Beside, Compared, read_identities
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
+from keystore_audit.report import text
 from keystore_audit.report.content import Report
+from keystore_audit.report.summary import Row, row, without_report
+from keystore_audit.report.text import PLAIN, View
 
 MEMORY: Final = 25
 """Audits whose intermediate answers a process keeps: they are cached by certificate and document, each of which would
@@ -30,30 +33,33 @@ _ALONE = Lock()
 
 
 class Task(Struct, frozen=True, kw_only=True):
-    """A keystore to be audited.
+    """A keystore to be audited, and what is made of its report where it is made.
 
-    `beside`: what is known of the other keystores, None where there are none. `make`: what to make of the report where
-    it is made. `explain`: says a fault of this program in a sentence. Both, and `options`, go to
-    other processes. `version`: of this package where the task comes from.
+    `beside`: what is known of the other keystores, None where there are none. `kinds`: formats of the reports that have
+    a file of their own, which look as `kept` says; `shown`: how the text on standard output does, None: there is none.
+    `whole`: the report itself is wanted; `tables`: rows are. `version`: of this package where the task comes from.
     """
 
     root: str
     options: Options
-    make: Callable[[Report], Any]
-    explain: Callable[[Exception], str]
+    kinds: tuple[str, ...] = ()
+    kept: View = PLAIN
+    shown: View | None = None
+    whole: bool = False
+    tables: bool = False
+    verbose: bool = False
     beside: Beside | None = None
     version: str = field(default_factory=lambda: __version__)
 
 
 class Audited(Struct, frozen=True, kw_only=True):
-    """What became of a task: what was `made` of the report, or (then it is None) the `error`, raw text.
+    """What became of a task; where there is no report, `row` says why and the rest is empty."""
 
-    `exit_code`: the keystore's own, or that of the error.
-    """
-
-    exit_code: int
-    made: Any = None
-    error: str = ""
+    row: Row
+    files: tuple[str, ...] = ()
+    shown: str = ""
+    report: Report | None = None
+    tables: Rows | None = None
 
 
 def identify(task: Task) -> tuple[str, Compared, frozenset[str]]:
@@ -73,16 +79,28 @@ def carry_out(task: Task) -> Audited:
     """Audit a keystore; whatever goes wrong is in what is returned."""
     if task.version != __version__:
         said = f"a worker has keystore-audit {__version__}, expected {task.version}, that of the command"
-        return Audited(exit_code=EXIT_INCOMPLETE, error=f"{task.root}: {said}.")
+        return lost(task, f"{task.root}: {said}.")
     try:
         with _ALONE:
             _forget_now_and_then()
             report = audit(task.root, task.options, beside=task.beside)
-            return Audited(exit_code=report.exit_code, made=task.make(report))
+            return Audited(
+                row=row(task.root, report),
+                files=tuple(formats.render(kind, [report], task.kept, several=False) for kind in task.kinds),
+                shown=text.render(report, task.shown) if task.shown is not None else "",
+                report=report if task.whole else None,
+                tables=rows_of(task.root, report) if task.tables else None,
+            )
     except AuditError as error:
-        return Audited(exit_code=error.exit_code, error=error.message)
+        return lost(task, error.message, error.exit_code)
     except Exception as error:  # noqa: BLE001 - one keystore's fault keeps no other from its report
-        return Audited(exit_code=EXIT_INCOMPLETE, error=f"{task.root}: {task.explain(error)}")
+        return lost(task, f"{task.root}: {fault(error, verbose=task.verbose)}")
+
+
+def lost(task: Task, error: str, exit_code: int = EXIT_INCOMPLETE) -> Audited:
+    """That there is no report, and why."""
+    tables = rows_without_report(task.root, task.options.at, exit_code, error) if task.tables else None
+    return Audited(row=without_report(task.root, exit_code, error), tables=tables)
 
 
 _audits = count()
