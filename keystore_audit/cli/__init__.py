@@ -13,6 +13,21 @@ from keystore_audit.errors import EXIT_INCOMPLETE, not_installed
 EXIT_INTERRUPTED: Final = 130
 """128 + SIGINT, as a shell says it."""
 
+COMMANDS: Final = {
+    "audit": ("audit", "command"),
+    "can": ("can", "command"),
+    "access": ("can", "access_command"),
+    "flow": ("flow", "command"),
+    "diff": ("diff", "command"),
+    "suggest": ("suggest", "command"),
+    "baseline": ("baseline", "command"),
+    "rules": ("explain", "rules_command"),
+    "explain": ("explain", "command"),
+    "engine": ("engine", "command"),
+    "model": ("engine", "model_command"),
+}
+"""Each with the module of this package in which it is, imported only when it is asked for, and its name there."""
+
 
 class _StandardError:
     """Standard error, which may be full or closed: what is said there beside a report changes no exit code."""

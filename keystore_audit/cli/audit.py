@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from datetime import timedelta
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from keystore_audit import formats
-from keystore_audit.cli import delivery, once, output, places, settings
+from keystore_audit.ci import in_ci
 from keystore_audit.cli import options as opt
-from keystore_audit.cli.places import executor_address
+from keystore_audit.cli import output, places, types
+from keystore_audit.cli.program import Command
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import SEVERITIES, Severity
@@ -21,6 +24,7 @@ from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
     from keystore_audit.options import Options
+    from keystore_audit.settings.settings import Settings
 
 NEVER: Final = "never"
 COLORS: Final = ("auto", "always", "never")
@@ -28,6 +32,63 @@ COLORS: Final = ("auto", "always", "never")
 
 MAX_JOBS: Final = 1024
 """Processes at a time: more than any machine has use for."""
+
+
+STATEMENTS: Final = ("statement", "svr")
+"""Formats that others take as a promise, which nobody makes with a file that merely lay there."""
+
+FILE_NAME: Final = "keystore-audit.toml"
+"""What is read from the working directory where no file is named."""
+
+settings_option = opt.file(
+    "--settings",
+    help=f"What is asserted of the keystore (else ./{FILE_NAME}, save in CI, with --deployed and for statements).",
+)
+
+
+baseline_option = opt.file(
+    "--baseline", help="Findings that are accepted one by one, as `keystore-audit baseline create` writes them."
+)
+
+
+def named_or_found(given: Mapping[str, Any], keystores: Sequence[str]) -> Settings | None:
+    """The settings named, else those in the working directory, but never where the directory may be anybody's.
+
+    Raises errors.UsageError for a file that is none.
+    """
+    path: Path | None = given["settings"]
+    if path is None:
+        path = Path(FILE_NAME)
+        if _why_not_found(given) or not os.path.lexists(path):
+            return None
+    from keystore_audit.settings.settings import read_settings
+
+    return read_settings(path, keystores)
+
+
+def passed_over(given: Mapping[str, Any]) -> str:
+    """That settings in the working directory were not used, and why; empty where there are none or they count.
+
+    What they assert was not asked then, so that a pass says less than the same command does elsewhere.
+    """
+    why = _why_not_found(given)
+    if given["settings"] is not None or not why or not os.path.lexists(FILE_NAME):
+        return ""
+    return f"./{FILE_NAME} was not used, since {' and '.join(why)}; name it with --settings"
+
+
+def _why_not_found(given: Mapping[str, Any]) -> list[str]:
+    """Why settings count only where they are named."""
+    return [
+        *(["the variable CI is set"] if in_ci() else ()),
+        *(["--deployed is given"] if given["deployed"] else ()),
+        *([] if formats_of(given).isdisjoint(STATEMENTS) else ["a statement is written"]),
+    ]
+
+
+def formats_of(given: Mapping[str, Any]) -> set[str | None]:
+    """All formats that are written."""
+    return {given.get("kind"), *(wanted.format for wanted in given.get("targets", ()))}
 
 
 GROUPS: Final = {
@@ -51,13 +112,13 @@ Examples:
 
 @click.command(
     "audit",
-    cls=once.Command,
+    cls=Command,
     groups=GROUPS,
     epilog=EXAMPLES,
     short_help="Audit keystores: the default command.",
     context_settings={"show_default": True},
 )
-@click.argument("keystores", metavar="KEYSTORE...", nargs=-1, required=True, type=opt.keystore_path)
+@click.argument("keystores", metavar="KEYSTORE...", nargs=-1, required=True, type=types.keystore_path)
 @opt.choice("-f", "--format", "kind", words=formats.FORMATS, default="text", help="The report on standard output.")
 @click.option(
     "-o",
@@ -72,13 +133,13 @@ Examples:
 @click.option(
     "-j",
     "--jobs",
-    type=opt.Number(1, MAX_JOBS),
+    type=types.Number(1, MAX_JOBS),
     metavar="N",
     help="Audit so many keystores at a time (default: as processors allow); 1: one process in all.",
 )
 @click.option(
     "--executor",
-    type=executor_address,
+    type=types.executor_address,
     metavar="dask://HOST:PORT",
     help="Hand the keystores to the workers of this Dask scheduler.",
 )
@@ -93,7 +154,7 @@ Examples:
 @opt.observation_options
 @click.option(
     "--expires-within",
-    type=opt.Number(0, MAX_DAYS),
+    type=types.Number(0, MAX_DAYS),
     default=30,
     metavar="DAYS",
     help="Report what expires in the days to come.",
@@ -115,19 +176,19 @@ Examples:
 )
 @opt.authority_options
 @opt.roots_option
-@settings.option
-@settings.baseline_option
+@settings_option
+@baseline_option
 @click.option("--deployed", is_flag=True, help="This tree goes on a robot: CA private keys in it are critical.")
 @click.option(
     "--select",
-    type=opt.RULE,
+    type=types.RULE,
     multiple=True,
     metavar="CODE",
     help="Only this rule or family (repeatable).",
 )
 @click.option(
     "--ignore",
-    type=opt.RULE,
+    type=types.RULE,
     multiple=True,
     metavar="CODE",
     help="Not this rule or family (repeatable).",
@@ -179,10 +240,10 @@ def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
         "fail_on": None if given["fail_on"] == NEVER else Severity(given["fail_on"]),
         "expires_within": timedelta(days=given["expires_within"]),
         "launch_arguments": dict(given["launch_arguments"]),
-        "overview": formats.HTML in settings.formats_of(given),
-        "settings_passed_over": settings.passed_over(given),
+        "overview": formats.HTML in formats_of(given),
+        "settings_passed_over": passed_over(given),
     }
-    return options_of({**given, **more}, keystores, settings.chosen(given, keystores))
+    return options_of({**given, **more}, keystores, named_or_found(given, keystores))
 
 
 def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int:
@@ -197,9 +258,9 @@ def _audit_one(keystore: str, options: Options, given: Mapping[str, Any]) -> int
     except AuditError as error:
         hint = places.command_meant(keystore) if isinstance(error, NothingToAudit) else ""
         output.say(f"{error.message}{hint}")
-        delivery.say_not_written(given["targets"])
+        output.say_not_written(given["targets"])
         return error.exit_code
     for stage, seconds in watch.durations if given["verbose"] else ():
         click.echo(f"{seconds:8.3f} s  {terminal(stage)}", err=True)
-    delivery.deliver([report], given, several=False)
+    output.deliver([report], given, several=False)
     return report.exit_code

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
-from keystore_audit.cli import audit, once, output
+from keystore_audit.cli import audit, output, types
 from keystore_audit.cli import options as opt
+from keystore_audit.cli.program import Group
 from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import EXIT_INCOMPLETE
 from keystore_audit.findings import MAX_OWNER, MAX_REASON, SEVERITIES
@@ -58,7 +59,7 @@ def _words(most: int) -> Callable[[str], str]:
 
 @click.group(
     "baseline",
-    cls=once.Group,
+    cls=Group,
     short_help="Accept the findings of today, each until a day.",
     subcommand_metavar="COMMAND",
     invoke_without_command=True,  # click's own answer would be the whole help, as an error
@@ -71,7 +72,7 @@ def command(ctx: click.Context) -> None:
 
 
 @command.command("create", short_help="Accept what an audit finds now.", context_settings={"show_default": True})
-@click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
+@click.argument("keystore", metavar="KEYSTORE", type=types.keystore_path)
 @opt.file("-o", "--output", "file", required=True, help="The new baseline.")
 @click.option("--reason", type=_words(MAX_REASON), required=True, metavar="TEXT", help="Why they are accepted.")
 @click.option("--owner", type=_words(MAX_OWNER), required=True, metavar="NAME", help="Who answers for that.")
@@ -118,7 +119,7 @@ def create_command(keystore: str, file: Path, reason: str, owner: str, until: da
 
 @command.command("prune", short_help="Drop what has ended or accepts nothing.", context_settings={"show_default": True})
 @click.argument("file", metavar="FILE", type=click.Path(path_type=Path))
-@click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
+@click.argument("keystore", metavar="KEYSTORE", type=types.keystore_path)
 @audit_options
 @opt.verbose_option()
 def prune_command(file: Path, keystore: str, **given: Any) -> int:

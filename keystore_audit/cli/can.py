@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.core import ParameterSource
 
-from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
+from keystore_audit.cli import output, types
+from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE, BudgetExceeded, UsageError
 from keystore_audit.options import LAST_DOMAIN
 
 if TYPE_CHECKING:
     from keystore_audit.model.question import Answer, Question
+    from keystore_audit.model.tables.access_table import AccessTable
 
 ROS_OPERATIONS: Final = ("publish", "subscribe", "relay", "request", "reply", "call", "execute")
 DDS_OPERATIONS: Final = ("publish", "subscribe", "relay")
@@ -23,8 +25,8 @@ KINDS: Final = ("ros", "dds")
 EXPECTED: Final = ("allow", "deny")
 
 
-@click.command("can", cls=once.Command, short_help="Say whether an enclave may do something, and which line decides.")
-@click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
+@click.command("can", cls=Command, short_help="Say whether an enclave may do something, and which line decides.")
+@click.argument("keystore", metavar="KEYSTORE", type=types.keystore_path)
 @click.argument("words", metavar="[ENCLAVE OPERATION NAME]", nargs=-1)
 @opt.choice(
     "--kind", words=KINDS, default="ros", help="What NAME is: of ROS, as /chatter, or of a DDS topic, as rt/chatter."
@@ -115,7 +117,7 @@ def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -
 
     known = DDS_OPERATIONS if given["kind"] == "dds" else ROS_OPERATIONS
     if operation not in known:
-        raise click.UsageError(opt.unknown(f"{operation!r} is not one of", operation, known))
+        raise click.UsageError(types.unknown(f"{operation!r} is not one of", operation, known))
     if not name:
         raise click.UsageError("NAME is empty: nothing is called so.")
     if given["kind"] == "ros" and not is_ros_name(name):
@@ -224,3 +226,47 @@ def _parse(line: bytes, domain: int, partition: str) -> Question | str:
         domain=domain,
         partition=fields[4] if len(fields) > 4 else partition,
     )
+
+
+FORMATS: Final = ("text", "json", "csv")
+MAX_WIDTH: Final = 200
+"""A line longer than that is lost to the eye."""
+
+
+@click.command("access", cls=Command, short_help="Show who may do what: enclaves and topics.")
+@click.argument("keystore", metavar="KEYSTORE", type=types.keystore_path)
+@opt.format_option("How the table is written.", *FORMATS)
+@opt.domain_option("In which domain (default: the lowest that a governance covers).")
+@opt.reading_options
+@opt.file_options
+@opt.verbose_option()
+def access_command(keystore: str, **given: Any) -> int:
+    """Show who may do what in KEYSTORE: its enclaves and all topics, for each implementation.
+
+    \b
+    Exit codes:
+      0   everything is decided
+      3   nothing to look at there
+      4   something is unknown
+    """  # noqa: D301 - click's mark for lines that stay as they are
+    from keystore_audit.access import read_access_table
+
+    table = read_access_table(
+        keystore, **opt.reading(given, opt.named_settings(given, keystore)), domain=given["domain"]
+    )
+    output.write_stdout(_rendered(table, given["form"]))
+    return EXIT_INCOMPLETE if table.has_unknown else 0
+
+
+def _rendered(table: AccessTable, kind: str) -> str:
+    if kind == "json":
+        from keystore_audit.report import access_json
+
+        return access_json.json(table)
+    if kind == "csv":
+        from keystore_audit.report import access_csv
+
+        return access_csv.csv(table)
+    from keystore_audit.report import access_text
+
+    return access_text.text(table, max(output.WIDTH, output.columns(MAX_WIDTH)))

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
+from keystore_audit.cli import output, types
+from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE
 
 if TYPE_CHECKING:
@@ -21,9 +22,9 @@ FORMATS: Final = ("text", "json", "markdown")
 FAIL_ON: Final = ("gained", "any", "none")
 
 
-@click.command("diff", cls=once.Command, short_help="Say what changed in meaning between two keystores.")
-@click.argument("old", metavar="OLD", type=opt.keystore_path)
-@click.argument("new", metavar="NEW", type=opt.keystore_path)
+@click.command("diff", cls=Command, short_help="Say what changed in meaning between two keystores.")
+@click.argument("old", metavar="OLD", type=types.keystore_path)
+@click.argument("new", metavar="NEW", type=types.keystore_path)
 @opt.choice("--fail-on", words=FAIL_ON, default="gained", help="Which changes make the exit code 1.")
 @click.option(
     "--label",

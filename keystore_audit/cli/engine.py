@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
-from keystore_audit.cli import once
 from keystore_audit.cli import options as opt
+from keystore_audit.cli import output, types
+from keystore_audit.cli.program import Command, Group
 from keystore_audit.cli.progress import Watch
-from keystore_audit.errors import EngineMissing
+from keystore_audit.errors import EngineMissing, UsageError
 from keystore_audit.text import terminal
 
 
 @click.group(
     "engine",
-    cls=once.Group,
+    cls=Group,
     short_help="Say which engines there are, or install Alloy's.",
     invoke_without_command=True,
     subcommand_metavar="[install]",
@@ -32,7 +34,6 @@ def command(context: click.Context, alloy_jar: Path | None) -> int:
     if context.invoked_subcommand is not None:
         return 0
     from keystore_audit import __version__
-    from keystore_audit.cli.output import write_stdout
     from keystore_audit.engine.alloy.install import locate
 
     try:
@@ -42,7 +43,7 @@ def command(context: click.Context, alloy_jar: Path | None) -> int:
     else:
         alloy = f"{found.version}\n        jar   {found.jar}\n        java  {found.java}"
     lines = (f"native  {__version__} (part of keystore-audit)", f"alloy   {alloy}")
-    write_stdout("".join(f"{terminal(line)}\n" for text in lines for line in text.split("\n")))
+    output.write_stdout("".join(f"{terminal(line)}\n" for text in lines for line in text.split("\n")))
     return 0
 
 
@@ -61,4 +62,55 @@ def install_command(source: Path | None) -> int:
     with Watch(visible=sys.stderr.isatty()) as watch:
         jar = install(source, watch.stage)
     click.echo(f"The Alloy Analyzer is at {terminal(str(jar))}.", err=True)
+    return 0
+
+
+@click.command("model", cls=Command, short_help="Write the Alloy model of a keystore.")
+@click.argument("keystore", metavar="KEYSTORE", type=types.keystore_path)
+@click.option(
+    "-o",
+    "--output",
+    "directory",
+    type=click.Path(file_okay=False, path_type=Path),
+    required=True,
+    metavar="DIR",
+    help="Where to; made if it is not there.",
+)
+@opt.interpretation_options
+@opt.file_options
+@opt.observation_options
+@opt.file("--policy", help="An SROS2 policy: the nodes that it is about, and what they are to do.")
+@opt.file(
+    "--alloy-property",
+    "alloy_properties",
+    multiple=True,
+    help="Properties of your own in Alloy, to stand beside the model (repeatable).",
+)
+@opt.verbose_option()
+def model_command(keystore: str, directory: Path, **given: Any) -> int:
+    """Write the Alloy model of KEYSTORE, ready for the Alloy Analyzer.
+
+    With --graph, --launch or --policy it has the nodes and their wiring too.
+    """
+    from keystore_audit.export import export_model
+    from keystore_audit.intent.observed import read_observed
+    from keystore_audit.options import user_files
+
+    opt.check_launch_arguments(given["launch_arguments"], given["launches"])
+    output.check_outside(directory, (keystore,))
+    files = user_files(given["alloy_properties"], None, (keystore,))
+    arguments = dict(given["launch_arguments"])
+    intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"])
+    try:
+        export_model(
+            keystore,
+            directory,
+            **opt.reading(given, opt.named_settings(given, keystore)),
+            domain=given["domain"],
+            intents=intents,
+            files=files,
+        )
+    except OSError as error:
+        raise UsageError(f"Cannot write the model to {directory}: {error.strerror or error}.") from error
+    click.echo(f"The model is in {terminal(str(directory))}.", err=True)
     return 0

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from keystore_audit.cli import once
 from keystore_audit.cli import options as opt
-from keystore_audit.cli.completion import Known
-from keystore_audit.cli.rules import line
+from keystore_audit.cli import output, types
+from keystore_audit.cli.program import Command
+from keystore_audit.findings import SEVERITIES
 
 if TYPE_CHECKING:
     from keystore_audit.properties import Property
@@ -20,12 +20,12 @@ MIN_PART: Final = 3
 """Characters of a part of a code or name: fewer fit nearly everything."""
 
 
-@click.command("explain", cls=once.Command, short_help="Explain a rule or property.")
-@click.argument("word", metavar="CODE-OR-NAME", type=Known(str, opt.codes))
+@click.command("explain", cls=Command, short_help="Explain a rule or property.")
+@click.argument("word", metavar="CODE-OR-NAME", type=types.Known(str, types.codes))
 @click.option(
     "--for",
     "keystore",
-    type=opt.keystore_path,
+    type=types.keystore_path,
     metavar="KEYSTORE",
     help="Print a shell script that does what is to do about it in this keystore.",
 )
@@ -40,7 +40,6 @@ def command(word: str, keystore: str | None, **given: Any) -> int:
     then run where the private keys are; a finding that the keystore does not have is exit code 1. The other options
     are those of the audit that found it.
     """
-    from keystore_audit.cli.output import write_stdout
     from keystore_audit.properties import BY_ID
     from keystore_audit.rules import RULES
     from keystore_audit.rules.registry import rule_meant
@@ -49,19 +48,18 @@ def command(word: str, keystore: str | None, **given: Any) -> int:
     rule = rules.get(word.upper()) or rules.get(word.lower())
     alike = [each for each in RULES if each.code.startswith(word.upper()) or word.lower() in each.name]
     if rule is None and alike and len(word) >= MIN_PART:
-        write_stdout("".join(map(line, alike)))
+        output.write_stdout("".join(map(line, alike)))
         return 0
     if rule is None:
         hint = rule_meant(word, list(rules))
         raise click.UsageError(f"{word!r} is no rule and no property.{hint} `keystore-audit rules` lists them.")
     if keystore is not None:
         return _print_script(rule, keystore, given)
-    write_stdout(_explanation(rule, BY_ID.get(rule.name)))
+    output.write_stdout(_explanation(rule, BY_ID.get(rule.name)))
     return 0
 
 
 def _print_script(rule: Rule[Any], path: str, given: dict[str, Any]) -> int:
-    from keystore_audit.cli.output import say, write_stdout
     from keystore_audit.keystore.keystore import read_keystore
     from keystore_audit.options import Options, now
     from keystore_audit.pipeline import audit
@@ -72,9 +70,9 @@ def _print_script(rule: Rule[Any], path: str, given: dict[str, Any]) -> int:
     report = audit(path, options)
     found = [finding for finding in report.findings if finding.code == rule.code]
     if not found:
-        say(f"{rule.code} {rule.name} is not found in {path}.")
+        output.say(f"{rule.code} {rule.name} is not found in {path}.")
         return 1
-    write_stdout(script(found, read_keystore(path, declared=options.files)))
+    output.write_stdout(script(found, read_keystore(path, declared=options.files)))
     return 0
 
 
@@ -94,3 +92,24 @@ def _paragraph(text: str) -> str:
     if any(line.startswith((" ", "- ")) for line in text.split("\n")):
         return text
     return fill(text, 80, break_on_hyphens=False, break_long_words=False)
+
+
+@click.command("rules", cls=Command)
+@opt.choice("--severity", words=SEVERITIES, help="Only rules of this severity.")
+@click.option("--family", type=types.rule_family, metavar="CODE", help="Only rules of this family, e.g. KA2.")
+def rules_command(severity: str | None, family: str | None) -> int:
+    """List the rules: code, severity and name.
+
+    The names of the KA7 rules are the properties that the engines decide. Some findings weigh more or less than their
+    rule does in general: `explain` says when.
+    """
+    from keystore_audit.rules import RULES
+
+    of_severity = (rule for rule in RULES if severity is None or rule.severity.value == severity)
+    output.write_stdout("".join(line(rule) for rule in of_severity if family is None or rule.family == family))
+    return 0
+
+
+def line(rule: Rule[Any]) -> str:
+    """The rule in a list of rules."""
+    return f"{rule.code}  {rule.severity.value:<8}  {rule.name}\n"

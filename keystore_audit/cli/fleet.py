@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from keystore_audit import __version__
-from keystore_audit.cli import EXIT_INTERRUPTED, delivery, output, places
-from keystore_audit.cli.interrupts import interrupts_later
-from keystore_audit.cli.progress import FleetWatch
+from keystore_audit.cli import EXIT_INTERRUPTED, output, places
+from keystore_audit.cli.progress import FleetWatch, interrupts_later
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit
 from keystore_audit.report.summary import Row, Summary, render_json, render_text
 from keystore_audit.text import some
@@ -84,7 +83,7 @@ class _Run:
         self._summarised = several and bool(self._each or self._tables)
         self._in_text = given["kind"] == "text"
         self._texts_wanted = self._in_text and not self._summarised
-        self._shown_as = delivery.view(given, stdout=True)
+        self._shown_as = output.view(given, stdout=True)
         self._rows: dict[int, Row] = {}
         self._whole: dict[int, Report] = {}
         self._texts: dict[int, str] = {}
@@ -96,7 +95,7 @@ class _Run:
         """Audit all of them, and deliver what there is, also after an interrupt."""
         interrupted = False
         began = time.perf_counter()
-        quiet = self._given["quiet"] or (self._texts_wanted and delivery.is_terminal())
+        quiet = self._given["quiet"] or (self._texts_wanted and output.is_terminal())
         with ExitStack() as stack:
             pool = self._pool(stack)
             try:
@@ -107,7 +106,7 @@ class _Run:
             except KeyboardInterrupt:
                 interrupted = True
             except output.Unwritable:
-                delivery.say_not_written(self._together)
+                output.say_not_written(self._together)
                 raise
         if self._given["verbose"] or sys.stderr.isatty():
             seconds, done = time.perf_counter() - began, len(self._rows)
@@ -142,7 +141,7 @@ class _Run:
                 root=path,
                 options=self._options,
                 kinds=tuple(wanted.format for wanted in self._each),
-                kept=delivery.view(self._given, stdout=False),
+                kept=output.view(self._given, stdout=False),
                 shown=self._shown_as if self._texts_wanted else None,
                 whole=bool(self._together) or not self._in_text,  # all are needed together, in one document
                 tables=bool(self._tables),
@@ -205,11 +204,11 @@ class _Run:
         if self._in_text and self._several:
             self._show_summary(summary, missing)
         if interrupted:
-            delivery.say_not_written(self._together)
+            output.say_not_written(self._together)
             output.say("Interrupted.")
         else:
             reports = [self._whole[number] for number in sorted(self._whole)]
-            delivery.deliver(reports, self._given, several=self._several, stdout=not self._in_text, missing=missing)
+            output.deliver(reports, self._given, several=self._several, stdout=not self._in_text, missing=missing)
         return summary.exit_code
 
     def _say_older(self, wanted: output.Target) -> None:

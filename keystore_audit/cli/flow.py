@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from click.core import ParameterSource
 
-from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
+from keystore_audit.cli import output, types
+from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE
 from keystore_audit.text import instant
 
@@ -21,8 +22,8 @@ ATTACKERS: Final = ("honest", "source", "relays")
 ENGINES: Final = ("native", "auto", "both", "alloy")
 
 
-@click.command("flow", cls=once.Command, short_help="Say whether data can get from one place to another.")
-@click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
+@click.command("flow", cls=Command, short_help="Say whether data can get from one place to another.")
+@click.argument("keystore", metavar="KEYSTORE", type=types.keystore_path)
 @click.argument("source", metavar="[FROM", required=False)
 @click.argument("target", metavar="TO]", required=False)
 @click.option(

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
-import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -14,111 +11,102 @@ import click
 from click.core import ParameterSource
 
 from keystore_audit.assumptions import EVERY, Assumption
-from keystore_audit.cli.completion import Directory, Known, Word
-from keystore_audit.cli.scope import read, scope_options, together
-from keystore_audit.options import FIRST_YEAR, LAST_DOMAIN, LAST_YEAR, MAX_SECONDS, declared_files, now
-from keystore_audit.text import meant
+from keystore_audit.cli.types import Known, Number, Word, instant, launch_argument, profile_name, seconds, zone_name
+from keystore_audit.errors import UsageError
+from keystore_audit.options import LAST_DOMAIN, declared_files, now
 
 if TYPE_CHECKING:
-    from zoneinfo import ZoneInfo
-
     from keystore_audit.settings.settings import Settings
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
-_INSTANT: Final = re.compile(
-    r"(?P<day>[0-9]{4}-[0-9]{2}-[0-9]{2})"
-    r"(?:[T ](?P<minute>[0-9]{2}:[0-9]{2})(?P<second>:[0-9]{2})?(?:\.[0-9]+)?(?P<zone>Z|[+-][0-9]{2}:[0-9]{2})?)?"
+
+def together(*options: Callable[[F], F]) -> Callable[[F], F]:
+    """Return what adds all the options, in the order of the help."""
+
+    def add(command: F) -> F:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+def _profiles() -> Iterable[str]:
+    from keystore_audit.profiles import ALIASES, VARIANTS
+
+    return (*VARIANTS, *ALIASES)
+
+
+def _scopes() -> tuple[Iterable[str], Iterable[str]]:
+    """What --distro and --rmw take."""
+    from keystore_audit.profiles import DEFAULT, MIDDLEWARE, VARIANTS
+
+    shipped = (name for each in DEFAULT for name in VARIANTS[each].distributions)
+    return dict.fromkeys(shipped), dict.fromkeys((*MIDDLEWARE.values(), *MIDDLEWARE))
+
+
+def _scoping(name: str, destination: str, words: Callable[[], Iterable[str]], text: str) -> Callable[[F], F]:
+    """An option that chooses profiles together with `--profile`: read before it, and kept for `_in_scope`."""
+
+    def kept(context: click.Context, _parameter: click.Parameter, words: tuple[str, ...]) -> None:
+        context.meta[destination] = words
+
+    return click.option(
+        name,
+        destination,
+        type=Known(str, words),
+        metavar="NAME",
+        multiple=True,
+        is_eager=True,
+        expose_value=False,
+        callback=kept,
+        help=text,
+    )
+
+
+def _in_scope(context: click.Context, _parameter: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
+    """The profiles that --distro, --rmw and --profile choose together."""
+    distros, rmws = context.meta.get(_DISTROS, ()), context.meta.get(_RMWS, ())
+    if not distros and not rmws:
+        return names
+    from keystore_audit.profiles import in_scope
+
+    try:
+        return in_scope(distros, rmws, names)
+    except UsageError as error:
+        raise click.UsageError(error.message, context) from error
+
+
+_DISTROS: Final = "distros"
+_RMWS: Final = "rmws"
+
+scope_options: Final = together(
+    _scoping(
+        "--distro",
+        _DISTROS,
+        lambda: _scopes()[0],
+        "Judge what this distribution of ROS 2 ships (repeatable; humble, jazzy, kilted, lyrical, rolling).",
+    ),
+    _scoping(
+        "--rmw",
+        _RMWS,
+        lambda: _scopes()[1],
+        "Of that, what this middleware runs on (repeatable; fastdds, cyclonedds, or as RMW_IMPLEMENTATION says).",
+    ),
+    click.option(
+        "--profile",
+        "profiles",
+        type=Known(profile_name, _profiles),
+        metavar="NAME",
+        multiple=True,
+        callback=_in_scope,
+        help="Judge as this release of an implementation does (repeatable; docs/profiles.md has their names).",
+    ),
 )
 
-
-def instant(value: str) -> datetime:
-    """Return an ISO 8601 time as aware UTC; without a zone it is UTC, and fractions of a second are cut off."""
-    match = _INSTANT.fullmatch(value)
-    if match is None:
-        raise click.BadParameter(f"{value!r} is no time such as 2026-01-31T12:00:00Z (without a zone: UTC).")
-    zone = match["zone"] or "Z"
-    clock = (match["minute"] or "00:00") + (match["second"] or ":00")
-    try:
-        moment = datetime.fromisoformat(f"{match['day']}T{clock}{'+00:00' if zone == 'Z' else zone}")
-    except ValueError as error:
-        raise click.BadParameter(f"{value!r} is no time: {error}.") from error
-    if not FIRST_YEAR <= moment.year <= LAST_YEAR:
-        raise click.BadParameter(f"{value!r} is not between the years {FIRST_YEAR} and {LAST_YEAR}.")
-    return moment.astimezone(timezone.utc)
-
-
-def seconds(value: str | float) -> float:
-    """Return a duration greater than zero."""
-    try:
-        number = float(value)
-    except ValueError:
-        number = math.nan
-    if not 0 < number <= MAX_SECONDS:  # not true of NaN either
-        raise click.BadParameter(f"{value!r} is no number of seconds greater than 0, {MAX_SECONDS:g} at most.")
-    return number
-
-
-class Number(click.IntRange):
-    """A whole number within bounds."""
-
-    name = "whole number"
-
-
-def codes() -> Iterable[str]:
-    """The codes of all rules and families."""
-    from keystore_audit.rules import RULES
-
-    return (*dict.fromkeys(rule.family for rule in RULES), *(rule.code for rule in RULES))
-
-
-def zone_name(value: str) -> ZoneInfo:
-    """Return the zone of the IANA database that is called so."""
-    from keystore_audit.model.local_time import time_zone
-
-    return read(time_zone, value)
-
-
-def rule_code(value: str) -> str:
-    """Return the code of a rule or of a family (`KA2`); KA9, the audit itself, always runs."""
-    from keystore_audit.rules.registry import rule_code as code
-
-    return read(code, value)
-
-
-RULE: Final = Known(rule_code, codes)
-"""What names a rule or a family."""
-
-
-def rule_family(value: str) -> str:
-    """Return the code of a family (`KA2`) in capitals."""
-    from keystore_audit.rules import RULES
-
-    families = sorted({rule.family for rule in RULES})
-    if value.upper() not in families:
-        raise click.BadParameter(f"{value!r} is no family. Known: {', '.join(families)}.")
-    return value.upper()
-
-
-def unknown(sentence: str, word: str, known: Sequence[str]) -> str:
-    """Return `sentence` continued with the `known` words and the nearest one to `word`."""
-    return f"{sentence} {', '.join(known)}.{meant(word, known, ' Did you mean {!r}?')}"
-
-
-def _keystore_path(value: str) -> str:
-    """Return the path of a keystore; raise UsageError for the bare name of a command.
-
-    `keystore-audit -q rules` would otherwise audit a directory called `rules`.
-    """
-    from keystore_audit.cli.program import COMMANDS
-
-    if value in COMMANDS:
-        raise click.UsageError(f"A command comes first; for a directory called {value!r}, write ./{value}.")
-    return value
-
-
-keystore_path = Directory(_keystore_path)
+"""They make one parameter, `profiles`: names of variants and aliases, none where nothing was chosen."""
 
 
 def _be_verbose(ctx: click.Context, _param: click.Parameter, value: bool) -> bool:
@@ -252,14 +240,6 @@ def reading(given: Mapping[str, Any], settings: Settings | None) -> dict[str, An
         "zone": given["time_zone"],
         **({"assumed": EVERY.difference(given["not_assumed"])} if "not_assumed" in given else {}),
     }
-
-
-def launch_argument(value: str) -> tuple[str, str]:
-    """Return name and value of `NAME:=VALUE`."""
-    name, separator, content = value.partition(":=")
-    if not name or not separator:
-        raise click.BadParameter(f"{value!r} is not NAME:=VALUE, e.g. robot_name:=anna.")
-    return name, content
 
 
 def check_launch_arguments(arguments: Collection[object], launches: Collection[Path]) -> None:

@@ -6,18 +6,25 @@ import os
 import secrets
 import stat
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 from msgspec import Struct
 
-from keystore_audit.formats import FORMATS
+from keystore_audit import formats
+from keystore_audit.cli.options import use_color
+from keystore_audit.cli.types import unknown
+from keystore_audit.findings import Severity
 from keystore_audit.given import real_path
 from keystore_audit.opening import check_system, flags
 from keystore_audit.text import terminal
+
+if TYPE_CHECKING:
+    from keystore_audit.report.content import NoReport, Report
+    from keystore_audit.report.text import View
 
 
 class Unwritable(click.ClickException):
@@ -47,13 +54,11 @@ class Target(Struct, frozen=True, kw_only=True):
 
 def target(value: str) -> Target:
     """Return what `FORMAT=FILE` or `FORMAT=DIR/` means; neither need be there yet."""
-    from keystore_audit.cli.options import unknown
-
     kind, separator, name = value.partition("=")
     if not separator or not name:
         raise click.BadParameter(f"{value!r} is not FORMAT=FILE, e.g. json=report.json.")
-    if kind not in (*FORMATS, TABLES):
-        raise click.BadParameter(unknown(f"{kind!r} is no format; there are", kind, (*FORMATS, TABLES)))
+    if kind not in (*formats.FORMATS, TABLES):
+        raise click.BadParameter(unknown(f"{kind!r} is no format; there are", kind, (*formats.FORMATS, TABLES)))
     if name == "-":
         raise click.BadParameter("For standard output, use --format.")
     return Target(format=kind, path=Path(name), each=name.endswith("/") and kind != TABLES)
@@ -225,3 +230,69 @@ def _draft(name: str) -> str:
 
 def _reason(wanted: Target, error: OSError) -> str:
     return f"Cannot write the {wanted.format} report to {wanted.path}: {error.strerror or error}."
+
+
+WIDTH: Final = 80
+"""Columns of a text report that goes to no terminal: the same bytes everywhere."""
+
+MAX_WIDTH: Final = 110
+"""Columns on a wide terminal; longer lines are hard to read."""
+
+
+def deliver(
+    reports: Sequence[Report],
+    given: Mapping[str, Any],
+    *,
+    several: bool,
+    stdout: bool = True,
+    missing: Sequence[NoReport] = (),
+) -> None:
+    """Write every report that was asked for, to standard output if `stdout`; none where there was nothing to report on.
+
+    `missing`: keystores without a report, which documents about several name, so that none of them looks like a pass.
+
+    Targets that take a report of each keystore are left to whoever audits several.
+    """
+    targets = [wanted for wanted in given["targets"] if not (wanted.each or wanted.tables)]
+    if not reports:
+        say_not_written(targets)
+        return
+    if stdout:
+        shown = view(given, stdout=True)
+        write_stdout(formats.render(given["kind"], reports, shown, several=several, missing=missing))
+    kept = view(given, stdout=False)
+    for wanted in targets:
+        write(wanted, formats.render(wanted.format, reports, kept, several=several, missing=missing))
+
+
+def say_not_written(targets: Sequence[Target]) -> None:
+    """Say of each file that it is not there, or is an older one."""
+    for wanted in targets:
+        say(f"No report was written to {wanted.path}.")
+
+
+def view(given: Mapping[str, Any], *, stdout: bool) -> View:
+    """Return how the options want a report shown; files look the same everywhere."""
+    from keystore_audit.report.text import View
+
+    return View(
+        width=columns() if stdout else WIDTH,
+        color=stdout and use_color(given["color"], terminal=is_terminal()),
+        quiet=given["quiet"],
+        verbose=given["verbose"],
+        min_severity=Severity(given["min_severity"]),
+    )
+
+
+def is_terminal() -> bool:
+    """Whether standard output is one."""
+    return sys.stdout is not None and sys.stdout.isatty()
+
+
+def columns(most: int = MAX_WIDTH) -> int:
+    """How many columns standard output has, `most` of them."""
+    if not is_terminal():
+        return WIDTH
+    from shutil import get_terminal_size
+
+    return min(get_terminal_size((WIDTH, 24)).columns, most)

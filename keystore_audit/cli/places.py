@@ -7,9 +7,9 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-import click
 from msgspec.structs import replace
 
+from keystore_audit.cli import COMMANDS
 from keystore_audit.cli.output import Target
 from keystore_audit.errors import UsageError
 from keystore_audit.text import meant
@@ -35,15 +35,6 @@ MAX_ENTRIES: Final = 200_000
 
 _OWN_NAMES: Final = ("report.", SUMMARY)
 """What names of files here begin with; directories that are called so are written otherwise."""
-
-
-def executor_address(value: str) -> str:
-    """Return HOST:PORT of `dask://HOST:PORT`."""
-    scheme, separator, address = value.partition("://")
-    host, colon, port = address.rpartition(":")
-    if scheme != "dask" or not (separator and host and colon and port.isdecimal()):
-        raise click.BadParameter(f"{value!r} is not dask://HOST:PORT, e.g. dask://10.0.0.5:8786.")
-    return address
 
 
 def found(named: Sequence[str], *, recursive: bool) -> Found:
@@ -157,6 +148,4 @@ def _name(part: str) -> str:
 
 def command_meant(keystore: str) -> str:
     """Return a hint where what is no directory looks like the misspelt name of a command."""
-    from keystore_audit.cli.program import COMMANDS
-
     return "" if Path(keystore).exists() else meant(keystore, COMMANDS, " Did you mean the command {!r}?")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from keystore_audit import __version__
-from keystore_audit.cli import EXIT_INTERRUPTED, once
+from keystore_audit.cli import COMMANDS, EXIT_INTERRUPTED
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, AuditError, fault
 
 if TYPE_CHECKING:
@@ -17,23 +17,62 @@ if TYPE_CHECKING:
 
 NAME: Final = "keystore-audit"
 DEFAULT_COMMAND: Final = "audit"
-COMMANDS: Final = (
-    "audit",
-    "can",
-    "access",
-    "flow",
-    "diff",
-    "suggest",
-    "baseline",
-    "rules",
-    "explain",
-    "engine",
-    "model",
-)
-"""Each is the module of this package of that name, imported only when it is asked for."""
 
 
-class Program(once.Group):
+class Command(click.Command):
+    """A command that refuses a second value of an option that takes one.
+
+    Click keeps the last and says nothing: what the first one asked for, as the settings that a script names, would be
+    asked by nobody. The help shows the options in `groups`, the names of parameters under each heading.
+    """
+
+    def __init__(self, *arguments: Any, groups: Mapping[str, Sequence[str]] | None = None, **more: Any) -> None:
+        """As click's; without groups, options stand under one heading."""
+        super().__init__(*arguments, **more)
+        self.groups = groups or {}
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write each group, and what is in none under "Other"."""
+        if not self.groups:
+            super().format_options(ctx, formatter)
+            return
+        options = (each for each in self.get_params(ctx) if isinstance(each, click.Option))
+        records = {each.name: record for each in options if (record := each.get_help_record(ctx))}
+        for heading, names in self.groups.items():
+            with formatter.section(heading):
+                formatter.write_dl([record for name in names if (record := records.pop(name, None))])
+        with formatter.section("Other"):
+            formatter.write_dl([*records.values()])
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse as click does, then look for options that occur again; help and version have answered by then."""
+        given = [*args]
+        rest = super().parse_args(ctx, args)
+        if not ctx.resilient_parsing:
+            _values, _rest, order = self.make_parser(ctx).parse_args(given)
+            _refuse_second(order, ctx)
+        return rest
+
+
+class Group(Command, click.Group):
+    """A group of such commands."""
+
+    command_class = Command
+
+
+def _refuse_second(order: Sequence[click.Parameter], ctx: click.Context) -> None:
+    """Raise UsageError for an option with a value that stands in `order`, as all occurred, more than once."""
+    seen: set[click.Parameter] = set()
+    for option in order:
+        if not isinstance(option, click.Option) or option.is_flag or option.multiple:
+            continue
+        if option in seen:
+            name = max(option.opts, key=len)
+            raise click.UsageError(f"{name} is given twice and takes one value: give it once.", ctx)
+        seen.add(option)
+
+
+class Program(Group):
     """The commands; a first argument that is none of them belongs to `audit`."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
@@ -44,7 +83,8 @@ class Program(once.Group):
         """Import the command; None if there is none of that name."""
         if cmd_name not in COMMANDS:
             return None
-        command: click.Command = import_module(f"keystore_audit.cli.{cmd_name}").command
+        module, attribute = COMMANDS[cmd_name]
+        command: click.Command = getattr(import_module(f"keystore_audit.cli.{module}"), attribute)
         return command
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -60,7 +100,7 @@ class Program(once.Group):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Offer commands, and directories: a keystore may come first."""
-        from keystore_audit.cli.completion import directories
+        from keystore_audit.cli.types import directories
 
         found = super().shell_complete(ctx, incomplete)
         default = self.get_command(ctx, DEFAULT_COMMAND)

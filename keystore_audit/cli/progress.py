@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
-    from types import TracebackType
+    from types import FrameType, TracebackType
 
     from rich.console import Console
     from rich.progress import Progress
@@ -123,3 +127,27 @@ def _stderr() -> Console:
     from rich.console import Console
 
     return Console(stderr=True, markup=False, emoji=False, highlight=False)
+
+
+@contextmanager
+def interrupts_later() -> Iterator[None]:
+    """Keep SIGINT from the block, which is short; KeyboardInterrupt is raised at its end.
+
+    Outside of the main thread, which alone hears of signals, nothing is done.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    heard = False
+
+    def remember(_number: int, _frame: FrameType | None) -> None:
+        nonlocal heard
+        heard = True
+
+    kept = signal.signal(signal.SIGINT, remember)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, kept)
+    if heard:
+        raise KeyboardInterrupt

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from msgspec.structs import replace
 
-from keystore_audit.cli import once, output
 from keystore_audit.cli import options as opt
+from keystore_audit.cli import output, types
+from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE, UsageError
 
 if TYPE_CHECKING:
@@ -22,8 +23,8 @@ PERMISSIONS: Final = "permissions"
 FILE_NAME: Final = "permissions.xml"
 
 
-@click.command("suggest", cls=once.Command, short_help="Print the least policy for what was observed or launched.")
-@click.argument("keystore", metavar="KEYSTORE", type=opt.keystore_path)
+@click.command("suggest", cls=Command, short_help="Print the least policy for what was observed or launched.")
+@click.argument("keystore", metavar="KEYSTORE", type=types.keystore_path)
 @opt.observation_options
 @opt.file("--policy", help="An SROS2 policy: what its author means the nodes to do.")
 @opt.file(
@@ -91,7 +92,7 @@ def _chosen(suggestion: Suggestion, path: str | None) -> tuple[EnclavePolicy, ..
     enclaves = suggestion.policy.enclaves
     known = [enclave.path for enclave in enclaves]
     if path is not None and path not in known:
-        raise UsageError(opt.unknown(f"No node is in the enclave {path!r}; there are nodes in", path, known))
+        raise UsageError(types.unknown(f"No node is in the enclave {path!r}; there are nodes in", path, known))
     if not enclaves:
         raise UsageError("The files name no node, so that there is nothing to suggest.")
     return tuple(enclave for enclave in enclaves if path is None or enclave.path == path)

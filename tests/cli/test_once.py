@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 import pytest
 
-from keystore_audit.cli.completion import Word
 from keystore_audit.cli.program import program, run
+from keystore_audit.cli.types import Word
 from keystore_audit.ros2 import AuditVerb
 
 FITTING = {

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import pytest
 
-from keystore_audit.cli import options, output, places
+from keystore_audit.cli import options, output, places, types
 from keystore_audit.cli.program import run
 
 
@@ -141,7 +141,7 @@ def test_an_option_with_escape_sequences_is_shown_escaped(capsys: pytest.Capture
     ],
 )
 def test_instants_without_a_zone_are_utc(written: str, meant: datetime) -> None:
-    assert options.instant(written) == meant.replace(tzinfo=timezone.utc)
+    assert types.instant(written) == meant.replace(tzinfo=timezone.utc)
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_instants_without_a_zone_are_utc(written: str, meant: datetime) -> None:
 )
 def test_other_times_are_refused(written: str) -> None:
     with pytest.raises(click.BadParameter):
-        options.instant(written)
+        types.instant(written)
 
 
 class TestOutputs:

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from keystore_audit.cli.interrupts import interrupts_later
+from keystore_audit.cli.progress import interrupts_later
 
 
 def test_the_block_is_finished_first() -> None:

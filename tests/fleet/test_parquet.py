@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from keystore_audit.cli.options import instant
+from keystore_audit.cli.types import instant
 from keystore_audit.fleet import parquet
 from keystore_audit.fleet.tables import COLUMNS
 from tests.cli.keystores import AT, answer, keystore, rule, signed_keystore

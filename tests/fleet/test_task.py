@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.cli.options import instant
+from keystore_audit.cli.types import instant
 from keystore_audit.fleet import task
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.permissions import PermissionsFile
