@@ -1,5 +1,6 @@
 """Audit SROS2 keystores: what the signed artifacts allow, as the robots read them (docs/python-api.md)."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -38,6 +39,4 @@ def __getattr__(name: str) -> Any:
     """The Python interface, loaded when it is first asked for: the command line starts without it."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from keystore_audit import api
-
-    return getattr(api, name)
+    return getattr(import_module("keystore_audit.api"), name)

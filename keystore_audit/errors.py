@@ -13,6 +13,8 @@ from typing import ClassVar
 EXIT_USAGE = 2
 EXIT_NOTHING_TO_AUDIT = 3
 EXIT_INCOMPLETE = 4
+EXIT_INTERRUPTED = 130
+"""128 + SIGINT, as a shell says it."""
 
 
 class AuditError(Exception):

@@ -6,27 +6,9 @@ import gc
 import os
 import sys
 from contextlib import suppress
-from typing import Any, Final, NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
-from keystore_audit.errors import EXIT_INCOMPLETE, not_installed
-
-EXIT_INTERRUPTED: Final = 130
-"""128 + SIGINT, as a shell says it."""
-
-COMMANDS: Final = {
-    "audit": ("audit", "command"),
-    "can": ("can", "command"),
-    "access": ("can", "access_command"),
-    "flow": ("flow", "command"),
-    "diff": ("diff", "command"),
-    "suggest": ("suggest", "command"),
-    "baseline": ("baseline", "command"),
-    "rules": ("explain", "rules_command"),
-    "explain": ("explain", "command"),
-    "engine": ("engine", "command"),
-    "model": ("engine", "model_command"),
-}
-"""Each with the module of this package in which it is, imported only when it is asked for, and its name there."""
+from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_INTERRUPTED, not_installed
 
 
 class _StandardError:

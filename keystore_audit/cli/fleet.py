@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from keystore_audit import __version__
-from keystore_audit.cli import EXIT_INTERRUPTED, output, places
+from keystore_audit.cli import output, places
 from keystore_audit.cli.progress import FleetWatch, interrupts_later
-from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit
+from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_INTERRUPTED, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit
 from keystore_audit.report.summary import Row, Summary, render_json, render_text
 from keystore_audit.text import some
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from msgspec.structs import replace
 
-from keystore_audit.cli import COMMANDS
 from keystore_audit.cli.output import Target
+from keystore_audit.cli.types import COMMANDS
 from keystore_audit.errors import UsageError
 from keystore_audit.text import meant
 

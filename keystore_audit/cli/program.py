@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from keystore_audit import __version__
-from keystore_audit.cli import COMMANDS, EXIT_INTERRUPTED
-from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_USAGE, AuditError, fault
+from keystore_audit.cli.types import COMMANDS, directories
+from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_INTERRUPTED, EXIT_USAGE, AuditError, fault
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -100,8 +100,6 @@ class Program(Group):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Offer commands, and directories: a keystore may come first."""
-        from keystore_audit.cli.types import directories
-
         found = super().shell_complete(ctx, incomplete)
         default = self.get_command(ctx, DEFAULT_COMMAND)
         if incomplete.startswith("-") and default is not None:  # its name may be left out

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
-from keystore_audit.cli import COMMANDS
 from keystore_audit.errors import UsageError
 from keystore_audit.options import FIRST_YEAR, LAST_YEAR, MAX_SECONDS
 from keystore_audit.text import meant
@@ -25,6 +24,21 @@ else:
     TextType = click.ParamType  # generic only in newer releases
 
 T = TypeVar("T")
+
+COMMANDS: Final = {
+    "audit": ("audit", "command"),
+    "can": ("can", "command"),
+    "access": ("can", "access_command"),
+    "flow": ("flow", "command"),
+    "diff": ("diff", "command"),
+    "suggest": ("suggest", "command"),
+    "baseline": ("baseline", "command"),
+    "rules": ("explain", "rules_command"),
+    "explain": ("explain", "command"),
+    "engine": ("engine", "command"),
+    "model": ("engine", "model_command"),
+}
+"""Each with the module of this package in which it is, imported only when it is asked for, and its name there."""
 
 
 def read(by: Callable[[str], T], value: str) -> T:

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from keystore_audit import __version__
-from keystore_audit.cli.program import COMMANDS, run
+from keystore_audit.cli.program import run
+from keystore_audit.cli.types import COMMANDS
 from keystore_audit.properties import PROPERTIES
 
 HEAVY = {

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.cli.program import COMMANDS
+from keystore_audit.cli.types import COMMANDS
 
 WITHOUT = """
 import importlib.abc, os, pkgutil, runpy, sys
