@@ -40,9 +40,9 @@ def render(kind: str, reports: Sequence[Report], view: View, *, several: bool, m
 
         return markdown.render(reports, view.min_severity, missing)
     if kind == HTML:
-        from keystore_audit.report.html import page
+        from keystore_audit.report import html
 
-        return page.render(reports, view.min_severity, missing)
+        return html.render(reports, view.min_severity, missing)
     if kind in ("statement", "svr"):
         from keystore_audit.report import statement
 

@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Sequence
 from datetime import datetime, timezone
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import lxml.html
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from keystore_audit.findings import Severity
 from keystore_audit.model.formal.safeguard import Safeguard
 from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.model.tables.named import Named
 from keystore_audit.model.tables.neighbours import Neighbourhood, PeerGroup
 from keystore_audit.model.tables.periods import Dated, Period
-from keystore_audit.report.content import Report
-from keystore_audit.report.html import flow_picture, matrix, timeline
-from keystore_audit.report.html.sheet import sheet
+from keystore_audit.report import html, html_tables, pictures
 from tests.cli.keystores import AT, answer, keystore, rule
-
-MakeReport = Callable[..., Report]
 
 INSTANTS = st.datetimes(datetime(1, 1, 1), datetime(9999, 12, 31), timezones=st.just(timezone.utc))
 NAMES = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=80)
@@ -39,35 +35,47 @@ PERIODS = st.builds(
 )
 
 
+def drawn_dates(periods: Sequence[Period], at: datetime, until: datetime | None) -> str:
+    return section("dates", pictures.timeline(periods, at, until))
+
+
+def drawn_flow(table: AccessTable, flow: Neighbourhood) -> str:
+    view = {"domain": 0, "ambient": "", "spaces": [("", [pictures.picture(table, flow)])], "left_out": 0}
+    return f"<div>{section('flows', view)}</div>"
+
+
+def section(key: str, view: object) -> str:
+    sheet = SimpleNamespace(numbers={}, anchor=None)
+    return html._environment().get_template(f"{key}.html.j2").render(view=view, sheet=sheet, report=None)
+
+
 class TestTimeline:
     @given(periods=st.lists(PERIODS, min_size=1, max_size=50), at=INSTANTS, until=INSTANTS | st.none())
-    def test_every_date_has_a_place(
-        self, periods: list[Period], at: datetime, until: datetime | None, make_report: MakeReport
-    ) -> None:
-        drawn = timeline.timeline(sheet(make_report(at=at, safe_until=until), "", Severity.INFO), periods)
-        tree = lxml.html.fragment_fromstring(drawn.markup, create_parent=True)
+    def test_every_date_has_a_place(self, periods: list[Period], at: datetime, until: datetime | None) -> None:
+        drawn = drawn_dates(periods, at, until)
+        tree = lxml.html.fragment_fromstring(drawn, create_parent=True)
         bars = tree.xpath("//svg//rect")
-        assert len(bars) == min(len(periods), timeline.MAX_ROWS)
+        assert len(bars) == min(len(periods), pictures.MAX_ROWS)
         for bar in bars:
             x, width = float(bar.get("x")), float(bar.get("width"))
-            assert x >= timeline.LEFT
+            assert x >= pictures.LEFT
             assert width >= 2
-            assert x + width <= timeline.WIDTH - timeline.RIGHT + 2
+            assert x + width <= pictures.WIDTH - pictures.RIGHT + 2
         for line in tree.xpath("//svg//line"):
-            assert timeline.LEFT <= float(line.get("x1")) <= timeline.WIDTH - timeline.RIGHT
+            assert pictures.LEFT <= float(line.get("x1")) <= pictures.WIDTH - pictures.RIGHT
         ticks = [float(each.get("x")) for each in tree.xpath("//svg//text[@class='tick']")]
         assert ticks == sorted(ticks)
         assert all(later - earlier > 28 for earlier, later in pairwise(ticks))  # a year's width
         flagged = tree.xpath("//svg//line[@class='until']")
         assert len(flagged) == (1 if until is not None and until > at else 0)
 
-    def test_the_first_end_is_seen_beside_one_in_a_thousand_years(self, make_report: MakeReport) -> None:
+    def test_the_first_end_is_seen_beside_one_in_a_thousand_years(self) -> None:
         day = timezone.utc
         at, until = datetime(2026, 1, 1, tzinfo=day), datetime(2026, 1, 31, tzinfo=day)
         soon = Period(kind=Dated.GRANT, start=datetime(2020, 1, 1, tzinfo=day), end=until, names=("a",))
         far = Period(kind=Dated.GRANT, start=soon.start, end=datetime(3026, 1, 1, tzinfo=day), names=("b",))
-        drawn = timeline.timeline(sheet(make_report(at=at, safe_until=until), "", Severity.INFO), [soon, far])
-        tree = lxml.html.fragment_fromstring(drawn.markup, create_parent=True)
+        drawn = drawn_dates([soon, far], at, until)
+        tree = lxml.html.fragment_fromstring(drawn, create_parent=True)
         now = float(tree.xpath("//line[@class='at']")[0].get("x1"))
         assert float(tree.xpath("//line[@class='until']")[0].get("x1")) > now + 15
 
@@ -96,8 +104,8 @@ class TestFlow:
         self, incoming: list[PeerGroup], outgoing: list[PeerGroup], path: str, names: list[str]
     ) -> None:
         flow = Neighbourhood(path=path, incoming=tuple(incoming), outgoing=tuple(outgoing))
-        drawn = flow_picture._picture(table(names), flow)
-        tree = lxml.html.fragment_fromstring(drawn.markup)
+        drawn = drawn_flow(table(names), flow)
+        tree = lxml.html.fragment_fromstring(drawn).xpath("//svg")[0]
         _x, _y, _width, height = map(float, tree.get("viewbox").split())
         boxes = [{key: float(each.get(key)) for key in ("x", "y", "width", "height")} for each in tree.xpath("//rect")]
         for box in boxes:
@@ -106,23 +114,21 @@ class TestFlow:
         for line in tree.xpath("//text"):
             x, y = float(line.get("x")), float(line.get("y"))
             assert any(b["x"] <= x <= b["x"] + b["width"] and b["y"] < y < b["y"] + b["height"] for b in boxes)
-            assert len(line.text or "") * flow_picture.CHARACTER <= flow_picture.BOX
+            assert len(line.text or "") * pictures.CHARACTER <= pictures.BOX
         for hops in (incoming, outgoing):
-            more = len(hops) - flow_picture.MAX_BOXES
-            assert more <= 0 or f"{more} more not drawn" in drawn.markup
-        assert len(tree.xpath("//polygon")) == sum(
-            min(len(each), flow_picture.MAX_BOXES) for each in (incoming, outgoing)
-        )
-        dashed = [hop for each in (incoming, outgoing) for hop in each[: flow_picture.MAX_BOXES] if not hop.by_right]
+            more = len(hops) - pictures.MAX_BOXES
+            assert more <= 0 or f"{more} more not drawn" in drawn
+        assert len(tree.xpath("//polygon")) == sum(min(len(each), pictures.MAX_BOXES) for each in (incoming, outgoing))
+        dashed = [hop for each in (incoming, outgoing) for hop in each[: pictures.MAX_BOXES] if not hop.by_right]
         assert len(tree.xpath("//path[@class='hop keys']")) == len(dashed)
 
 
 @pytest.mark.slow
 def test_rows_beyond_the_limit_are_counted(tmp_path: Path) -> None:
-    topics = tuple(f"rt/topic_{number}" for number in range(matrix.MAX_ROWS + 50))
+    topics = tuple(f"rt/topic_{number}" for number in range(html_tables.MAX_ROWS + 50))
     root = keystore(tmp_path, {"/a": (rule(topics),), "/b": (rule((), topics),)})
     _code, page = answer("audit", root, "--engine", "native", "--at", AT, "-f", "html")
     tree = lxml.html.document_fromstring(page)
     drawn = len(tree.xpath("//table[@class='matrix']//th[@scope='row']"))
     (said,) = re.findall(r"([0-9,]+) rows not drawn", page)
-    assert (drawn, int(said)) == (matrix.MAX_ROWS, 50)
+    assert (drawn, int(said)) == (html_tables.MAX_ROWS, 50)

@@ -18,10 +18,10 @@ from keystore_audit.model.question import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.remedy import decision
+from keystore_audit.report import html as html_page
 from keystore_audit.report import markdown
 from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_PLACES
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.html import page as html_page
 from keystore_audit.report.text import PLAIN, View, render, render_several
 from tests.cli.keystores import answer
 from tests.report.outcomes import outcomes_of

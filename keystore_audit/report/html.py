@@ -1,0 +1,356 @@
+"""The report as one web page that needs nothing but itself: no network, no script, no other file.
+
+`templates/` holds its structure; what is computed for it is here and in the modules of tables and pictures. Whatever
+a template prints passes through `text.html`, so hidden and direction-changing characters are visible and nothing that a
+keystore's author wrote becomes markup. Templates put no text of a keystore into attributes, and have no way to write it
+as it is.
+"""
+
+from __future__ import annotations
+
+import re
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Final
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2.ext import Extension
+from markupsafe import Markup
+from msgspec import Struct
+from msgspec.structs import replace
+
+from keystore_audit.findings import Finding, Severity
+from keystore_audit.grouped import grouped
+from keystore_audit.model.blast_radius import Ranking
+from keystore_audit.model.tables.issuance import Issuance, IssuedCertificate
+from keystore_audit.properties.property import Status
+from keystore_audit.report.access_words import SHORT, full_name
+from keystore_audit.report.authorities_text import HOW, settings
+from keystore_audit.report.consequences import Consequences
+from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict
+from keystore_audit.report.engine_words import engine, until, warnings
+from keystore_audit.report.html_tables import Sheet, access, differing, profiles
+from keystore_audit.report.paragraph import by_answer, worst_first
+from keystore_audit.report.pictures import flows, timeline
+from keystore_audit.report.ros_nodes import nodes_beside
+from keystore_audit.text import counted, html, instant, shorten
+
+MAX_TITLE: Final = 80
+"""Characters of a keystore's path in the window's title."""
+
+MAX_OF_RULE: Final = 30
+"""Findings of one rule that are shown; a defect of 1,000 files is understood from a few."""
+
+MAX_SEEN: Final = 4
+"""Findings of one rule that are seen without a click."""
+
+MAX_RANKED: Final = 12
+"""Enclaves of a ranking that are seen without a click."""
+
+MAX_ROWS: Final = 200
+"""Rows of one ranking; enclaves with the same numbers are one row."""
+
+MAX_RANKINGS: Final = 4
+"""Rankings, where profiles differ."""
+
+_UNBROKEN: Final = 20
+"""Characters up to which a name is left in one piece."""
+
+_TEMPLATES: Final = Path(__file__).with_name("templates")
+
+_MARKS: Final = {
+    Severity.CRITICAL: "◆",
+    Severity.HIGH: "▲",
+    Severity.MEDIUM: "■",
+    Severity.LOW: "●",
+    Severity.INFO: "○",
+    Status.HOLDS: "✓",
+    Status.VIOLATED: "✗",
+    Status.UNKNOWN: "?",
+    Verdict.PASS: "✓",
+    Verdict.FAIL: "✗",
+    Verdict.INCOMPLETE: "?",
+}
+"""A shape for each, so that none is known by its colour alone."""
+
+
+class _Lines(Extension):
+    """The ends of a template's lines, and what indents them, are not on the page, save before an entry of a list."""
+
+    def preprocess(self, source: str, name: str | None, filename: str | None = None) -> str:  # noqa: ARG002
+        """Return the template without them."""
+        return re.sub(
+            r"\n\s*(<(?:article|li|section|tr)\b)|\n\s*", lambda found: "\n" * bool(found[1]) + (found[1] or ""), source
+        )
+
+
+def _printed(value: object) -> Markup:
+    """What a template prints, escaped: the one place for it."""
+    return value if isinstance(value, Markup) else Markup(html(value if isinstance(value, str) else str(value)))  # noqa: S704
+
+
+def _breakable(text: str) -> Markup:
+    """The text, which is best broken behind a slash where it is long."""
+    return Markup(html(text).replace("/", "/<wbr>") if len(text) > _UNBROKEN else html(text))  # noqa: S704
+
+
+@cache
+def _environment() -> Environment:
+    made = Environment(
+        autoescape=True,
+        undefined=StrictUndefined,
+        loader=FileSystemLoader(_TEMPLATES),
+        extensions=[_Lines],
+        finalize=_printed,
+    )
+    made.filters.update(
+        breakable=_breakable,
+        counted=counted,
+        full_name=full_name,
+        g="{:g}".format,
+        instant=instant,
+        shorten=shorten,
+        tenths=lambda number: f"{round(number, 1):g}",
+    )
+    made.globals.update(
+        full="The JSON report has all (--format json).",
+        incomplete=Verdict.INCOMPLETE,
+        marks=_MARKS,
+        severities=tuple(Severity),
+        short=SHORT,
+    )
+    return made
+
+
+class _Section(Struct, frozen=True, kw_only=True):
+    """A part of a report. `badge`: beside its name in the contents. `view`: what its template shows."""
+
+    key: str
+    title: str
+    badge: str = ""
+    view: Any
+
+
+def render(reports: Sequence[Report], min_severity: Severity = Severity.INFO, missing: Sequence[NoReport] = ()) -> str:
+    """Return the reports as one HTML document; findings below `min_severity` are counted and not shown.
+
+    `missing`: keystores without a report, which come first.
+    Without `Report.overview`, what pictures show is left out.
+    """
+    sheets = [
+        Sheet(report, f"k{number}-" if len(reports) > 1 else "", min_severity)
+        for number, report in enumerate(reports, start=1)
+    ]
+    counts = Counter(report.verdict for report in reports)
+    style = (_TEMPLATES / "style.css").read_text(encoding="utf-8")
+    page = _environment().get_template("page.html.j2")
+    return page.render(
+        reports=[(each, _head(each), [*_sections(each)]) for each in sheets],
+        missing=missing,
+        title=_title(reports, missing),
+        policy=_policy(style),
+        style=Markup(style),  # noqa: S704 - ours alone
+        verdicts=", ".join(f"{counts[each]} {each.value}" for each in Verdict),
+        foot=dict.fromkeys(f"keystore-audit {each.version}, as of {instant(each.at)}." for each in reports),
+    )
+
+
+def _title(reports: Sequence[Report], missing: Sequence[NoReport]) -> str:
+    if missing:
+        return f"INCOMPLETE: {len(missing)} of {len(reports) + len(missing)} without a report (keystore-audit)"
+    worst = min((report.verdict for report in reports), key=WORST_FIRST.index)
+    what = shorten(reports[0].keystore, MAX_TITLE) if len(reports) == 1 else f"{len(reports)} keystores"
+    return f"{worst.value.upper()}: {what} (keystore-audit)"
+
+
+def _policy(style: str) -> str:
+    """Nothing may be fetched or run; the one style sheet is known by its hash (Content Security Policy Level 3)."""
+    digest = b64encode(sha256(style.encode("utf-8")).digest()).decode("ascii")
+    return (
+        f"default-src 'none'; script-src 'none'; style-src 'sha256-{digest}'; img-src data:; base-uri 'none'; "
+        "form-action 'none'"
+    )
+
+
+def _sections(sheet: Sheet) -> Iterator[_Section]:
+    report, overview = sheet.report, sheet.report.overview
+    counting = sum(finding.suppressed is None for finding in sheet.shown)
+    yield _Section(key="findings", title="Findings", badge=str(counting), view=_findings(sheet))
+    yield _Section(key="properties", title="Properties", badge=_statuses(report), view=_properties(report))
+    if overview is not None:
+        yield _Section(key="access", title="Who may do what", view=access(sheet, overview))
+        yield _Section(key="flows", title="Information flow", view=flows(overview, len(report.enclaves)))
+        yield _Section(key="radius", title="Blast radius", view=_rankings(report.blast_radius or ()))
+    yield _Section(key="starting", title="Who can start", view=_starting(report))
+    rows = [*differing(sheet)]
+    table = None if overview is None else overview.access
+    yield _Section(
+        key="profiles", title="Implementations", badge=str(len(rows) or ""), view=profiles(sheet, rows, table)
+    )
+    if overview is not None:
+        yield _Section(key="certificates", title="Certificates and signatures", view=_certificates(overview.issuance))
+        yield _Section(key="dates", title="Dates", view=timeline(overview.periods, report.at, report.safe_until))
+
+
+def _statuses(report: Report) -> str:
+    """How many properties do not hold."""
+    counts = Counter(result.status for result in report.properties)
+    return " ".join(f"{counts[each]} {_MARKS[each]}" for each in STATUSES[:2] if counts[each]) or "✓"
+
+
+def _head(sheet: Sheet) -> Mapping[str, Any]:
+    """The verdict and everything that it rests on."""
+    report, checked = sheet.report, sheet.report.checked
+    holding = sum(result.status is Status.HOLDS for result in report.properties)
+    looked_at = {
+        "certificate": checked.certificates,
+        "signed document": checked.documents,
+        "topic channel": checked.channels,
+        "rule": checked.rules,
+    }
+    return {
+        "meaning": _meaning(report),
+        "dates": _dates(report),
+        "warnings": [*warnings(report, versions=True)],
+        "facts": [
+            ("as of", instant(report.at)),
+            ("layout", f"{report.layout}, {counted(len(report.enclaves), 'enclave')}"),
+            *([("scope", report.scope)] if report.scope else []),
+            ("judged as", ", ".join(sheet.profiles)),
+            ("properties", f"{holding} of {len(report.properties)} hold"),
+        ],
+        "engines": [engine(run, version=True) for run in report.engines],
+        "looked_at": ", ".join(counted(number, noun) for noun, number in looked_at.items()),
+        "assumed": (*(each.sentence for each in report.assumptions), *report.stated),
+        "how": HOW,
+        "declare": [*settings(report)],
+    }
+
+
+def _meaning(report: Report) -> str:
+    words = {
+        Verdict.INCOMPLETE: "Something could not be decided, and what cannot be decided is no pass. ",
+        Verdict.FAIL: "Somebody can do what this keystore seems to forbid, or a robot cannot start. ",
+        Verdict.PASS: "Nothing was found that fails this gate. " if report.fail_on is not None else "",
+    }[report.verdict]
+    gate = report.fail_on
+    return words + ("Nothing fails this gate." if gate is None else f"The gate fails at {gate.value} or worse.")
+
+
+def _dates(report: Report) -> str:
+    if report.safe_until is None:
+        return "No date in the keystore changes this answer."
+    if report.safe_until <= report.at:
+        return f"Nothing can be said of the future: {report.safe_until_why}."
+    return f"This answer holds until {instant(report.safe_until)}: {until(report)}"
+
+
+def _findings(sheet: Sheet) -> Mapping[str, Any]:
+    """By severity, then by rule, with remedy and clause said once."""
+    consequences = Consequences(sheet.shown, sheet.report.properties)
+    by_rule = grouped(consequences.told, lambda finding: (consequences.rank(finding)[0], finding.code))
+    return {
+        "rules": [_rule(rank, by_rule[rank, code]) for rank, code in sorted(by_rule)],
+        "consequences": consequences,
+        "hidden": len(sheet.report.findings) - len(sheet.shown),
+        "accepted": [finding for finding in sheet.shown if finding.suppressed is not None],
+    }
+
+
+def _rule(rank: int, found: Sequence[Finding]) -> Mapping[str, Any]:
+    shown = found[:MAX_OF_RULE]
+    return {
+        "worst": min((finding.severity for finding in found), key=lambda each: each.rank),
+        "open": rank <= Severity.MEDIUM.rank,
+        "found": found,
+        "shown": shown,
+        "seen": len(shown) if len(shown) <= MAX_SEEN + 1 else MAX_SEEN,
+        "advice": dict.fromkeys(
+            (each.clause, each.fix.text if len(found) == 1 else each.fix.general) for each in shown
+        ),
+    }
+
+
+def _properties(report: Report) -> Mapping[str, Any]:
+    """Those that do not hold with their counterexamples, the worst first, and those that do."""
+    failed = sorted(report.properties, key=lambda result: STATUSES.index(result.status))
+    holding = [result for result in report.properties if result.status is Status.HOLDS]
+    engines = (engine for each in holding for answer in each.profiles.values() for engine in answer.engines)
+    return {
+        "failed": [
+            (result, worst_first(result.profiles, lambda each: (frozenset(each.engines.items()), each.counterexample)))
+            for result in failed
+            if result.status is not Status.HOLDS
+        ],
+        "holding": holding,
+        "deciding": " and ".join(dict.fromkeys(engines)),
+    }
+
+
+def _starting(report: Report) -> Mapping[str, Any]:
+    """Which enclaves can start, and why the others cannot."""
+    starts = grouped(report.enclaves, lambda entry: all(each.usable for each in entry.profiles.values()))
+    return {
+        "well": [entry.path for entry in starts.get(True, ())],
+        "refused": [(entry, [*by_answer(entry.profiles).items()]) for entry in starts.get(False, ())],
+        "beside": nodes_beside(report.findings),
+    }
+
+
+def _rankings(rankings: Sequence[Ranking]) -> Sequence[Mapping[str, Any]]:
+    """What follows from the loss of each enclave's key, the worst first; that of the most profiles first."""
+    return [_ranking(each) for each in rankings[:MAX_RANKINGS]]
+
+
+def _ranking(ranking: Ranking) -> Mapping[str, Any]:
+    """Enclaves with the same numbers together, where there are many."""
+    few = MAX_RANKED + 2
+    rows = [[each] for each in ranking.enclaves]
+    if len(rows) > few:
+        rows = [*grouped(ranking.enclaves, lambda each: replace(each, path="")).values()]
+    seen = len(rows) if len(rows) <= few else MAX_RANKED
+    return {
+        "profiles": ", ".join(ranking.profiles),
+        "most": max((each.enclaves_reached for each in ranking.enclaves), default=0),
+        "seen": rows[:seen],
+        "rest": rows[seen:MAX_ROWS],
+        "rest_count": sum(map(len, rows[seen:])),
+        "left_out": sum(map(len, rows[MAX_ROWS:])),
+        "endless": any(each.endless for each in ranking.enclaves),
+    }
+
+
+def _certificates(issued: Issuance) -> Mapping[str, Any]:
+    """Who vouches for whom: roots first, and of these those that vouch for somebody."""
+    certificates = issued.certificates
+    roots = [number for number, each in enumerate(certificates) if each.is_root]
+    if not roots:  # authorities that issued each other
+        roots = [number for number, each in enumerate(certificates) if each.issued][:1]
+    return {
+        "certificates": certificates,
+        "roots": sorted(roots, key=lambda number: not certificates[number].issued and not certificates[number].signed),
+        "roles": _roles,
+        "unsigned": (
+            (issued.unsigned, "whose signature none of these certificates made"),
+            (issued.unread, "of which it cannot be told who signed"),
+        ),
+    }
+
+
+def _roles(certificate: IssuedCertificate) -> str:
+    """What it is for; a certificate for both roles of a CA is said to be."""
+    identity, permissions = certificate.identity_ca_of, certificate.permissions_ca_of
+    roles = []
+    if identity and permissions:
+        roles.append(f"one CA for identities and permissions, of {counted(identity, 'enclave')}")
+    elif identity or permissions:
+        kind = "identity" if identity else "permissions"
+        roles.append(f"{kind} CA of {counted(identity or permissions, 'enclave')}")
+    own = certificate.identity_of
+    if own:
+        roles.append("identity" if len(own) == 1 else f"identity of {len(own)} enclaves: {', '.join(own[:4])}")
+    return " · ".join(roles)

@@ -1,0 +1,217 @@
+"""Who may do what, and where implementations differ, as tables of a web page.
+
+Enclaves by namespace stand against topics by what protects them. Each right names the line that gives it. Enclaves of
+one namespace that may do the same are one column. What is left out is counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import groupby
+from typing import Any, Final
+
+from keystore_audit.findings import Finding, Severity
+from keystore_audit.grouped import grouped
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
+from keystore_audit.model.tables.access_table import AccessTable, Group
+from keystore_audit.model.tables.overview import Overview
+from keystore_audit.report.access_differences import differences, peers
+from keystore_audit.report.access_words import namespace, protected, protection_words, rights, worth_showing
+from keystore_audit.report.content import Report
+from keystore_audit.text import counted
+
+MAX_COLUMNS: Final = 14
+"""Columns of one matrix, so that it fits on a page."""
+
+MAX_TOGETHER: Final = 14
+"""Enclaves up to which all are in one matrix, whatever their namespaces, each with a column of its own."""
+
+MAX_CELLS: Final = 12_000
+"""Cells of all matrices: what a browser shows at once without effort."""
+
+MAX_ROWS: Final = 250
+"""Rows of one matrix; the least protected are drawn."""
+
+MAX_DIFFERENT: Final = 60
+"""Things that are set side by side."""
+
+_NEEDS: Final = {
+    "publish": (Operation.PUBLISH,),
+    "subscribe": (Operation.SUBSCRIBE,),
+    "relay": (Operation.RELAY,),
+}
+"""The operations of a right; services and actions need both publishing and subscribing."""
+
+
+class Sheet:
+    """One report on the page. `prefix`: of every id of its part. `shown`: its findings that are at least so severe.
+
+    `numbers`: by enclave path, a number for ids.
+    """
+
+    def __init__(self, report: Report, prefix: str, least: Severity) -> None:
+        """Of this report; findings below `least` are hidden."""
+        self.report, self.prefix = report, prefix
+        self.shown = report.shown(least)
+        self.profiles = report.judged_profiles
+        self.numbers = {entry.path: number for number, entry in enumerate(report.enclaves)}
+
+    def anchor(self, kind: str, number: int | str = "") -> str:
+        """The id of a part of this report."""
+        return f"{self.prefix}{kind}{f'-{number}' if number != '' else ''}"
+
+    def under(self, names: Iterable[str]) -> str:
+        """For which profiles something holds, in words; empty for all."""
+        names = tuple(names)
+        return "" if not names or set(self.profiles) <= set(names) else f"under {', '.join(names)}"
+
+
+def access(sheet: Sheet, overview: Overview) -> Mapping[str, Any]:
+    """The matrices of the profiles that most answers are shared by, and what peers take besides."""
+    table = overview.access
+    if table is None:
+        return {"refused": overview.refused}
+    main = table.groups[-1]
+    drawing = _Drawing(sheet, main, decision_rows(table, main))
+
+    def sources(path: str, row: Row) -> Sequence[tuple[str, str]]:
+        """The lines that give the rights, each once."""
+        needed = {each for word in row.cells[path] for each in _NEEDS.get(word, tuple(Operation)[:2])}
+        giving = (
+            each for each in overview.allowances.get(path, ()) if each.operation in needed and each.names & row.names
+        )
+        return [*dict.fromkeys((str(each.location or ""), each.reason) for each in giving)]
+
+    return {
+        "domain": table.domain,
+        "under": sheet.under(main.profiles),
+        "sources": sources,
+        "peers": peers(table, main),
+        **drawing.matrices(),
+    }
+
+
+class _Drawing:
+    """The matrices of one group of profiles."""
+
+    def __init__(self, sheet: Sheet, group: Group, rows: Sequence[Row]) -> None:
+        self._sheet, self._group = sheet, group
+        self._cells = MAX_CELLS
+        self._many = len(group.enclaves) > MAX_TOGETHER
+        self._rows = folded_by_owner(rows) if self._many else rows
+        self._done = rights(self._rows)
+
+    def matrices(self) -> Mapping[str, Any]:
+        """One for all enclaves, or those of each namespace, which stands for those that are alike."""
+        spaces = grouped(sorted(self._group.enclaves, key=lambda path: (namespace(path), path)), namespace)
+        if not self._many:
+            return {"whole": self._matrix([column for paths in spaces.values() for column in self._columns(paths)])}
+        kinds = grouped(spaces, lambda space: self._kind(space, spaces[space]))
+        return {"whole": None, "spaces": [self._space(alike, spaces[alike[0]]) for alike in kinds.values()]}
+
+    def _kind(self, space: str, paths: Sequence[str]) -> object:
+        """What its enclaves may do, with the namespace's own name taken out: equal for robots that are alike."""
+        own = f"{space}/"
+        kind = []
+        for path in paths:
+            enclave = self._group.enclaves[path]
+            done = ((self._rows[number], words) for number, words in self._done.get(path, ()))
+            may = ((row.label.replace(own, "\0"), row.sort, row.safeguards, words) for row, words in done)
+            kind.append((path.removeprefix(own), enclave.usable, enclave.reasons, frozenset(may)))
+        return tuple(kind) if space else (space, *kind)
+
+    def _space(self, alike: Sequence[str], paths: Sequence[str]) -> Mapping[str, Any]:
+        columns = self._columns(paths)
+        starts = range(0, len(columns), MAX_COLUMNS)
+        return {
+            "names": [f"{space}/" for space in alike],
+            "enclaves": len(paths),
+            "kinds": len(columns),
+            "matrices": [self._matrix(columns[start : start + MAX_COLUMNS]) for start in starts],
+        }
+
+    def _columns(self, paths: Sequence[str]) -> list[Mapping[str, Any]]:
+        """Enclaves that are alike together, unless there are few; each leads to its information flow."""
+
+        def kind(path: str) -> object:
+            enclave = self._group.enclaves[path]
+            return (enclave.usable, enclave.reasons, tuple(self._done.get(path, ()))) if self._many else path
+
+        return [
+            {
+                "paths": alike,
+                "short": alike[0].rpartition("/")[2] or "/",
+                "number": self._sheet.numbers.get(alike[0]),
+                "usable": self._group.enclaves[alike[0]].usable,
+                "reasons": self._group.enclaves[alike[0]].reasons,
+            }
+            for alike in grouped(paths, kind).values()
+        ]
+
+    def _matrix(self, columns: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+        """As many rows as there is room for, the least protected first: that is what a reader looks for."""
+        wanted = {number for column in columns for number, _words in self._done.get(column["paths"][0], ())}
+        every = sorted(worth_showing(self._rows, wanted), key=_protection)
+        rows = every[: min(MAX_ROWS, self._cells // len(columns))]
+        self._cells -= len(rows) * len(columns)
+        spaces = [(space, len([*each])) for space, each in groupby(namespace(column["paths"][0]) for column in columns)]
+        return {
+            "columns": columns,
+            "spaces": spaces if len(spaces) > 1 or self._many else (),
+            "bodies": [
+                (protected(each[0].safeguards), words, each)
+                for (_rank, words), each in grouped(rows, _protection).items()
+            ],
+            "left_out": len(every) - len(rows),
+        }
+
+
+def _protection(row: Row) -> tuple[int, str]:
+    return protected(row.safeguards).rank, protection_words(row.safeguards)
+
+
+_STARTS: Final = {True: ("✓", "starts"), False: ("✗", "does not start"), None: ("?", "unknown")}
+
+
+def profiles(sheet: Sheet, rows: Sequence[Mapping[str, Any]], table: AccessTable | None) -> Mapping[str, Any]:
+    """What differs as a table, profiles that always answer alike in one column, and in access in sentences."""
+    shown = rows[:MAX_DIFFERENT]
+    columns = {profile: tuple(row["answers"][number] for row in shown) for number, profile in enumerate(sheet.profiles)}
+    return {
+        "rows": shown,
+        "left_out": len(rows) - len(shown),
+        "columns": [
+            {"answers": answers, "profiles": alike} for answers, alike in grouped(columns, columns.__getitem__).items()
+        ],
+        "access": [*_in_access(table)] if table is not None else (),
+    }
+
+
+def differing(sheet: Sheet) -> Iterator[Mapping[str, Any]]:
+    """What is not answered alike under all profiles: who starts, what holds, and what was found."""
+    for entry in sheet.report.enclaves:
+        usable = [entry.profiles[profile].usable for profile in sheet.profiles]
+        if len(set(usable)) > 1:
+            yield {"enclave": entry.path, "property": "", "answers": [_STARTS[each] for each in usable]}
+    for result in sheet.report.properties:
+        statuses = [result.profiles[profile].status for profile in sheet.profiles if profile in result.profiles]
+        if len(set(statuses)) > 1 and len(statuses) == len(sheet.profiles):
+            yield {"enclave": "", "property": result.prop.statement, "answers": statuses}
+    first: dict[str, Finding] = {}
+    found: dict[tuple[str, tuple[str, ...]], int] = {}
+    for finding in sheet.shown:
+        under = tuple(profile for profile in sheet.profiles if profile in finding.profiles)
+        if finding.suppressed is None and 0 < len(under) < len(sheet.profiles):
+            found[finding.code, under] = found.get((finding.code, under), 0) + 1
+            first.setdefault(finding.code, finding)
+    for (code, under), number in found.items():
+        has, none = ("✗", counted(number, "finding")), ("✓", "none")
+        answers = [has if profile in under else none for profile in sheet.profiles]
+        yield {"enclave": "", "property": "", "finding": first[code], "answers": answers}
+
+
+def _in_access(table: AccessTable) -> Iterable[tuple[str, Sequence[str]]]:
+    *others, main = table.groups
+    rows = decision_rows(table, main) if others else ()
+    return [(", ".join(group.profiles), [*differences(table, group, main, rows)]) for group in others]
