@@ -113,9 +113,9 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
         include_ambient=given["include_ambient"],
     )
     if given["form"] == "json":
-        from keystore_audit.report import compromise_json
+        from keystore_audit.report import flow_json
 
-        output.write_stdout(compromise_json.json(answer))
+        output.write_stdout(flow_json.stolen_key(answer))
     else:
         from keystore_audit.report import compromise_text
 

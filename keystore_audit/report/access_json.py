@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 from keystore_audit import __version__
@@ -11,7 +11,7 @@ from keystore_audit.model.names import ros_name
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.report.content import answered_if
-from keystore_audit.report.encoded import array, document, encoded, keys
+from keystore_audit.report.encoded import array, document, encoded, keys, picked
 from keystore_audit.text import instant
 
 SCHEMA_VERSION: Final = 1
@@ -34,20 +34,16 @@ def json(table: AccessTable) -> str:
 
 def _name(table: AccessTable, number: int) -> dict[str, Any]:
     named = table.names[number]
-    return {
-        "topic": named.topic,
-        "partition": named.partition,
-        "ros": ros_name(named.topic) if named.ros else None,
-        "one": not named.several,
-        "expressions": list(named.expressions),
-    }
+    ros = ros_name(named.topic) if named.ros else None
+    one = not named.several
+    return {**picked(named, "topic", "partition"), "ros": ros, "one": one, "expressions": named.expressions}
 
 
 def _group(table: AccessTable, group: Group) -> str:
     enclaves = [encoded(_enclave(table, path, enclave)) for path, enclave in group.enclaves.items()]
     parts = [
-        f'      "profiles": {encoded(list(group.profiles))}',
-        array("protection", [encoded([_safeguard(each) for each in several]) for several in group.safeguards], 6),
+        f'      "profiles": {encoded(group.profiles)}',
+        array("protection", [encoded([*map(_safeguard, several)]) for several in group.safeguards], 6),
         array("enclaves", enclaves, 6),
         array("rights", [encoded(right) for right in _rights(table, group)], 6),
     ]
@@ -56,9 +52,7 @@ def _group(table: AccessTable, group: Group) -> str:
 
 def _safeguard(safeguard: Safeguard) -> dict[str, Any]:
     return {
-        "governed": safeguard.governed,
-        "encrypted": list(safeguard.encrypted),
-        "authenticated": list(safeguard.authenticated),
+        **picked(safeguard, "governed", "encrypted", "authenticated"),
         "read_access_control": safeguard.read_controlled,
         "write_access_control": safeguard.write_controlled,
         "unauthenticated_participants": safeguard.unauthenticated,
@@ -66,30 +60,18 @@ def _safeguard(safeguard: Safeguard) -> dict[str, Any]:
 
 
 def _enclave(table: AccessTable, path: str, enclave: EnclaveRights) -> dict[str, Any]:
-    return {
-        "path": path,
-        "usable": enclave.usable,
-        "reasons": list(enclave.reasons),
-        "otherwise": {
-            operation.value: _rulings(*enclave.otherwise(operation, table.rest)) for operation in enclave.rights
-        },
-    }
+    otherwise = {operation: _rulings(enclave.otherwise(operation, table.rest)) for operation in enclave.rights}
+    return {"path": path, **picked(enclave, "usable", "reasons"), "otherwise": otherwise}
 
 
 def _rights(table: AccessTable, group: Group) -> Iterator[dict[str, Any]]:
     """Where something else holds than `otherwise`."""
     for path, enclave in group.enclaves.items():
         for operation in enclave.rights:
-            for number, decision, effective in enclave.exceptions(operation, table.rest):
-                named = table.names[number]
-                yield {
-                    "enclave": path,
-                    "operation": operation.value,
-                    "topic": named.topic,
-                    "partition": named.partition,
-                    **_rulings(decision, effective),
-                }
+            for number, *rulings in enclave.exceptions(operation, table.rest):
+                named = picked(table.names[number], "topic", "partition")
+                yield {"enclave": path, "operation": operation, **named, **_rulings(rulings)}
 
 
-def _rulings(decision: Ruling, effective: Ruling) -> dict[str, str]:
-    return {"decision": decision.value, "effective": effective.value}
+def _rulings(both: Iterable[Ruling]) -> dict[str, Ruling]:
+    return dict(zip(("decision", "effective"), both, strict=True))

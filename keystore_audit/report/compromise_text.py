@@ -11,7 +11,7 @@ from keystore_audit.model.names import PARAMETER_SERVICES, RosKind, parse_dds_na
 from keystore_audit.model.tables.named import Named
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.property import Status
-from keystore_audit.report.content import answered_if
+from keystore_audit.report.flow_json import stolen_if
 from keystore_audit.report.paragraph import by_answer, profiles, rests_on, wrapped
 from keystore_audit.text import counted, some
 
@@ -29,8 +29,7 @@ _PARAMETERS: Final = tuple(f"/{service}" for service in PARAMETER_SERVICES)
 
 def text(answer: CompromiseAnswer) -> str:
     """Lines of 80 columns at most, as far as names allow."""
-    asked = dict.fromkeys(name for key in answer.keys for name in key.alone)
-    conditions = holds_if(answered_if(asked))
+    conditions = holds_if(stolen_if(answer))
     lines = [wrapped(f"That it opens no more {conditions}."), ""] if conditions else []
     for key in answer.keys:
         lines += [*_key(answer, key), ""]

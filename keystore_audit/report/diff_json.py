@@ -10,7 +10,7 @@ from keystore_audit.model.comparison.change import Change, Comparison, Consequen
 from keystore_audit.model.domains import describe
 from keystore_audit.model.names import parse_dds_name, ros_name
 from keystore_audit.report import diff_words as words
-from keystore_audit.report.encoded import array, document, encoded, keys
+from keystore_audit.report.encoded import array, document, encoded, keys, picked
 from keystore_audit.text import instant
 
 SCHEMA_VERSION: Final = 1
@@ -26,16 +26,16 @@ def json(comparison: Comparison, fail_on: FailOn) -> str:
         "new": {"path": comparison.new, "digest": comparison.new_digest},
         "at": instant(comparison.at),
         "domain": comparison.domain,
-        "profiles": list(comparison.profiles),
-        "fail_on": fail_on.value,
-        "labels": list(comparison.labels),
+        "profiles": comparison.profiles,
+        "fail_on": fail_on,
+        "labels": comparison.labels,
         "complete": not comparison.unknown,
         "failing": len(failing),
         "common_enclaves": comparison.common,
         "assumptions": [each.described for each in words.conditions(comparison)],
     }
     unknown = [
-        {"side": each.side, "enclave": each.enclave, "location": _location(each.location), "reason": each.reason}
+        {**picked(each, "side", "enclave"), "location": _location(each.location), "reason": each.reason}
         for each in comparison.unknown
     ]
     changes = [_change(change, fails=id(change) in failing) for change in comparison.changes]
@@ -45,41 +45,28 @@ def json(comparison: Comparison, fail_on: FailOn) -> str:
 
 def _change(change: Change, *, fails: bool) -> dict[str, Any]:
     return {
-        "layer": change.layer.value,
-        "kind": change.kind,
-        "direction": change.direction.value,
+        **picked(change, "layer", "kind", "direction"),
         "fails": fails,
-        "what": change.what,
-        "enclaves": list(change.enclaves),
-        "labels": list(change.labels),
-        "operation": change.operation,
-        "aspects": [
-            {"what": each.what, "old": each.old, "new": each.new, "direction": each.direction.value}
-            for each in change.aspects
-        ],
+        **picked(change, "what", "enclaves", "labels", "operation"),
+        "aspects": [picked(each, "what", "old", "new", "direction") for each in change.aspects],
         "names": _names(change.names),
-        "profiles": list(change.profiles),
+        "profiles": change.profiles,
         "profiles_differ": change.varies,
-        "reasons": list(change.reasons),
+        "reasons": change.reasons,
         "influence": _influence(change.influenced),
         "old": _location(change.old),
         "new": _location(change.new),
         "consequences": [_consequence(each) for each in change.consequences],
-        "until": change.until,
-        "severity": change.severity,
-        "against": list(change.against),
+        **picked(change, "until", "severity", "against"),
         "remedy": words.REMEDY if change.until else None,
     }
 
 
 def _consequence(each: Consequence) -> dict[str, Any]:
     return {
-        "what": each.what,
-        "direction": each.direction.value,
-        "enclaves": list(each.enclaves),
+        **picked(each, "what", "direction", "enclaves"),
         "names": _names(each.names),
-        "profiles": list(each.profiles),
-        "reasons": list(each.reasons),
+        **picked(each, "profiles", "reasons"),
         "influence": _influence(each.influenced),
         "enclaves_differ": each.parts,
     }
@@ -90,8 +77,7 @@ def _names(names: Names | None) -> dict[str, Any] | None:
         return None
     return {
         "witnesses": [_witness(name) for name in names.shown],
-        "more": names.more,
-        "infinite": names.infinite,
+        **picked(names, "more", "infinite"),
         "domains": describe(names.domains),
         "every": names.every,
     }
@@ -115,4 +101,4 @@ def _influence(influenced: Influenced | None) -> dict[str, Any] | None:
 
 
 def _location(location: Location | None) -> dict[str, Any] | None:
-    return None if location is None else {"path": location.path, "line": location.line}
+    return None if location is None else picked(location, "path", "line")

@@ -29,6 +29,11 @@ def encoded(value: Any) -> str:
     return text
 
 
+def picked(value: object, *names: str) -> dict[str, Any]:
+    """The fields of a value that a report calls as we do. JSON takes our words for strings, and tuples for arrays."""
+    return {name: getattr(value, name) for name in names}
+
+
 def keys(values: Mapping[str, Any]) -> list[str]:
     """A line for each key of a document."""
     return [f"  {encoded(key)}: {encoded(value)}" for key, value in values.items()]
@@ -54,6 +59,5 @@ def told(counterexample: Counterexample | None) -> dict[str, Any] | None:
     """A counterexample, or a way of data, as every report tells it."""
     if counterexample is None:
         return None
-    names = ("enclave", "channel", "witness", "path", "line")
-    steps = [{name: getattr(step, name) for name in names} for step in counterexample.steps]
+    steps = [picked(step, "enclave", "channel", "witness", "path", "line") for step in counterexample.steps]
     return {"text": counterexample.text, "steps": steps}

@@ -1,4 +1,4 @@
-"""The answer of `flow` as JSON: `schemas/flow.schema.json`."""
+"""The answers of `flow` as JSON: `schemas/flow.schema.json`, and of a stolen key `schemas/compromise.schema.json`."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from keystore_audit.assumptions import Needed
+from keystore_audit.model.blast_radius import Ground
 from keystore_audit.model.formal.claim import Attacker
+from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult
-from keystore_audit.report.content import conditions_of
-from keystore_audit.report.encoded import encoded, told
+from keystore_audit.report.content import answered_if, conditions_of
+from keystore_audit.report.encoded import encoded, picked, told
+from keystore_audit.text import instant
 
 FOUND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}
 """Whether there is a flow, or a key opens anything of somebody else's."""
@@ -22,11 +25,9 @@ def json(
     """One line; `asked`: the question."""
     document = {
         **asked,
-        "engines": {
-            run.name: {"version": run.version, "status": run.status.value, "reason": run.reason} for run in engines
-        },
+        "engines": {run.name: picked(run, "version", "status", "reason") for run in engines},
         "attackers": {
-            attacker.value: {
+            attacker: {
                 "flow": FOUND[result.status],
                 "profiles": {name: _answer(answer) for name, answer in result.profiles.items()},
             }
@@ -47,4 +48,53 @@ def _answer(answer: ProfileResult) -> dict[str, Any]:
         "flow": FOUND[answer.status],
         "engines": {name: FOUND[status] for name, status in answer.engines.items()},
         "path": told(answer.counterexample),
+    }
+
+
+def stolen_key(answer: CompromiseAnswer) -> str:
+    """What a stolen key opens: one line."""
+    document = {
+        "from_compromised": answer.who,
+        "include_ambient": answer.include_ambient,
+        "at": instant(answer.at),
+        "enclaves": answer.enclaves,
+        "beyond_itself": FOUND[answer.status],
+        "assumptions": [each.described for each in stolen_if(answer)],
+        "keys": [_key(answer.ground, key) for key in answer.keys],
+    }
+    return encoded(document) + "\n"
+
+
+def stolen_if(answer: CompromiseAnswer) -> tuple[Needed, ...]:
+    """What it rests on that a key opens no more."""
+    return answered_if(dict.fromkeys(name for key in answer.keys for name in key.alone))
+
+
+def _key(ground: Ground, key: KeyAnswer) -> dict[str, Any]:
+    def radii(by_profile: Mapping[str, ProfileRadius]) -> dict[str, Any]:
+        return {name: _radius(ground, each) for name, each in by_profile.items()}
+
+    return {
+        "of": key.stolen,
+        "name": key.name,
+        "path": key.location and key.location.path,
+        "alone": radii(key.alone),
+        "with_an_enclave": None if key.with_an_enclave is None else radii(key.with_an_enclave),
+    }
+
+
+def _radius(ground: Ground, each: ProfileRadius) -> dict[str, Any]:
+    def topics(channels: int) -> list[dict[str, Any]]:
+        found = ground.topics(channels)
+        return [{**picked(one.name, "topic", "partition", "several"), "domains": one.domains} for one in found]
+
+    radius = each.radius
+    return {
+        "certain": each.certain,
+        "topics_written": topics(radius.written),
+        "topics_forged": topics(radius.forged),
+        "topics_read": topics(radius.read),
+        "passes_for": sorted(radius.passes_for),
+        "enclaves_reached_alone": sorted(radius.reached_alone),
+        "enclaves_reached": sorted(radius.reached),
     }

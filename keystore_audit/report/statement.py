@@ -19,8 +19,8 @@ from keystore_audit.findings import Result
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus, PropertyResult
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.encoded import encoded
-from keystore_audit.report.json import anchors
+from keystore_audit.report.encoded import encoded, picked
+from keystore_audit.report.json import authorities
 from keystore_audit.text import instant
 
 STATEMENT: Final = "https://in-toto.io/Statement/v1"
@@ -138,20 +138,18 @@ def _details(report: Report) -> dict[str, Any]:
     return {
         "version": report.version,
         "at": instant(report.at),
-        "verdict": report.verdict.value,
-        "safeUntil": None if report.safe_until is None else instant(report.safe_until),
+        "verdict": report.verdict,
+        "safeUntil": report.safe_until and instant(report.safe_until),
         "keystoreDigest": report.digest,
-        "uncovered": list(report.uncovered),
-        "roots": list(report.roots),
-        "unread": list(report.unread_foreign),
+        **picked(report, "uncovered", "roots"),
+        "unread": report.unread_foreign,
         "profiles": sorted(report.judged_profiles),
-        "deployed": report.deployed,
-        "domain": report.domain,
+        **picked(report, "deployed", "domain"),
         "engines": {run.name: run.version or report.version for run in report.engines if run.status is EngineStatus.OK},
         "scope": report.scope or None,
-        "weakened": list(report.weakened),
+        "weakened": report.weakened,
         "holdsIf": report.holds_if or None,
         "assumptions": [each.described for each in report.assumptions],
-        "stated": list(report.stated),
-        "authorities": {each.role: anchors(each) for each in report.authorities},
+        "stated": report.stated,
+        "authorities": authorities(report),
     }

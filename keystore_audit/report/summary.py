@@ -12,8 +12,8 @@ from msgspec import Struct
 from keystore_audit.findings import Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.encoded import array, document, encoded, keys
-from keystore_audit.report.json import TOOL, counts
+from keystore_audit.report.encoded import array, document, encoded, keys, picked
+from keystore_audit.report.json import TOOL, total
 from keystore_audit.report.page import Page
 from keystore_audit.report.text import MAX_PATH, PLAIN, View
 from keystore_audit.text import counted, instant, shorten
@@ -97,15 +97,13 @@ def without_report(path: str, exit_code: int, error: str) -> Row:
 def render_json(summary: Summary, name: str) -> str:
     """Return the summary; `name`: of the report's file in each keystore's directory."""
     rows = [_row(each, f"{summary.reports[each.path]}{name}") for each in summary.rows]
-    totals = {severity: sum(each.counts[severity] for each in summary.rows) for severity in Severity}
     head = {
         "schema_version": SCHEMA_VERSION,
         "tool": {"name": TOOL, "version": summary.version},
         "at": instant(summary.at),
-        "exit_code": summary.exit_code,
-        "interrupted": summary.interrupted,
-        "summary": counts(totals),
-        "not_audited": list(summary.not_audited),
+        **picked(summary, "exit_code", "interrupted"),
+        "summary": total(each.counts for each in summary.rows),
+        "not_audited": summary.not_audited,
         "unseen": [{"path": path, "reason": reason} for path, reason in summary.unseen],
     }
     return document([*keys(head), array("keystores", [*map(encoded, rows)])])
@@ -114,16 +112,15 @@ def render_json(summary: Summary, name: str) -> str:
 def _row(row: Row, report: str) -> dict[str, Any]:
     return {
         "path": row.path,
-        "report": None if row.verdict is None else report,
-        "verdict": None if row.verdict is None else row.verdict.value,
-        "exit_code": row.exit_code,
+        "report": report if row.verdict else None,
+        **picked(row, "verdict", "exit_code"),
         "error": row.error or None,
         "digest": row.digest or None,
         "enclaves": row.enclaves,
-        "safe_until": None if row.safe_until is None else instant(row.safe_until),
-        "weakened": list(row.weakened),
-        "summary": counts(row.counts),
-        "failing": [{"code": code, "name": name, "severity": severity.value} for code, name, severity in row.failing],
+        "safe_until": row.safe_until and instant(row.safe_until),
+        "weakened": row.weakened,
+        "summary": row.counts,
+        "failing": [dict(zip(("code", "name", "severity"), reason, strict=True)) for reason in row.failing],
     }
 
 
