@@ -113,9 +113,9 @@ def _rendered(comparison: Comparison, fail_on: FailOn, kind: str) -> str:
 
         return diff_json.json(comparison, fail_on)
     if kind == "markdown":
-        from keystore_audit.report import diff_markdown
+        from keystore_audit.report import diff_text
 
-        return diff_markdown.markdown(comparison, fail_on)
+        return diff_text.markdown(comparison, fail_on)
     from keystore_audit.report import diff_text
 
     return diff_text.text(comparison, fail_on)

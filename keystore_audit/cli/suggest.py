@@ -101,7 +101,7 @@ def _chosen(suggestion: Suggestion, path: str | None) -> tuple[EnclavePolicy, ..
 def _write_policy(
     keystore: str, suggestion: Suggestion, enclaves: tuple[EnclavePolicy, ...], place: Path | None
 ) -> None:
-    from keystore_audit.report.policy_xml import policy_xml
+    from keystore_audit.report.suggested import policy_xml
 
     _write(keystore, POLICY, policy_xml(replace(suggestion.policy, enclaves=enclaves)), place)
 
@@ -114,7 +114,7 @@ def _write_permissions(
     place: Path | None,
 ) -> None:
     """One document, or a tree of them as it stands below enclaves/."""
-    from keystore_audit.report.permissions_xml import permissions_xml
+    from keystore_audit.report.suggested import permissions_xml
 
     if len(enclaves) == 1:
         _write(keystore, PERMISSIONS, permissions_xml(suggester.grant(enclaves[0])), place)

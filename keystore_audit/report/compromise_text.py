@@ -12,7 +12,7 @@ from keystore_audit.model.tables.named import Named
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.property import Status
 from keystore_audit.report.flow_json import stolen_if
-from keystore_audit.report.paragraph import by_answer, profiles, rests_on, wrapped
+from keystore_audit.report.page import by_answer, profiles, rests_on, wrapped
 from keystore_audit.text import counted, some
 
 _WHOSE: Final = {

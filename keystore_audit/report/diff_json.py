@@ -9,7 +9,7 @@ from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import Change, Comparison, Consequence, FailOn, Influenced, Name, Names
 from keystore_audit.model.domains import describe
 from keystore_audit.model.names import parse_dds_name, ros_name
-from keystore_audit.report import diff_words as words
+from keystore_audit.report.diff_text import REMEDY, conditions
 from keystore_audit.report.encoded import array, document, encoded, keys, picked
 from keystore_audit.text import instant
 
@@ -32,7 +32,7 @@ def json(comparison: Comparison, fail_on: FailOn) -> str:
         "complete": not comparison.unknown,
         "failing": len(failing),
         "common_enclaves": comparison.common,
-        "assumptions": [each.described for each in words.conditions(comparison)],
+        "assumptions": [each.described for each in conditions(comparison)],
     }
     unknown = [
         {**picked(each, "side", "enclave"), "location": _location(each.location), "reason": each.reason}
@@ -58,7 +58,7 @@ def _change(change: Change, *, fails: bool) -> dict[str, Any]:
         "new": _location(change.new),
         "consequences": [_consequence(each) for each in change.consequences],
         **picked(change, "until", "severity", "against"),
-        "remedy": words.REMEDY if change.until else None,
+        "remedy": REMEDY if change.until else None,
     }
 
 

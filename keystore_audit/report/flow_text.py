@@ -12,7 +12,7 @@ from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
 from keystore_audit.report.flow_json import assumptions
-from keystore_audit.report.paragraph import profiles, rests_on, unbroken, worst_first
+from keystore_audit.report.page import profiles, rests_on, unbroken, worst_first
 from keystore_audit.text import MAX_EXPRESSION, shorten, terminal
 
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}

@@ -34,7 +34,7 @@ from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import engine, until, warnings
 from keystore_audit.report.html_tables import Sheet, access, differing, profiles
-from keystore_audit.report.paragraph import by_answer, worst_first
+from keystore_audit.report.page import by_answer, worst_first
 from keystore_audit.report.pictures import flows, timeline
 from keystore_audit.report.ros_nodes import nodes_beside
 from keystore_audit.text import counted, html, instant, shorten

@@ -1,13 +1,20 @@
-"""Lines of styled text on a page of fixed width: the only module that knows rich.
+"""Text for people: pages of styled lines, as an audit has, and paragraphs, as answers to one question.
 
-Every string that enters is escaped for terminals here, so no caller can forget it; styles are ours alone.
+The only module that knows rich. Every string that enters is escaped for terminals here, so no caller can forget it;
+styles are ours alone.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Mapping, Sequence
+from textwrap import fill
+from typing import TYPE_CHECKING, Final, TypeVar
 
-from keystore_audit.text import terminal
+from keystore_audit.findings import Location
+from keystore_audit.grouped import grouped
+from keystore_audit.properties.result import ProfileResult
+from keystore_audit.report.content import STATUSES
+from keystore_audit.text import some, terminal
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -15,11 +22,20 @@ if TYPE_CHECKING:
 Piece = tuple[str, str]
 """A text, escaped or not, and the rich style to show it in (empty: plain)."""
 
+WIDTH: Final = 80
+"""Columns, as far as names allow."""
+
+MAX_DOUBTS: Final = 5
+"""Places named that could not be read."""
+
 MIN_WIDTH: Final = 40
 """Columns: below this, indented text would be a column of single words."""
 
 MIN_TEXT: Final = 24
 """Columns that a paragraph beside a label has at least."""
+
+
+_A = TypeVar("_A")
 
 
 class Page:
@@ -106,3 +122,44 @@ class Page:
 
 def _piece(piece: Piece | str) -> Piece:
     return (piece, "") if isinstance(piece, str) else piece
+
+
+def wrapped(text: str, first: str = "", rest: str = "", *, width: int = WIDTH, break_long_words: bool = True) -> str:
+    """The text, escaped, behind `first` on its first line and `rest` on the others."""
+    return fill(
+        terminal(text),
+        width,
+        initial_indent=first,
+        subsequent_indent=rest,
+        break_on_hyphens=False,
+        break_long_words=break_long_words,
+    )
+
+
+def unbroken(text: str, first: str = "", rest: str = "") -> str:
+    """The same, with long names in one piece, whatever the width."""
+    return wrapped(text, first, rest, break_long_words=False)
+
+
+def rests_on(doubts: Sequence[Location]) -> str:
+    """What an unknown answer rests on, a sentence."""
+    return f"It depends on what could not be read: {some((place.path for place in doubts), MAX_DOUBTS)}."
+
+
+def by_answer(answers: Mapping[str, _A]) -> dict[_A, list[str]]:
+    """By answer the profiles under which it is given."""
+    return grouped(answers, answers.__getitem__)
+
+
+def worst_first(
+    answers: Mapping[str, ProfileResult], told: Callable[[ProfileResult], object]
+) -> list[tuple[ProfileResult, list[str]]]:
+    """Profiles with one status of which the same is told, each group with the answer of its first."""
+    groups = grouped(answers, lambda name: (answers[name].status, told(answers[name])))
+    first = ((answers[names[0]], names) for names in groups.values())
+    return sorted(first, key=lambda group: STATUSES.index(group[0].status))
+
+
+def profiles(names: Sequence[str], every: Mapping[str, object]) -> str:
+    """Some of the profiles that were asked about."""
+    return "every profile" if len(names) == len(every) else ", ".join(names)

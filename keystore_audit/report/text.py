@@ -32,8 +32,7 @@ from keystore_audit.report.consequences import Cause, Consequences
 from keystore_audit.report.content import NOT_CHECKED, PEERS_IN_SCOPE, EnclaveEntry, NoReport, Report, Verdict
 from keystore_audit.report.engine_words import ENGINE_WORDS, sentence, until, warnings
 from keystore_audit.report.json import TOOL
-from keystore_audit.report.page import Page
-from keystore_audit.report.paragraph import by_answer, worst_first
+from keystore_audit.report.page import Page, by_answer, worst_first
 from keystore_audit.report.ros_nodes import nodes_beside
 from keystore_audit.text import counted, instant, shorten, some
 

@@ -18,7 +18,8 @@ from keystore_audit.cli.program import run
 from keystore_audit.diff import compare_keystores
 from keystore_audit.model.comparison.change import FailOn
 from keystore_audit.profiles import resolve
-from keystore_audit.report.diff_markdown import MAX_LENGTH, markdown
+from keystore_audit.report.diff_text import markdown
+from keystore_audit.report.markdown import MAX_LENGTH
 from tests.cli.keystores import AT, answer, keystore, rule
 from tests.hostile.names import MARK, NAMES
 from tests.schemas import schema

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import Direction, FailOn, Layer
 from keystore_audit.profiles import ALIASES
-from keystore_audit.report.diff_words import consequence, sentence
+from keystore_audit.report.diff_text import consequence, sentence
 from tests.model.comparing import (
     Store,
     authority,

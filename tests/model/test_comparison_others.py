@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn
-from keystore_audit.report.diff_words import sentence
+from keystore_audit.report.diff_text import sentence
 from tests.model.comparing import Member, Store, compared, criterion, domain_rule, governance, grant, permissions, rule
 from tests.model.single_changes import BASE, LISTENER, TALKER, talker
 from tests.model.test_comparison_exactly import rules

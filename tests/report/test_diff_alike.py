@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from keystore_audit.model.comparison.change import Change, Direction, Layer, Name, Names
-from keystore_audit.report.diff_words import alike
+from keystore_audit.report.diff_text import alike
 
 
 def gained(path: str, topic: str) -> Change:
