@@ -54,8 +54,7 @@ from keystore_audit.report.content import (
     EnclaveEntry,
     Report,
 )
-from keystore_audit.report.excerpts import excerpts
-from keystore_audit.report.not_checked import unread, untested
+from keystore_audit.report.from_keystore import excerpts, unread, untested
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Context

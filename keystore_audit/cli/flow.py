@@ -117,9 +117,9 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
 
         output.write_stdout(flow_json.stolen_key(answer))
     else:
-        from keystore_audit.report import compromise_text
+        from keystore_audit.report import flow_text
 
-        output.write_stdout(compromise_text.text(answer))
+        output.write_stdout(flow_text.stolen_key(answer))
     return _exit_code(answer.status)
 
 

@@ -1,20 +1,28 @@
-"""The access table as JSON (docs/reference.md, `schemas/access.schema.json`)."""
+"""The access table for programs: as JSON (docs/reference.md, `schemas/access.schema.json`), and as CSV."""
 
 from __future__ import annotations
 
+import csv as writer
 from collections.abc import Iterable, Iterator
+from io import StringIO
 from typing import Any, Final
 
 from keystore_audit import __version__
 from keystore_audit.model.formal.safeguard import Safeguard
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.question import Ruling
+from keystore_audit.model.tables.access_rows import label
 from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.report.content import answered_if
 from keystore_audit.report.encoded import array, document, encoded, keys, picked
-from keystore_audit.text import instant
+from keystore_audit.text import csv_cell, instant
 
 SCHEMA_VERSION: Final = 1
+
+HEADER: Final = (
+    "profiles", "enclave", "usable", "operation", "name", "topic", "partition", "decision", "effective",
+)  # fmt: skip
+_USABLE: Final = {True: "yes", False: "no", None: "unknown"}
 
 
 def json(table: AccessTable) -> str:
@@ -75,3 +83,29 @@ def _rights(table: AccessTable, group: Group) -> Iterator[dict[str, Any]]:
 
 def _rulings(both: Iterable[Ruling]) -> dict[str, Ruling]:
     return dict(zip(("decision", "effective"), both, strict=True))
+
+
+def csv(table: AccessTable) -> str:
+    """RFC 4180, one row a right, safe to open in a spreadsheet; what is denied by everybody has no row."""
+    out = StringIO()
+    rows = writer.writer(out, lineterminator="\r\n")
+    rows.writerow(HEADER)
+    for group in table.groups:
+        for row in _csv_rows(table, group):
+            rows.writerow([csv_cell(cell) for cell in row])
+    return out.getvalue()
+
+
+def _csv_rows(table: AccessTable, group: Group) -> Iterator[tuple[str, ...]]:
+    profiles = " ".join(group.profiles)
+    for path, enclave in group.enclaves.items():
+        for operation in enclave.rights:
+            start = (profiles, path, _USABLE[enclave.usable], operation.value)
+            otherwise = enclave.otherwise(operation, table.rest)
+            if any(ruling is not Ruling.DENY for ruling in otherwise):
+                yield (*start, "any other name", "", "", *(ruling.value for ruling in otherwise))
+            for number, decision, effective in enclave.exceptions(operation, table.rest):
+                named = table.names[number]
+                yield (
+                    *start, label(table, number), named.topic, named.partition, decision.value, effective.value,
+                )  # fmt: skip

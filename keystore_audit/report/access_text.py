@@ -1,26 +1,32 @@
 """The access table for people: who may do what, topics by what protects them, enclaves by namespace.
 
-The first thing said is where implementations differ; then the table that most of them share. Names are escaped here.
+The first thing said is where implementations differ; then the table that most of them share, in matrices that fit on a
+page: enclaves that may do the same are one column. Names are escaped here.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
-
-from msgspec import Struct
 
 from keystore_audit.assumptions import Assumption, holds_if
 from keystore_audit.grouped import grouped
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.tables.access_table import AccessTable, Group
-from keystore_audit.report.access_differences import differences, peers
-from keystore_audit.report.access_matrix import Matrix, matrices, shown_name
-from keystore_audit.report.access_words import full_name, namespace, protection_words
+from keystore_audit.report.access_words import (
+    SHORT,
+    differences,
+    full_name,
+    namespace,
+    peers,
+    protection_words,
+    rights,
+    worth_showing,
+)
 from keystore_audit.report.content import answered_if
-from keystore_audit.report.paragraph import wrapped
-from keystore_audit.text import counted, instant, shorten
+from keystore_audit.report.page import wrapped
+from keystore_audit.text import counted, instant, shorten, terminal
 
 LEGEND: Final = (
     "pub, sub, relay: publish, subscribe, relay a topic. req, rep: call, serve a service. call, exec: use, execute an "
@@ -36,71 +42,155 @@ MAX_OF_NAMESPACE: Final = 3
 MAX_ROOT: Final = 50
 """Characters of the keystore's path in the title."""
 
+MIN_LABEL: Final = 24
+MAX_LABEL: Final = 48
+"""Columns for the name of a topic."""
 
-class _Sheet(Struct, frozen=True, kw_only=True):
+GAP: Final = 1
+"""Between columns."""
+
+INDENT: Final = 2
+
+_Done = Sequence[tuple[int, tuple[str, ...]]]
+"""Numbers of rows, and what may be done there."""
+
+
+def text(table: AccessTable, width: int) -> str:
+    """The table at that many columns; ends in a newline."""
+    *others, main = table.groups
+    enclaves = counted(len(main.enclaves), "enclave")
+    where = f"domain {table.domain}, at {instant(table.at)}"
+    refusing = answered_if(name for group in table.groups for name in group.profiles)
+    page = _Page(width)
+    page.put(f"Who may do what in {shorten(table.root, MAX_ROOT)} ({enclaves}), {where}")
+    page.put(f"Assumed: {Assumption.ROBOTS_ENFORCE.statement}")
+    page.put(f"What peers refuse {holds_if(refusing)}.")
+    rows = decision_rows(table, main)
+    for group in others:
+        page.blank()
+        page.put(f"Different under {', '.join(group.profiles)}")
+        for line in differences(table, group, main, rows):
+            page.put(line, indent=2, hanging=4)
+    page.blank()
+    names = ", ".join(main.profiles)
+    page.put(f"Under all others ({names})" if others else f"Under every profile ({names})")
+    page.matrices(main, rows)
+    for line in peers(table, main):
+        page.put(line, hanging=2)
+    return "\n".join(page.lines) + "\n"
+
+
+class _Page:
     """Lines of at most `width` columns."""
 
-    width: int
-    lines: list[str]
+    def __init__(self, width: int) -> None:
+        self.lines: list[str] = []
+        self._width = width
 
-    def put(self, text: str, indent: int = 0, hanging: int | None = None) -> None:
+    def put(self, text: str, indent: int = 0, hanging: int = 0) -> None:
         """Add a paragraph."""
-        rest = " " * (indent if hanging is None else hanging)
-        self.lines.append(wrapped(text, " " * indent, rest, width=self.width))
+        self.lines.append(wrapped(text, " " * indent, " " * max(indent, hanging), width=self._width))
 
     def blank(self) -> None:
         """Leave one empty line."""
         if self.lines and self.lines[-1]:
             self.lines.append("")
 
+    def matrices(self, group: Group, rows: Sequence[Row]) -> None:
+        """All enclaves and rows, in matrices that fit, each with the enclaves of its columns before it."""
+        many = len(group.enclaves) > MANY
+        if many:
+            rows = folded_by_owner(rows)
+        for columns in self._packs(group, rows):
+            self.blank()
+            for column in columns:
+                self.put(f"[{column.number}] {column.said}", hanging=5)
+            wanted = {number for column in columns for number, _words in column.done}
+            shown = sorted(worth_showing(rows, wanted), key=lambda row: protection_words(row.safeguards))
+            if shown:
+                self._rows(columns, shown, self._label_width(rows))
+            else:
+                unknown = any(column.usable is None for column in columns)
+                self.put("What they may do cannot be told." if unknown else "They may do nothing.", indent=2)
+        if rows:
+            self.blank()
+            self.put(LEGEND + (OWN_LEGEND if many else ""))
 
-def text(table: AccessTable, width: int) -> str:
-    """The table at that many columns; ends in a newline."""
-    sheet = _Sheet(width=width, lines=[])
-    enclaves = len(table.groups[-1].enclaves)
-    where = shorten(table.root, MAX_ROOT)
-    when = f"domain {table.domain}, at {instant(table.at)}"
-    sheet.put(f"Who may do what in {where} ({counted(enclaves, 'enclave')}), {when}")
-    sheet.put(f"Assumed: {Assumption.ROBOTS_ENFORCE.statement}")
-    sheet.put(f"What peers refuse {holds_if(answered_if(n for group in table.groups for n in group.profiles))}.")
-    *others, main = table.groups
-    rows = decision_rows(table, main)
-    for group in others:
-        _difference(sheet, table, group, main, rows)
-    sheet.blank()
-    names = ", ".join(main.profiles)
-    sheet.put(f"Under all others ({names})" if others else f"Under every profile ({names})")
-    _group(sheet, main, rows)
-    for line in peers(table, main):
-        sheet.put(line, hanging=2)
-    return "\n".join(sheet.lines) + "\n"
+    def _label_width(self, rows: Iterable[Row]) -> int:
+        longest = max((len(_shown(row)) for row in rows), default=MIN_LABEL)
+        return max(MIN_LABEL, min(longest + GAP, MAX_LABEL, self._width // 2))
+
+    def _packs(self, group: Group, rows: Sequence[Row]) -> Iterator[list[_Column]]:
+        """Columns that fit beside each other; a namespace that does not fit any more begins on a new page."""
+        room = self._width + GAP - INDENT - self._label_width(rows)
+        columns = [*_columns(group, rows)]
+        spaces = grouped(columns, lambda column: column.space)
+        pack: list[_Column] = []
+        for column in columns:
+            need = column.room
+            if pack and pack[-1].space != column.space:
+                whole = sum(each.room for each in spaces[column.space])
+                need = whole if whole <= room else need
+            if pack and sum(each.room for each in pack) + need > room:
+                yield pack
+                pack = []
+            pack.append(column)
+        if pack:
+            yield pack
+
+    def _rows(self, columns: Sequence[_Column], rows: Sequence[Row], width: int) -> None:
+        """The rows under what protects them."""
+        labels = [shorten(_shown(row), width - 1).ljust(width) for row in rows]
+        times = Counter(labels)
+        heads = "".join(f"[{column.number}]".ljust(column.width) for column in columns)
+        heading = None
+        for row, label in zip(rows, labels, strict=True):
+            words = protection_words(row.safeguards)
+            if words != heading:
+                heading = words
+                self.blank()
+                self.put(words, hanging=2)
+                self.lines.append((" " * (INDENT + width) + heads).rstrip())
+            own = times[label] == 1
+            if not own:  # cut, they are the same
+                self.put(full_name(row), indent=2, hanging=4)
+            cells = "".join(column.cell(row).ljust(column.width) for column in columns)
+            self.lines.append(f"{' ' * INDENT}{label if own else ' ' * width}{cells}".rstrip())
 
 
-def _group(sheet: _Sheet, group: Group, rows: Sequence[Row]) -> None:
-    """The matrices of one group, each with the enclaves of its columns before it."""
-    many = len(group.enclaves) > MANY
-    if many:
-        rows = folded_by_owner(rows)
-    for matrix in matrices(group, rows, sheet.width):
-        sheet.blank()
-        for number, paths in matrix.columns:
-            _column(sheet, number, paths, group)
-        if not matrix.rows:
-            told = None not in matrix.started.values()
-            sheet.put("They may do nothing." if told else "What they may do cannot be told.", indent=2)
-        _rows(sheet, matrix)
-    if rows:
-        sheet.blank()
-        sheet.put(LEGEND + (OWN_LEGEND if many else ""))
+class _Column:
+    """Enclaves that may do the same: the rows in which they may do something, whether they start, and who they are."""
+
+    def __init__(
+        self, number: int, paths: Sequence[str], group: Group, done: Sequence[tuple[int, Sequence[str]]]
+    ) -> None:
+        enclave = group.enclaves[paths[0]]
+        self.number, self.done, self.usable = number, done, enclave.usable
+        self.space = namespace(paths[0])
+        self._path = paths[0]
+        longest = max((len("+".join(SHORT[word] for word in words)) for _row, words in done), default=0)
+        self.width = max(longest, len(f"[{number}]")) + GAP
+        self.room = max(longest, len(f"[{len(group.enclaves)}]")) + GAP
+        states = {True: "", False: ": DO NOT START" if len(paths) > 1 else ": DOES NOT START", None: ": UNKNOWN"}
+        reasons = f" ({'; '.join(enclave.reasons)})" if enclave.reasons else ""
+        self.said = f"{', '.join(_by_namespace(paths, group))}{states[self.usable]}{reasons}"
+
+    def cell(self, row: Row) -> str:
+        """What they may do, in short."""
+        if self.usable is None:
+            return "?"
+        return "+".join(SHORT[word] for word in row.cells.get(self._path, ())) or ("" if self.usable else "-")
 
 
-def _column(sheet: _Sheet, number: int, paths: Sequence[str], group: Group) -> None:
-    """Which enclaves a column stands for."""
-    enclave = group.enclaves[paths[0]]
-    named = ", ".join(_by_namespace(paths, group))
-    words = {True: "", False: ": DO NOT START" if len(paths) > 1 else ": DOES NOT START", None: ": UNKNOWN"}
-    reasons = f" ({'; '.join(enclave.reasons)})" if enclave.reasons else ""
-    sheet.put(f"[{number}] {named}{words[enclave.usable]}{reasons}", hanging=5)
+def _columns(group: Group, rows: Sequence[Row]) -> Iterator[_Column]:
+    done = rights(rows)
+
+    def kind(path: str) -> object:
+        return group.enclaves[path].usable, group.enclaves[path].reasons, *done.get(path, ())
+
+    by_space = sorted(group.enclaves, key=lambda path: (namespace(path), path))
+    for number, paths in enumerate(grouped(by_space, kind).values(), 1):
+        yield _Column(number, paths, group, done.get(paths[0], ()))
 
 
 def _by_namespace(paths: Sequence[str], group: Group) -> Iterable[str]:
@@ -113,31 +203,5 @@ def _by_namespace(paths: Sequence[str], group: Group) -> Iterable[str]:
             yield from own
 
 
-def _rows(sheet: _Sheet, matrix: Matrix) -> None:
-    """The rows under what protects them."""
-    heading = None
-    labels = [_fitted(shown_name(row), matrix.label_width) for row in matrix.rows]
-    times = Counter(labels)
-    for row, label in zip(matrix.rows, labels, strict=True):
-        words = protection_words(row.safeguards)
-        if words != heading:
-            heading = words
-            sheet.blank()
-            sheet.put(words, hanging=2)
-            sheet.lines.append((" " * (2 + matrix.label_width) + "".join(matrix.heads)).rstrip())
-        own = times[label] == 1
-        if not own:  # cut, they are the same
-            sheet.put(full_name(row), indent=2, hanging=4)
-        sheet.lines.append(f"  {label if own else ' ' * matrix.label_width}{''.join(matrix.cells(row))}".rstrip())
-
-
-def _fitted(name: str, width: int) -> str:
-    return shorten(name, width - 1).ljust(width)
-
-
-def _difference(sheet: _Sheet, table: AccessTable, group: Group, main: Group, rows: Sequence[Row]) -> None:
-    """What a group has that the largest one has not, and the other way round."""
-    sheet.blank()
-    sheet.put(f"Different under {', '.join(group.profiles)}")
-    for line in differences(table, group, main, rows):
-        sheet.put(line, indent=2, hanging=4)
+def _shown(row: Row) -> str:
+    return terminal(full_name(row))

@@ -1,19 +1,23 @@
-"""The answer of `flow` for people: by attacker, profiles that answer alike together."""
+"""The answers of `flow` for people: by attacker or by stolen key, profiles that answer alike together."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.assumptions import holds_if
 from keystore_audit.findings import Location
+from keystore_audit.model.blast_radius import BlastRadius, Ground, Topic
 from keystore_audit.model.formal.claim import Attacker
+from keystore_audit.model.names import PARAMETER_SERVICES, RosKind, parse_dds_name, ros_name
+from keystore_audit.model.tables.named import Named
+from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
-from keystore_audit.report.flow_json import assumptions
-from keystore_audit.report.page import profiles, rests_on, unbroken, worst_first
-from keystore_audit.text import MAX_EXPRESSION, shorten, terminal
+from keystore_audit.report.flow_json import assumptions, stolen_if
+from keystore_audit.report.page import by_answer, profiles, rests_on, unbroken, worst_first, wrapped
+from keystore_audit.text import MAX_EXPRESSION, counted, shorten, some, terminal
 
 _WORDS: Final = {Status.VIOLATED: "FLOW", Status.HOLDS: "no flow", Status.UNKNOWN: "UNKNOWN"}
 _ASSUMED: Final = {
@@ -21,6 +25,16 @@ _ASSUMED: Final = {
     Attacker.SOURCE: "the source attacks with the keys that it holds",
     Attacker.RELAYS: "everybody on the way attacks with the keys that it holds, and so does an outsider",
 }
+_WHOSE: Final = {
+    Stolen.ENCLAVE: "the enclave {}",
+    Stolen.IDENTITY_CA: "the identity CA {}",
+    Stolen.PERMISSIONS_CA: "the permissions CA {}",
+}
+
+MAX_LISTED: Final = 8
+"""Names that are listed; the rest are counted."""
+
+_PARAMETERS: Final = tuple(f"/{service}" for service in PARAMETER_SERVICES)
 
 
 def text(
@@ -75,3 +89,90 @@ def _path(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) 
             place = f"{step.path}{line}  ({who}{step.witness}{by})"
             lines.append(unbroken(place, " " * 13, " " * 15))
     return lines
+
+
+def stolen_key(answer: CompromiseAnswer) -> str:
+    """What a stolen key opens, by key, profiles that answer alike together."""
+    conditions = holds_if(stolen_if(answer))
+    lines = [wrapped(f"That it opens no more {conditions}."), ""] if conditions else []
+    for key in answer.keys:
+        lines += [*_key(answer, key), ""]
+    if not answer.keys:
+        lines += [wrapped("No certificate of such an authority could be read: what its key opens is unknown."), ""]
+    if not answer.include_ambient:
+        lines.append(wrapped("Flows are apart from /clock, /parameter_events, /rosout and ros_discovery_info."))
+    if answer.status is Status.UNKNOWN and answer.doubts:
+        lines.append(wrapped(rests_on(answer.doubts)))
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def _key(answer: CompromiseAnswer, key: KeyAnswer) -> Iterator[str]:
+    where = f" ({key.location.path})" if key.location is not None and key.stolen is not Stolen.ENCLAVE else ""
+    holder = f"Whoever holds the private key of {_WHOSE[key.stolen].format(key.name)}{where}"
+    yield wrapped(f"{holder}{' alone' if key.with_an_enclave is not None else ''}:")
+    yield from _profiles(answer, key.alone)
+    if key.with_an_enclave is not None:
+        yield ""
+        yield wrapped("With the private key of an enclave as well, whichever it is:")
+        yield from _profiles(answer, key.with_an_enclave)
+
+
+def _profiles(answer: CompromiseAnswer, by_profile: Mapping[str, ProfileRadius]) -> Iterator[str]:
+    for each, names in by_answer(by_profile).items():
+        under = f"{'under' if each.certain else 'UNKNOWN, perhaps, under'} {profiles(names, by_profile)}"
+        yield wrapped(under, "  ", "    ")
+        for line in _said(answer.ground, answer.enclaves, each.radius):
+            yield wrapped(line, "    ", "      ")
+
+
+def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
+    """One sentence for each thing it can do."""
+    if not (radius.written or radius.forged or radius.read or radius.passes_for or radius.reached):
+        yield "can do nothing with it that anybody on the network cannot do without"
+        return
+    for verb, channels in (
+        ("writes {} by right", radius.written),
+        ("forges {} more without a right", radius.forged),
+        ("reads {}", radius.read),
+    ):
+        number = ground.count(channels)
+        told = verb.format(counted(number, "DDS topic") if number else "no topic")
+        yield f"{told}: {_topic_words(ground.topics(channels))}" if number else told
+    at_large = {enclave.label for system in ground.systems for enclave in system.enclaves if enclave.at_large}
+    posed, others = sorted(radius.passes_for - at_large), sorted(radius.passes_for & at_large)
+    if posed or not others:
+        whom = f"{len(posed)} of {enclaves} enclaves: {some(posed, MAX_LISTED)}" if posed else "no other enclave"
+        yield f"passes for {whom}"
+    if others:
+        yield f"passes for {some(others, MAX_LISTED)}{' too' if posed else ''}"
+    if not radius.reached:
+        yield "reaches no enclave"
+        return
+    alone, reached = sorted(radius.reached_alone), sorted(radius.reached)
+    honest = f"reaches {len(alone)} of {enclaves} enclaves" if alone else "reaches no enclave"
+    honest = f"{honest} while the others stay honest"
+    yield f"{honest}: {some(alone, MAX_LISTED)}" if alone else honest
+    further = sorted(radius.reached - radius.reached_alone)
+    if further:
+        yield f"reaches {len(reached)} if all on the way are compromised too: also {some(further, MAX_LISTED)}"
+
+
+def _topic_words(topics: Iterable[Topic]) -> str:
+    """Some of the names, plain topics first, parameter services counted alone; raw text."""
+    topics = list(topics)
+    others = [topic for topic in topics if not _of_parameters(topic.name)]
+    names = sorted(map(_words, others), key=lambda words: (not words.endswith("(topic)"), words))
+    listed = some((words.removesuffix(" (topic)") for words in names), MAX_LISTED)
+    parameters = len(topics) - len(others)
+    return ", and ".join(filter(None, [listed, f"{parameters} of parameter services" if parameters else ""]))
+
+
+def _of_parameters(name: Named) -> bool:
+    parsed = parse_dds_name(name.topic)
+    return parsed is not None and parsed.kind is RosKind.SERVICE and parsed.name.endswith(_PARAMETERS)
+
+
+def _words(topic: Topic) -> str:
+    name = ros_name(topic.name.topic)
+    inside = f', partition "{topic.name.partition}"' if topic.name.partition else ""
+    return f"{f'all names such as {name}' if topic.name.several else name}{inside}"

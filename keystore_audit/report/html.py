@@ -29,14 +29,21 @@ from keystore_audit.model.blast_radius import Ranking
 from keystore_audit.model.tables.issuance import Issuance, IssuedCertificate
 from keystore_audit.properties.property import Status
 from keystore_audit.report.access_words import SHORT, full_name
-from keystore_audit.report.authorities_text import HOW, settings
-from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict
-from keystore_audit.report.engine_words import engine, until, warnings
 from keystore_audit.report.html_tables import Sheet, access, differing, profiles
 from keystore_audit.report.page import by_answer, worst_first
 from keystore_audit.report.pictures import flows, timeline
-from keystore_audit.report.ros_nodes import nodes_beside
+from keystore_audit.report.view_model import (
+    HOW,
+    Consequences,
+    assumed,
+    declaring,
+    engine,
+    nodes_beside,
+    starting,
+    until,
+    warnings,
+)
 from keystore_audit.text import counted, html, instant, shorten
 
 MAX_TITLE: Final = 80
@@ -225,9 +232,9 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
         ],
         "engines": [engine(run, version=True) for run in report.engines],
         "looked_at": ", ".join(counted(number, noun) for noun, number in looked_at.items()),
-        "assumed": (*(each.sentence for each in report.assumptions), *report.stated),
+        "assumed": assumed(report),
         "how": HOW,
-        "declare": [*settings(report)],
+        "declare": [*declaring(report)],
     }
 
 
@@ -293,10 +300,10 @@ def _properties(report: Report) -> Mapping[str, Any]:
 
 def _starting(report: Report) -> Mapping[str, Any]:
     """Which enclaves can start, and why the others cannot."""
-    starts = grouped(report.enclaves, lambda entry: all(each.usable for each in entry.profiles.values()))
+    well, refused = starting(report)
     return {
-        "well": [entry.path for entry in starts.get(True, ())],
-        "refused": [(entry, [*by_answer(entry.profiles).items()]) for entry in starts.get(False, ())],
+        "well": [entry.path for entry in well],
+        "refused": [(entry, [*by_answer(entry.profiles).items()]) for entry in refused],
         "beside": nodes_beside(report.findings),
     }
 

@@ -16,8 +16,15 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.model.tables.overview import Overview
-from keystore_audit.report.access_differences import differences, peers
-from keystore_audit.report.access_words import namespace, protected, protection_words, rights, worth_showing
+from keystore_audit.report.access_words import (
+    differences,
+    namespace,
+    peers,
+    protected,
+    protection_words,
+    rights,
+    worth_showing,
+)
 from keystore_audit.report.content import Report
 from keystore_audit.text import counted
 

@@ -41,13 +41,23 @@ def render(reports: Sequence[Report], missing: Sequence[NoReport] = ()) -> str:
         _keystore(root, report)
     for each in missing:
         suite = etree.SubElement(root, "testsuite", name=f"{terminal(each.path)}: verdict")
-        case = etree.SubElement(suite, "testcase", classname="keystore-audit", name="there is a report", time="0")
-        etree.SubElement(case, "error", message=terminal(each.reason), type="incomplete")
-        _count(suite)
-    for count in ("tests", "failures", "errors", "skipped"):
-        root.set(count, str(sum(int(suite.get(count, "0")) for suite in root)))
+        _failed(_case(suite, "keystore-audit", "there is a report"), "error", each.reason, "incomplete")
+    for suite in root:
+        _count(suite, [suite])
+    _count(root, [*root])
     etree.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + etree.tostring(root, encoding="unicode") + "\n"
+
+
+def _count(about: etree._Element, suites: Sequence[etree._Element]) -> None:
+    tags = {
+        "tests": "testcase",
+        "failures": "testcase/failure",
+        "errors": "testcase/error",
+        "skipped": "testcase/skipped",
+    }
+    for name, path in tags.items():
+        about.set(name, str(sum(len(suite.findall(path)) for suite in suites)))
 
 
 def _keystore(root: etree._Element, report: Report) -> None:
@@ -64,11 +74,8 @@ def _keystore(root: etree._Element, report: Report) -> None:
     for family, outcomes in sorted(by_family.items()):
         suite = _suite(root, report, f"{family} {FAMILIES[family]}")
         for outcome in outcomes:
-            _case(suite, report, outcome, found.of(outcome), beside.get((outcome.rule, outcome.subject), ""))
-        _count(suite)
-    suite = _suite(root, report, "verdict")
-    _verdict(suite, report, left_out)
-    _count(suite)
+            _outcome(suite, report, outcome, found.of(outcome), beside.get((outcome.rule, outcome.subject), ""))
+    _verdict(_suite(root, report, "verdict"), report, left_out)
 
 
 def _suite(root: etree._Element, report: Report, name: str) -> etree._Element:
@@ -76,11 +83,13 @@ def _suite(root: etree._Element, report: Report, name: str) -> etree._Element:
     return etree.SubElement(root, "testsuite", name=f"{terminal(report.keystore)}: {name}", timestamp=at)
 
 
-def _count(suite: etree._Element) -> None:
-    cases = suite.findall("testcase")
-    suite.set("tests", str(len(cases)))
-    for count, tag in (("failures", "failure"), ("errors", "error"), ("skipped", "skipped")):
-        suite.set(count, str(sum(case.find(tag) is not None for case in cases)))
+def _case(suite: etree._Element, of: str, name: str) -> etree._Element:
+    return etree.SubElement(suite, "testcase", classname=of, name=terminal(name), time="0")
+
+
+def _failed(case: etree._Element, tag: str, message: str, kind: str, said: str | None = None) -> None:
+    """One failure or error, since readers take one for each case."""
+    etree.SubElement(case, tag, message=terminal(message), type=kind).text = said
 
 
 class _Findings:
@@ -107,32 +116,30 @@ class _Findings:
         return self._by_subject.get((outcome.rule, outcome.subject), self._by_rule.get(outcome.rule, []))
 
 
-def _case(suite: etree._Element, report: Report, outcome: Outcome, findings: Sequence[Finding], beside: str) -> None:
+def _outcome(suite: etree._Element, report: Report, outcome: Outcome, findings: Sequence[Finding], beside: str) -> None:
     """`beside`: what is to be known of a property, whether it holds or not."""
-    case = etree.SubElement(suite, "testcase", classname=outcome.rule, name=terminal(outcome.subject), time="0")
+    case = _case(suite, outcome.rule, outcome.subject)
     if outcome.outcome is Result.NOT_APPLICABLE:
         etree.SubElement(case, "skipped", message="there is nothing here that the rule is about")
         return
-    deciding = [finding for finding in findings if finding.fails(report.fail_on)]
+    rest = [each for each in findings if not each.fails(report.fail_on)]
+    deciding = [each for each in findings if each.fails(report.fail_on)]
     if outcome.outcome is Result.OPEN:
         _tell(case, "error", findings, "undecided")
+        rest = []
     elif deciding:
         _tell(case, "failure", deciding, deciding[0].severity.value)
-    elif findings and all(finding.suppressed is not None for finding in findings):
-        accepted = findings[0].suppressed
-        message = f"accepted until {accepted.until}: {accepted.reason}" if accepted else "accepted"
+    elif findings and (accepted := findings[0].suppressed) and all(each.suppressed for each in findings):
+        message = f"accepted until {accepted.until}: {accepted.reason}"
         etree.SubElement(case, "skipped", message=terminal(message))
-    rest = [] if outcome.outcome is Result.OPEN else [each for each in findings if not each.fails(report.fail_on)]
     if told := [*map(_said, rest), *([terminal(beside)] if beside else [])]:
         etree.SubElement(case, "system-out").text = "\n\n".join(told)
 
 
 def _tell(case: etree._Element, tag: str, findings: Sequence[Finding], kind: str) -> None:
-    """One failure or error, since readers take one for each case."""
     message = findings[0].message if findings else "This could not be decided."
     more = f" (and {len(findings) - 1} more)" if len(findings) > 1 else ""
-    element = etree.SubElement(case, tag, message=terminal(message) + more, type=kind)
-    element.text = "\n\n".join(map(_said, findings))
+    _failed(case, tag, message + more, kind, "\n\n".join(map(_said, findings)))
 
 
 def _said(finding: Finding) -> str:
@@ -158,13 +165,11 @@ def _verdict(suite: etree._Element, report: Report, left_out: int) -> None:
         ("cases that passed and are left out", str(left_out)),
     ):
         etree.SubElement(properties, "property", name=name, value=terminal(value))
-    case = etree.SubElement(suite, "testcase", classname="keystore-audit", name="the audit is complete", time="0")
+    case = _case(suite, "keystore-audit", "the audit is complete")
     if report.holds_if:
         etree.SubElement(case, "system-out").text = terminal(report.holds_if)
     if report.verdict is Verdict.INCOMPLETE:
-        etree.SubElement(case, "error", message="Something could not be decided.", type="incomplete")
-    case = etree.SubElement(suite, "testcase", classname="keystore-audit", name="no finding decides", time="0")
-    deciding = sum(finding.fails(report.fail_on) for finding in report.findings)
-    if deciding:
-        told = f"Findings that decide the verdict: {deciding}."
-        etree.SubElement(case, "failure", message=told, type=report.verdict.value)
+        _failed(case, "error", "Something could not be decided.", "incomplete")
+    case = _case(suite, "keystore-audit", "no finding decides")
+    if deciding := sum(finding.fails(report.fail_on) for finding in report.findings):
+        _failed(case, "failure", f"Findings that decide the verdict: {deciding}.", report.verdict.value)

@@ -8,9 +8,8 @@ from typing import Final
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineStatus
-from keystore_audit.report.consequences import Consequences
 from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
-from keystore_audit.report.engine_words import until
+from keystore_audit.report.view_model import Consequences, assumed, until
 from keystore_audit.text import instant, markdown, shorten, some
 
 MAX_LENGTH: Final = 60_000
@@ -176,7 +175,7 @@ def _rest(report: Report, budget: int) -> Iterator[str]:
     yield ""
     end = "never" if report.safe_until is None else instant(report.safe_until)
     yield f"- Safe until: {end}. {markdown(until(report))}".rstrip()
-    yield from _items("Assumed", (*(each.sentence for each in report.assumptions), *report.stated))
+    yield from _items("Assumed", assumed(report))
     yield from _items("Not checked", report.checked.not_checked)
     yield from _accepted(report.accepted, budget)
     answered = [run for run in report.engines if run.status is EngineStatus.OK]

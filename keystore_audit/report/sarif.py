@@ -7,7 +7,7 @@ steps, bytes) is cut from the end, since findings come worst first, and the cut 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final, Protocol
 from urllib.parse import quote
@@ -18,8 +18,8 @@ from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.result import EngineStatus, PropertyResult
 from keystore_audit.remedy import Remedy
 from keystore_audit.report.content import NoReport, Report, Verdict
-from keystore_audit.report.encoded import encoded
-from keystore_audit.report.json import fix
+from keystore_audit.report.encoded import encoded, picked
+from keystore_audit.report.json import TOOL, fix
 from keystore_audit.text import markdown, percent_path, shorten
 
 SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
@@ -38,20 +38,13 @@ _REST: Final = 200_000
 """Compressed bytes that one run takes beside its results, at most, and that the packer may hold back."""
 
 _LEVELS: Final = {
-    Severity.CRITICAL: "error",
-    Severity.HIGH: "error",
-    Severity.MEDIUM: "warning",
-    Severity.LOW: "note",
-    Severity.INFO: "note",
+    Severity.CRITICAL: ("error", "9.5"),
+    Severity.HIGH: ("error", "8.0"),
+    Severity.MEDIUM: ("warning", "5.5"),
+    Severity.LOW: ("note", "2.0"),
+    Severity.INFO: ("note", "0.0"),
 }
-_SECURITY_SEVERITY: Final = {
-    Severity.CRITICAL: "9.5",
-    Severity.HIGH: "8.0",
-    Severity.MEDIUM: "5.5",
-    Severity.LOW: "2.0",
-    Severity.INFO: "0.0",
-}
-"""Numbers that services sort by, in the ranges of CVSS: over 9.0 critical, 7.0 high, 4.0 medium, 0.1 low."""
+"""The level, and a number to sort by, in the ranges of CVSS: over 9.0 critical, 7.0 high, 4.0 medium, 0.1 low."""
 
 
 _UNDECIDED: Final = "KA901"
@@ -97,49 +90,51 @@ def _run(report: Report, rules: Sequence[_Rule], runs: int) -> str:
     ]
     if runs <= MAX_RUNS:  # of more, services take nothing
         results = results[: _fitting(results, MAX_COMPRESSED // runs - _REST)]
-    head = {
-        "automationDetails": {"id": f"keystore-audit/{_uri(report.keystore)}/"},
-        "columnKind": "utf16CodeUnits",
-        "invocations": [_invocation(report, [*_left_out(report, len(results), runs)])],
-        **base.declared(),
-        "properties": {
-            "verdict": report.verdict.value,
-            "digest": report.digest,
-            "scope": report.scope or None,
-            "weakened": list(report.weakened),
-            "holdsIf": report.holds_if or None,
-            "assumptions": [each.described for each in report.assumptions],
-            "stated": list(report.stated),
-            "vacuous": [result.prop.id for result in report.properties if result.vacuous],
-            "notChecked": list(report.checked.not_checked),
-        },
+    properties = {
+        **picked(report, "verdict", "digest"),
+        "scope": report.scope or None,
+        "weakened": report.weakened,
+        "holdsIf": report.holds_if or None,
+        "assumptions": [each.described for each in report.assumptions],
+        "stated": report.stated,
+        "vacuous": [result.prop.id for result in report.properties if result.vacuous],
+        "notChecked": report.checked.not_checked,
     }
-    return _assembled(report.version, tuple(_worst(finding) for finding in report.findings), rules, head, results)
+    notes = [*_engine_notes(report), *_notes(report, len(results), runs)]
+    head = {
+        **_head(report.keystore, report.verdict, report.exit_code, notes),
+        **base.declared(),
+        "properties": properties,
+    }
+    return _assembled(report.version, [_worst(finding) for finding in report.findings], rules, head, results)
 
 
 def _no_run(each: NoReport, rules: Sequence[_Rule]) -> str:
     """The run of a keystore without a report."""
-    index = next(number for number, rule in enumerate(rules) if rule.code == _UNDECIDED)
-    head = {
-        "automationDetails": {"id": f"keystore-audit/{_uri(each.path)}/"},
-        "columnKind": "utf16CodeUnits",
-        "invocations": [
-            {
-                "executionSuccessful": False,
-                "exitCode": each.exit_code,
-                "toolExecutionNotifications": [_notification("error", each.reason)],
-            }
-        ],
-    }
     result = {
         "ruleId": _UNDECIDED,
-        "ruleIndex": index,
+        "ruleIndex": next(number for number, rule in enumerate(rules) if rule.code == _UNDECIDED),
         "level": "error",
         "message": {"text": shorten(f"Nothing is decided about {each.path}: {each.reason}", MAX_MESSAGE)},
         "locations": [_location(Location(path=each.path, beside=True), _Base(each.path))],
         "partialFingerprints": {"keystoreAudit/v1": fingerprint(_UNDECIDED, None, each.path, "no report")},
     }
+    head = _head(each.path, Verdict.INCOMPLETE, each.exit_code, [("error", each.reason)])
     return _assembled(__version__, (), rules, head, [encoded(result)])
+
+
+def _head(keystore: str, verdict: Verdict, exit_code: int, notes: Iterable[tuple[str, str]]) -> dict[str, Any]:
+    """How the audit went: an incomplete one was not successful, whatever it found. `notes`: each behind its level."""
+    invocation = {
+        "executionSuccessful": verdict is not Verdict.INCOMPLETE,
+        "exitCode": exit_code,
+        "toolExecutionNotifications": [{"level": level, "message": {"text": text}} for level, text in notes],
+    }
+    return {
+        "automationDetails": {"id": f"{TOOL}/{_uri(keystore)}/"},
+        "columnKind": "utf16CodeUnits",
+        "invocations": [invocation],
+    }
 
 
 def _assembled(
@@ -151,15 +146,14 @@ def _assembled(
 ) -> str:
     """One run. `found`: the codes of findings, each with how much it matters."""
     driver = {
-        "name": "keystore-audit",
+        "name": TOOL,
         "semanticVersion": version,
         "version": version,
         "informationUri": "https://design.ros2.org/articles/ros2_dds_security.html",
     }
     worst = {rule.code: rule.severity for rule in rules}
     for code, severity in found:
-        if severity.at_least(worst[code]):
-            worst[code] = severity
+        worst[code] = min(worst[code], severity, key=lambda each: each.rank)
     described = ",\n      ".join(_described(rule, worst[rule.code]) for rule in rules)
     tool = encoded(driver)[:-1] + f', "rules": [\n      {described}\n    ]}}'
     listed = ",\n      ".join(results)
@@ -186,15 +180,27 @@ def _fitting(results: Sequence[str], room: int) -> int:
     return len(results)
 
 
-def _left_out(report: Report, shown: int, runs: int) -> Iterable[str]:
-    """What is not in this log, or may not be taken from it, in sentences."""
+def _notes(report: Report, shown: int, runs: int) -> Iterator[tuple[str, str]]:
+    """What is not decided, what weakens the gate, and what is not in this log, or may not be taken from it."""
+    if report.verdict is Verdict.INCOMPLETE:
+        yield "error", "The audit is incomplete: something could not be decided."
+    if report.weakened:
+        yield "warning", f"This gate was weakened: {', '.join(report.weakened)}."
     if shown < len(report.findings):
-        yield f"{len(report.findings) - shown} more findings are left out; the text and JSON reports have all."
-    longest = max((len(path.steps) for result in report.properties for path in _violated(result)), default=0)
-    if longest > MAX_STEPS:
-        yield f"Of the ways in which properties are violated, the first {MAX_STEPS} steps are told."
+        more = len(report.findings) - shown
+        yield "warning", f"{more} more findings are left out; the text and JSON reports have all."
+    if any(len(path.steps) > MAX_STEPS for result in report.properties for path in _violated(result)):
+        yield "warning", f"Of the ways in which properties are violated, the first {MAX_STEPS} steps are told."
     if runs > MAX_RUNS:
-        yield f"This log has {runs} runs, and code scanning services take {MAX_RUNS}: audit fewer keystores at once."
+        told = f"This log has {runs} runs, and code scanning services take {MAX_RUNS}: audit fewer keystores at once."
+        yield "warning", told
+
+
+def _engine_notes(report: Report) -> Iterator[tuple[str, str]]:
+    for run in report.engines:
+        if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
+            level = "error" if run.required else "note"
+            yield level, f"Engine {run.name}: {run.status.value}. {run.reason}".rstrip()
 
 
 class _Base:
@@ -229,52 +235,23 @@ def _quoted(path: str) -> str:
     return quote(path.encode("utf-8", "backslashreplace"), safe="/%+,=@~")
 
 
-def _invocation(report: Report, left_out: Iterable[str]) -> dict[str, Any]:
-    """How the audit went. An incomplete one was not successful, whatever it found."""
-    notes = [
-        _notification(
-            "error" if run.required else "note", f"Engine {run.name}: {run.status.value}. {run.reason}".rstrip()
-        )
-        for run in report.engines
-        if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN)
-    ]
-    if report.verdict is Verdict.INCOMPLETE:
-        notes.append(_notification("error", "The audit is incomplete: something could not be decided."))
-    if report.weakened:
-        notes.append(_notification("warning", f"This gate was weakened: {', '.join(report.weakened)}."))
-    notes += [_notification("warning", sentence) for sentence in left_out]
-    return {
-        "executionSuccessful": report.verdict is not Verdict.INCOMPLETE,
-        "exitCode": report.exit_code,
-        "toolExecutionNotifications": notes,
-    }
-
-
-def _notification(level: str, text: str) -> dict[str, Any]:
-    return {"level": level, "message": {"text": text}}
-
-
 @lru_cache(maxsize=1_000)
 def _described(rule: _Rule, worst: Severity) -> str:
     """A rule. `worst`: the severity of its worst finding in the run, or its own: services take no result's."""
-    description = rule.description
-    first, _, _ = description.partition("\n\n")
-    described = "\n".join(map(markdown, description.split("\n")))
-    help_text = f"{description}\n\nWhat to do: {rule.remedy.text}\n\nClause: {rule.clause}"
+    first, _, _ = rule.description.partition("\n\n")
+    described = "\n".join(map(markdown, rule.description.split("\n")))
+    remedy, clause = rule.remedy.text, rule.clause
+    shown = f"{described}\n\n**What to do:** {markdown(remedy)}\n\n**Clause:** {markdown(clause)}"
     entry = {
         "id": rule.code,
         "name": "".join(word.capitalize() for word in rule.name.split("-")),
         "shortDescription": {"text": rule.name.replace("-", " ")},
         "fullDescription": {"text": shorten(" ".join(first.split()), MAX_MESSAGE)},
-        "help": {
-            "text": help_text,
-            "markdown": f"{described}\n\n**What to do:** {markdown(rule.remedy.text)}\n\n"
-            f"**Clause:** {markdown(rule.clause)}",
-        },
-        "defaultConfiguration": {"level": _LEVELS[rule.severity]},
+        "help": {"text": f"{rule.description}\n\nWhat to do: {remedy}\n\nClause: {clause}", "markdown": shown},
+        "defaultConfiguration": {"level": _LEVELS[rule.severity][0]},
         "properties": {
             "tags": ["security", "ros2", "dds-security", rule.code[:3]],
-            "security-severity": _SECURITY_SEVERITY[worst],
+            "security-severity": _LEVELS[worst][1],
             "precision": "very-high",
             "problem.severity": "error" if worst.at_least(Severity.HIGH) else "warning",
         },
@@ -284,37 +261,30 @@ def _described(rule: _Rule, worst: Severity) -> str:
 
 def _result(finding: Finding, rule: int, keystore: str, base: _Base, paths: Sequence[Counterexample]) -> dict[str, Any]:
     """One finding. Services need a place and a line: a finding without any is at the keystore, at line 1."""
-    places = finding.locations[:MAX_LOCATIONS] or (Location(path=""),)
+    first, *others = finding.locations[:MAX_LOCATIONS] or (Location(path=""),)
+    level, number = _LEVELS[_worst(finding)[1]]
     result: dict[str, Any] = {
         "ruleId": finding.code,
         "ruleIndex": rule,
-        "level": _LEVELS[_worst(finding)[1]],
+        "level": level,
         "message": {"text": _said(finding)},
-        "locations": [_location(places[0], base)],
+        "locations": [_location(first, base)],
         "partialFingerprints": {"keystoreAudit/v1": finding.fingerprint},
         "properties": {
-            "severity": finding.severity.value,
-            "security-severity": _SECURITY_SEVERITY[_worst(finding)[1]],
-            "enclave": finding.enclave,
-            "profiles": list(finding.profiles),
-            "clause": finding.clause,
+            "severity": finding.severity,
+            "security-severity": number,
+            **picked(finding, "enclave", "profiles", "clause"),
             "fix": fix(finding, keystore),
-            "explainedBy": list(finding.explained_by),
+            "explainedBy": finding.explained_by,
         },
     }
-    if len(places) > 1:
-        result["relatedLocations"] = [{"id": n, **_location(place, base)} for n, place in enumerate(places[1:], 1)]
+    if others:
+        result["relatedLocations"] = [{"id": n, **_location(place, base)} for n, place in enumerate(others, 1)]
     if flows := [_code_flow(path, base) for path in paths if any(step.path for step in path.steps)]:
         result["codeFlows"] = flows
-    if finding.suppressed is not None:
-        accepted = finding.suppressed
-        result["suppressions"] = [
-            {
-                "kind": "external",
-                "status": "accepted",
-                "justification": f"{accepted.reason} (until {accepted.until}, {accepted.owner}, {accepted.source})",
-            }
-        ]
+    if (accepted := finding.suppressed) is not None:
+        reason = f"{accepted.reason} (until {accepted.until}, {accepted.owner}, {accepted.source})"
+        result["suppressions"] = [{"kind": "external", "status": "accepted", "justification": reason}]
     return result
 
 
@@ -323,37 +293,30 @@ def _said(finding: Finding) -> str:
     return f"{about}{finding.message} What to do: {finding.fix.text}"
 
 
-def _location(location: Location, base: _Base) -> dict[str, Any]:
-    place: dict[str, Any] = {
-        "physicalLocation": {
-            "artifactLocation": base.artifact(location),
-            "region": {"startLine": location.line or 1},
-        }
-    }
-    if location.message:
-        place["message"] = {"text": location.message}
-    return place
+def _location(location: Location, base: _Base, message: str = "") -> dict[str, Any]:
+    region = {"startLine": location.line or 1}
+    place = {"physicalLocation": {"artifactLocation": base.artifact(location), "region": region}}
+    said = message or location.message
+    return {**place, "message": {"text": said}} if said else place
 
 
-def _violated(result: PropertyResult) -> tuple[Counterexample, ...]:
+def _violated(result: PropertyResult) -> Sequence[Counterexample]:
     """The counterexamples of a property, each once."""
-    found = {answer.counterexample: None for answer in result.profiles.values() if answer.counterexample is not None}
-    return tuple(found)
+    found = (answer.counterexample for answer in result.profiles.values())
+    return [*dict.fromkeys(each for each in found if each is not None)]
 
 
 def _code_flow(counterexample: Counterexample, base: _Base) -> Mapping[str, Any]:
     """The steps of a counterexample that are somewhere, in order."""
-    locations: Iterable[dict[str, Any]] = (
+    locations = [
         {
-            "location": {
-                **_location(Location(path=step.path, line=step.line), base),
-                "message": {"text": f"{step.enclave or 'anybody'}: {step.channel or step.witness}"},
-            }
+            "location": _location(
+                Location(path=step.path, line=step.line),
+                base,
+                f"{step.enclave or 'anybody'}: {step.channel or step.witness}",
+            )
         }
         for step in counterexample.steps[:MAX_STEPS]
         if step.path is not None
-    )
-    return {
-        "message": {"text": shorten(counterexample.text, MAX_MESSAGE)},
-        "threadFlows": [{"locations": list(locations)}],
-    }
+    ]
+    return {"message": {"text": shorten(counterexample.text, MAX_MESSAGE)}, "threadFlows": [{"locations": locations}]}

@@ -39,22 +39,19 @@ def policy_xml(policy: LeastPolicy) -> str:
     The usual rights of a node stand behind a comment. Names are absolute, so that no namespace changes them. Each
     enclave has one `<profiles>`: of several, sros2 makes several grants, and implementations ask the first alone.
     """
-    enclaves = [
-        line
-        for each in policy.enclaves
-        for line in _inside(
-            f'enclave path="{html(each.path)}"', _inside("profiles", (row for node in each.nodes for row in _node(node)))
-        )
-    ]
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', *_inside('policy version="0.2.0"', _inside("enclaves", enclaves))]
-    return "".join(f"{line}\n" for line in lines)
+    enclaves: list[str] = []
+    for each in policy.enclaves:
+        nodes = (line for node in each.nodes for line in _node(node))
+        enclaves += _inside(f'enclave path="{html(each.path)}"', _inside("profiles", nodes))
+    lines = _inside('policy version="0.2.0"', _inside("enclaves", enclaves))
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + "".join(f"{line}\n" for line in lines)
 
 
 def _inside(opening: str, lines: Iterable[str]) -> Iterator[str]:
     """The lines within an element."""
     yield f"<{opening}>"
     yield from (f"  {line}" for line in lines)
-    yield f"</{opening.split(' ')[0]}>"
+    yield f"</{opening.split(' ', maxsplit=1)[0]}>"
 
 
 def _element(name: str, text: Text) -> str:

@@ -7,20 +7,16 @@ Nothing is said by colour alone. Every name is escaped in `report.page`.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from keystore_audit.assumptions import CONDITIONS
-from keystore_audit.findings import Finding, Outcomes, Result, Severity
-from keystore_audit.grouped import grouped
-from keystore_audit.model.question import Usability
+from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.profiles import implementations, shipped_by
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineStatus, ProfileResult, PropertyResult
-from keystore_audit.report import authorities_text, ranking
+from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.causes_text import (
     MAX_NAMED,
     put_accepted,
@@ -28,16 +24,12 @@ from keystore_audit.report.causes_text import (
     put_headings,
     put_short,
 )
-from keystore_audit.report.consequences import Cause, Consequences
-from keystore_audit.report.content import NOT_CHECKED, PEERS_IN_SCOPE, EnclaveEntry, NoReport, Report, Verdict
-from keystore_audit.report.engine_words import ENGINE_WORDS, sentence, until, warnings
+from keystore_audit.report.content import NOT_CHECKED, PEERS_IN_SCOPE, NoReport, Report, Verdict
 from keystore_audit.report.json import TOOL
-from keystore_audit.report.page import Page, by_answer, worst_first
-from keystore_audit.report.ros_nodes import nodes_beside
+from keystore_audit.report.page import Page
+from keystore_audit.report.text_details import UNCHANGED, put_details, put_rows
+from keystore_audit.report.view_model import Cause, Consequences, warnings
 from keystore_audit.text import counted, instant, shorten, some
-
-MAX_ENCLAVES: Final = 20
-"""Enclaves listed by name where all is well; those that cannot start are always named."""
 
 MAX_PATH: Final = 400
 """Characters of a path on a page about several keystores."""
@@ -45,16 +37,12 @@ MAX_PATH: Final = 400
 MAX_TITLE: Final = 60
 """Characters of the keystore's path in the title, which is cut in the middle: its ends tell it apart."""
 
-COLUMN: Final = 13
-"""Where the text of labelled lines begins."""
-
 MAX_NOT_CHECKED: Final = 2
 """Of what was not checked, so much is named; -v has all in full."""
 
 MAX_CODES: Final = 12
 """Rules named that left something open."""
 
-_STATUS_STYLE: Final = {Status.HOLDS: "green", Status.VIOLATED: "bold red", Status.UNKNOWN: "bold yellow"}
 _VERDICT_STYLE: Final = {
     Verdict.PASS: "bold green",
     Verdict.FAIL: "bold white on red",
@@ -97,7 +85,7 @@ def render(report: Report, view: View = PLAIN) -> str:
     if view.verbose:
         put_full(page, report, consequences)
         put_accepted(page, [finding for finding in shown if finding.suppressed is not None])
-        _details(page, report)
+        put_details(page, report)
     else:
         put_short(page, report, consequences)
         _in_short(page, report)
@@ -191,173 +179,38 @@ def _in_short(page: Page, report: Report) -> None:
         (None, "unknown whether its DDS participant starts"),
     ):
         if paths := [e.path for e in report.enclaves if any(use.usable is usable for use in e.profiles.values())]:
-            _row(page, "Enclaves", f"{some(paths, MAX_NAMED)}: {words} (-v)")
+            put_rows(page, "Enclaves", [f"{some(paths, MAX_NAMED)}: {words} (-v)"])
     if report.accepted:
-        _row(page, "Accepted", f"{counted(len(report.accepted), 'finding')}, not counted (-v)")
+        put_rows(page, "Accepted", [f"{counted(len(report.accepted), 'finding')}, not counted (-v)"])
     if report.properties:
-        statuses = Counter(each.status for each in report.properties)
-        unknown = f", {statuses[Status.UNKNOWN]} unknown" if statuses[Status.UNKNOWN] else ""
-        reserved = sum(bool(each.beside) for each in report.properties)
-        beside = f", {reserved} with a reservation (-v)" if reserved else ""
-        answered = [run.name for run in report.engines if run.status is EngineStatus.OK]
-        agree = {True: f"{' and '.join(answered)} agree", None: f"{', '.join(answered) or 'no engine'} alone"}
-        engines = agree.get(report.engines_agree, "the engines disagree")
-        _row(
-            page,
-            "Properties",
-            f"{statuses[Status.HOLDS]} of {len(report.properties)} hold{unknown}{beside} ({engines})",
-        )
+        put_rows(page, "Properties", [_decided(report)])
     conditions = [each.condition for each in report.assumptions if each.needed_by and each.assumption in CONDITIONS]
     others = len(report.assumptions) + len(report.stated) - len(conditions) - bool(report.scope)
     conditions = [*([PEERS_IN_SCOPE] if report.scope else []), *conditions]
     if conditions or others:
-        _row(page, "Holds if", f"{'; '.join((*conditions, *([f'{others} more'] if others else ())))} (-v)")
-    known = [words for words, said in NOT_CHECKED.items() if said in report.checked.not_checked]
-    more = len(report.checked.not_checked) - len(known[:MAX_NOT_CHECKED])
+        put_rows(page, "Holds if", [f"{'; '.join([*conditions, *_more(others)])} (-v)"])
     if report.checked.not_checked:
-        _row(page, "Not checked", f"{', '.join((*known[:MAX_NOT_CHECKED], *([f'{more} more'] if more else ())))} (-v)")
+        known = [words for words, said in NOT_CHECKED.items() if said in report.checked.not_checked][:MAX_NOT_CHECKED]
+        more = _more(len(report.checked.not_checked) - len(known))
+        put_rows(page, "Not checked", [f"{', '.join([*known, *more])} (-v)"])
     if report.safe_until is None:
-        _row(page, "Valid", "No date on these files changes this answer.")
+        put_rows(page, "Valid", [UNCHANGED])
     else:
         holds = "Valid until" if report.verdict is Verdict.PASS else "Changes at"
-        _row(page, holds, f"{instant(report.safe_until)} (-v)")
+        put_rows(page, holds, [f"{instant(report.safe_until)} (-v)"])
 
 
-def _row(page: Page, label: str, said: str) -> None:
-    page.labelled(label, said, indent=0, column=COLUMN, style="bold")
+def _more(number: int) -> list[str]:
+    return [f"{number} more"] if number else []
 
 
-def _details(page: Page, report: Report) -> None:
-    """The same in full."""
-    _enclaves(page, report.enclaves)
-    if beside := nodes_beside(report.findings):
-        page.put(beside, indent=2)
-    _properties(page, report.properties)
-    authorities_text.put(page, report)
-    ranking.put(page, report.blast_radius or ())
-    _outcomes(page, report.outcomes)
-    page.blank()
-    for number, assumed in enumerate((*(each.sentence for each in report.assumptions), *report.stated)):
-        _row(page, "" if number else "Assumed", assumed)
-    _checked(page, report)
-
-
-def _enclaves(page: Page, enclaves: Sequence[EnclaveEntry]) -> None:
-    """Who can start: those that cannot by their reasons, the others in one line."""
-    if not enclaves:
-        return
-    page.blank()
-    page.put(("Enclaves", "bold underline"))
-    starting = [entry.path for entry in enclaves if all(use.usable for use in entry.profiles.values())]
-    others = (entry for entry in enclaves if not all(use.usable for use in entry.profiles.values()))
-    for same, alike in grouped(others, _own_words).items():
-        entry, several = alike[0], len(alike) > 1
-        page.put(
-            (", ".join(each.path for each in alike), "bold"), "" if several else f"  ({entry.directory})", indent=2
-        )
-        for usability, names in by_answer(dict(same) if several else entry.profiles).items():
-            reasons = "; ".join(reason.rstrip(".") for reason in usability.reasons)
-            why = f": {reasons}" if reasons else ""
-            page.put(f"{_START_WORDS[usability.usable]} {_under(names, len(same))}{why}.", indent=4)
-    if starting:
-        page.put(f"{some(starting, MAX_ENCLAVES)}: a DDS participant starts under all profiles.", indent=2)
-
-
-def _own_words(entry: EnclaveEntry) -> tuple[tuple[str, Usability], ...]:
-    """Whether it starts, as it would be said of any other enclave for which the same is so."""
-    own = entry.subject or entry.path
-    return tuple(
-        (name, replace(use, reasons=tuple(reason.replace(own, "its identity") for reason in use.reasons)))
-        for name, use in entry.profiles.items()
-    )
-
-
-_START_WORDS: Final[Mapping[bool | None, str]] = {
-    True: "a DDS participant starts",
-    False: "CANNOT START",
-    None: "UNKNOWN whether it can start,",
-}
-
-
-def _under(names: Sequence[str], total: int) -> str:
-    return "under all profiles" if len(names) == total else f"under {', '.join(names)}"
-
-
-def _properties(page: Page, results: Sequence[PropertyResult]) -> None:
-    """One line a property and answer: equal answers of several profiles are one."""
-    if not results:
-        return
-    page.blank()
-    page.put(("Properties", "bold underline"))
-    column = 12 + 2 + max(len(result.prop.id) for result in results)
-    for result in results:
-        groups = worst_first(result.profiles, _engines)
-        for answer, names in groups:
-            status = answer.status
-            word = status.value if status is Status.HOLDS else status.value.upper()
-            label = f"{word:<10}{result.prop.id}"
-            whose = ", all profiles" if len(groups) == 1 else ", all others" if names is groups[-1][1] else ""
-            under = ", ".join(each.value for each in result.needs) if status is Status.HOLDS else ""
-            told = f"; if {under}" if under else ""
-            page.labelled(label, _engines(answer) + whose + told, indent=2, column=column, style=_STATUS_STYLE[status])
-            if not whose:
-                page.put(f"under {', '.join(names)}", indent=12)
-        if result.beside:
-            page.put(result.beside, indent=12)
-
-
-def _engines(answer: ProfileResult) -> str:
-    """Who gave it; where they do not agree, what each says."""
-    each = (f"{engine} says {status.value}" for engine, status in answer.engines.items())
-    agree = set(answer.engines.values()) <= {answer.status}
-    return ", ".join(answer.engines if agree else each) or "no engine"
-
-
-def _outcomes(page: Page, outcomes: Outcomes) -> None:
-    """Per rule, how often it passed, failed, did not apply or stayed open, and what stayed open."""
-    page.blank()
-    page.put(("Outcomes", "bold underline"))
-    for rule, each in sorted(grouped(outcomes, lambda outcome: outcome.rule).items()):
-        counts = Counter(outcome.outcome for outcome in each)
-        words = ", ".join(f"{counts[result]} {_RESULT_WORDS[result]}" for result in Result if counts[result])
-        open_subjects = [outcome.subject for outcome in each if outcome.outcome is Result.OPEN]
-        subjects = f": {', '.join(open_subjects)}" if open_subjects else ""
-        page.labelled(rule, words + subjects, indent=2, column=9, style="bold")
-
-
-_RESULT_WORDS: Final = {
-    Result.PASS: "pass",
-    Result.FAIL: "fail",
-    Result.NOT_APPLICABLE: "not applicable",
-    Result.OPEN: "open",
-}
-
-
-def _checked(page: Page, report: Report) -> None:
-    """What was looked at, by whom, what was not, and when the answer changes by itself."""
-    checked = report.checked
-    page.blank()
-    roots = ", ".join(report.roots)
-    page.labelled(
-        "Checked",
-        f"{checked.certificates} certificates, {checked.documents} signed documents, {checked.channels} topic "
-        f"channels, with {checked.rules} rules, under {', '.join(report.judged_profiles) or 'no profile'}"
-        f"{f', links into {roots} followed' if report.roots else ''}.",
-        indent=0,
-        column=COLUMN,
-        style="bold",
-    )
-    for run in report.engines:
-        version = f" {run.version}" if run.version else ""
-        words = f"{run.name}{version} {ENGINE_WORDS[run.status]}"
-        reason = f": {run.reason}" if run.reason else ""
-        size = f", asked about {run.atoms[1]} of {run.atoms[0]} atoms" if run.atoms else ""
-        _row(page, "Engine", sentence(words + size + reason))
-    for number, unchecked in enumerate(checked.not_checked):
-        _row(page, "" if number else "Not checked", unchecked)
-    if report.safe_until is None:
-        dates = "No date on these files changes this answer."
-    else:
-        holds = "Holds until" if report.verdict is Verdict.PASS else "Changes at"
-        dates = f"{holds} {instant(report.safe_until)}: {until(report)}"
-    _row(page, "Dates", dates)
+def _decided(report: Report) -> str:
+    """How many properties hold, and who says so."""
+    statuses = Counter(each.status for each in report.properties)
+    unknown = f", {statuses[Status.UNKNOWN]} unknown" if statuses[Status.UNKNOWN] else ""
+    reserved = sum(bool(each.beside) for each in report.properties)
+    beside = f", {reserved} with a reservation (-v)" if reserved else ""
+    answered = [run.name for run in report.engines if run.status is EngineStatus.OK]
+    agree = {True: f"{' and '.join(answered)} agree", None: f"{', '.join(answered) or 'no engine'} alone"}
+    engines = agree.get(report.engines_agree, "the engines disagree")
+    return f"{statuses[Status.HOLDS]} of {len(report.properties)} hold{unknown}{beside} ({engines})"

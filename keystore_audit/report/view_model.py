@@ -1,9 +1,11 @@
-"""What is told where: findings that say the same are one cause, and what follows from a cause stands under it."""
+"""What every format for people tells of a report, worked out once: causes with what follows from them, who starts, what
+the verdict rests on, and what makes it reach less far than it seems to.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from msgspec import Struct
@@ -11,7 +13,8 @@ from msgspec import Struct
 from keystore_audit.findings import OF_THE_AUDIT, Finding, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import PropertyResult
+from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
+from keystore_audit.report.content import EnclaveEntry, Report
 
 _COMMON_WORD: Final = re.compile("[A-Z][a-z]* (?!DDS)")
 """What a sentence begins with, unless it is a name such as Fast DDS or CN=/talker."""
@@ -124,3 +127,90 @@ def _words(finding: Finding) -> _Words:
     around = tuple(finding.message.split(about)) if about else (finding.message, finding.fingerprint)
     said = tuple(step.text for step in finding.fix.steps if not step.paths)
     return finding.code, finding.severity, finding.profiles, around, (finding.fix.kind.value, *said)
+
+
+ENGINE_WORDS: Final = {
+    EngineStatus.OK: "answered",
+    EngineStatus.MISSING: "is missing",
+    EngineStatus.FAILED: "failed",
+    EngineStatus.TIMEOUT: "ran out of time",
+    EngineStatus.OUT_OF_SCALE: "was not started, the model being too large for it",
+    EngineStatus.NOT_RUN: "was not asked",
+}
+"""What became of an engine, behind its name."""
+
+_RUNNING_SESSIONS: Final = "Sessions that run by then may go on: Fast DDS ends none when a grant ends."
+"""Said with "safe until", which is about new sessions (read; Cyclone DDS and OpenDDS have timers)."""
+
+
+def sentence(text: str) -> str:
+    """With a full stop, where there is none."""
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+def until(report: Report) -> str:
+    """Why its answer changes at `safe_until`, with what goes on then, or why it never does."""
+    why = report.safe_until_why
+    return why if report.safe_until is None else f"{sentence(why)} {_RUNNING_SESSIONS}"
+
+
+def engine(run: EngineRun, *, version: bool) -> str:
+    """What became of it, with its `version` or without."""
+    name = f"{run.name} engine {run.version}" if version and run.version else f"{run.name} engine"
+    return sentence(f"The {name} {ENGINE_WORDS[run.status]}{f': {run.reason}' if run.reason else ''}")
+
+
+def warnings(report: Report, *, versions: bool = False) -> Iterator[str]:
+    """What is to be read first."""
+    answered = [run.name for run in report.engines if run.status is EngineStatus.OK]
+    rest = f" The properties rest on {' and '.join(answered)} alone." if answered else ""
+    for run in report.engines:
+        if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
+            yield engine(run, version=versions) + rest
+    if not answered:
+        yield "No engine has answered: no property was decided."
+    if report.engines_agree is False:
+        yield "The engines disagree: wherever they do, the answer is unknown."
+    for reason in report.weakened:
+        yield sentence(f"Weakened gate: {reason}")
+
+
+HOW: Final = (
+    "If these are the ones that you trust, declare them in keystore-audit.toml, which CI reads where it is named "
+    "(--settings keystore-audit.toml). These are fingerprints of the keys, which stay where a certificate is renewed:"
+)
+
+
+def declaring(report: Report) -> Iterator[str]:
+    """The lines that declare the authorities as found; none where both are declared or one cannot be told."""
+    if report.authorities_declared or not all(anchors.here for anchors in report.authorities):
+        return
+    yield "[authorities]"
+    for anchors in report.authorities:
+        yield f"{anchors.role} = ["
+        yield from (f'"sha256:{key}",' for key in dict.fromkeys(each.key for each in anchors.here))
+        yield "]"
+
+
+_KEEPING_NODES: Final = ("KA113", "KA418", "KA636")
+"""Rules of what DDS lets pass and ROS 2 does not: names of enclaves, and topics that every node needs."""
+
+
+def nodes_beside(findings: Iterable[Finding]) -> str:
+    """A sentence that names the findings which keep nodes from being made where a participant starts, or nothing."""
+    told = {finding.code for finding in findings if finding.severity.at_least(Severity.MEDIUM)}
+    codes = [code for code in _KEEPING_NODES if code in told]
+    if not codes:
+        return ""
+    return f"That is of DDS participants. ROS 2 asks for more before it makes a node: see {', '.join(codes)}."
+
+
+def assumed(report: Report) -> tuple[str, ...]:
+    """What the verdict takes for granted, in full."""
+    return (*(each.sentence for each in report.assumptions), *report.stated)
+
+
+def starting(report: Report) -> tuple[list[EnclaveEntry], list[EnclaveEntry]]:
+    """The enclaves whose participant starts under all profiles, and the others."""
+    starts = grouped(report.enclaves, lambda entry: all(each.usable for each in entry.profiles.values()))
+    return starts.get(True, []), starts.get(False, [])
