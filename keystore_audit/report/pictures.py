@@ -15,7 +15,7 @@ from keystore_audit.model.tables.neighbours import Neighbourhood, PeerGroup
 from keystore_audit.model.tables.overview import Overview
 from keystore_audit.model.tables.periods import Period
 from keystore_audit.report.access_words import namespace, protected
-from keystore_audit.text import counted, instant, shorten, terminal
+from keystore_audit.text import counted, shorten, terminal
 
 WIDTH: Final = 960
 """Of every picture, in its own units, as all that follows."""
@@ -82,14 +82,12 @@ def timeline(periods: Sequence[Period], at: datetime, until: datetime | None) ->
     shown = [period for period in periods if id(period) in kept]
     axis = _Axis(at, until, shown)
     return {
-        "width": WIDTH,
         "height": TOP + ROW * len(shown) + 22,
-        "left": LEFT,
-        "right": RIGHT,
-        "top": TOP,
-        "ticks": [(axis.x(moment), text) for moment, text in axis.moments()],
-        "bars": [_bar(axis, TOP + number * ROW, period, at) for number, period in enumerate(shown)],
-        "flags": [*_flags(axis, at, until)],
+        "ticks": axis.ticks(),
+        "bars": [_bar(axis, number, period, at) for number, period in enumerate(shown)],
+        "at": axis.x(at),
+        "until": axis.x(until) if until is not None and until > at else None,
+        "safe": until,
         "left_out": len(periods) - len(shown),
         "periods": shown,
     }
@@ -113,7 +111,7 @@ class _Axis:
         part = (min(max(moment, self.start), self.end) - self.start) / (self.end - self.start)
         return round(LEFT + (WIDTH - LEFT - RIGHT) * part, 1)
 
-    def moments(self) -> Iterator[tuple[datetime, str]]:
+    def ticks(self) -> Iterator[tuple[float, str]]:
         """A handful of years, or of months."""
         years = (self.end - self.start).days / 365.25
         by_year = years > 3
@@ -126,7 +124,7 @@ class _Axis:
             if 1 <= year <= 9999:
                 moment = datetime(year, month + 1, 1, tzinfo=timezone.utc)
                 if self.start < moment < self.end:
-                    yield moment, str(year) if by_year else f"{year}-{month + 1:02}"
+                    yield self.x(moment), str(year) if by_year else f"{year}-{month + 1:02}"
 
 
 def _moved(moment: datetime, by: timedelta) -> datetime:
@@ -137,37 +135,21 @@ def _moved(moment: datetime, by: timedelta) -> datetime:
         return _LAST if by > timedelta() else _FIRST
 
 
-def _bar(axis: _Axis, y: int, period: Period, at: datetime) -> Mapping[str, Any]:
+def _bar(axis: _Axis, number: int, period: Period, at: datetime) -> Mapping[str, Any]:
     """What it stands for and when it ends; its ends are open where they lie beyond the axis."""
     state = "future" if period.start > at else "past" if period.end is not None and period.end < at else "now"
-    start, end = axis.x(period.start), axis.x(period.end or axis.end)
-    date = period.start if state == "future" else period.end
     kind, names = period.kind.value, period.names
-    word = {"past": "ended", "future": "from", "now": "to"}[state]
     return {
-        "y": y,
+        "y": TOP + number * ROW,
         "label": fitted(f"{kind} {names[0]}" if len(names) == 1 else counted(len(names), kind), _LABEL),
-        "start": start,
-        "end": end,
-        "width": max(end - start, 2.0),
+        "start": axis.x(period.start),
+        "end": axis.x(period.end or axis.end),
         "state": state,
         "opens": period.start < axis.start,
         "goes_on": period.end is None or period.end > axis.end,
-        "date": f"{word} {instant(date)[:10]}" if date is not None else "no end",
+        "word": {"past": "ended", "future": "from", "now": "to"}[state],
+        "date": period.start if state == "future" else period.end,
     }
-
-
-def _flags(axis: _Axis, at: datetime, until: datetime | None) -> Iterator[Mapping[str, Any]]:
-    """The audit, and the instant up to which its answer holds."""
-    yield _flag(axis.x(at), "at", "audit", y=6, text_y=14, beside=5)
-    if until is not None and until > at:
-        yield _flag(axis.x(until), "until", f"safe until {instant(until)[:10]}", y=18, text_y=27, beside=10)
-
-
-def _flag(x: float, kind: str, words: str, *, y: int, text_y: int, beside: int) -> Mapping[str, Any]:
-    near_end = x > WIDTH - 220
-    side, text_x = ("end", x - 6) if near_end else ("start", x + beside)
-    return {"x": x, "kind": kind, "words": words, "y": y, "text_x": text_x, "text_y": text_y, "side": side}
 
 
 def flows(overview: Overview, enclaves: int) -> Mapping[str, Any]:
@@ -195,17 +177,15 @@ def picture(table: AccessTable, flow: Neighbourhood) -> Mapping[str, Any]:
     rows = _wrapped(flow.path, int((CENTRE - 2 * PAD) / CHARACTER))
     tall = len(rows) * LINE + 3 * PAD
     height = max(_height(left), _height(right), tall) + 8
-    top = (height - tall) / 2
-    lines = [(top + PAD * 1.5 + number * LINE + BASE, row) for number, row in enumerate(rows)]
     return {
         "path": flow.path,
         "title": shorten(flow.path, _FIT),
         "hears": _peers(flow.incoming),
         "heard": _peers(flow.outgoing),
-        "width": WIDTH,
         "height": height,
         "boxes": [*_placed(left, flow.incoming, 0, height), *_placed(right, flow.outgoing, WIDTH - BOX, height)],
-        "centre": {"x": (WIDTH - CENTRE) / 2, "y": top, "width": CENTRE, "tall": tall, "lines": lines},
+        "tall": tall,
+        "rows": rows,
     }
 
 
@@ -226,36 +206,14 @@ def _height(boxes: Sequence[Sequence[_Line]]) -> int:
 def _placed(
     boxes: Sequence[Sequence[_Line]], groups: Sequence[PeerGroup], x: int, height: int
 ) -> Iterator[Mapping[str, Any]]:
-    """The boxes of one side, centred, each that stands for peers with its line to or from the enclave."""
+    """The boxes of one side, centred; each that stands for peers is linked to or from the enclave."""
     y = (height - _height(boxes)) / 2
     for number, box in enumerate(boxes):
         tall = len(box) * LINE + 2 * PAD
         linked = number < min(len(groups), MAX_BOXES)
-        curve, head = _hop(x, y + tall / 2, height / 2) if linked else ("", "")
-        yield {
-            "curve": curve,
-            "head": head,
-            "by_right": linked and groups[number].by_right,
-            "x": x,
-            "y": y,
-            "width": BOX - 2,
-            "tall": tall,
-            "lines": [(y + PAD + row * LINE + BASE, text, kind) for row, (text, kind) in enumerate(box)],
-        }
+        by_right = linked and groups[number].by_right
+        yield {"x": x, "y": y, "tall": tall, "linked": linked, "by_right": by_right, "lines": box}
         y += tall + GAP
-
-
-def _hop(x: int, y: float, middle: float) -> tuple[str, str]:
-    """A curve between a box and the enclave, with its head at the end that gets the samples."""
-    inner = (WIDTH - CENTRE) / 2
-    if x == 0:
-        start, end = (float(BOX), y), (inner - 7, middle)
-    else:
-        start, end = (WIDTH - inner, middle), (float(WIDTH - BOX) - 7, y)
-    bend = (end[0] - start[0]) / 2
-    near, far = f"{start[0] + bend:g} {start[1]:g}", f"{end[0] - bend:g} {end[1]:g}"
-    head = f"{end[0]:g},{end[1] - 4:g} {end[0] + 7:g},{end[1]:g} {end[0]:g},{end[1] + 4:g}"
-    return f"M{start[0]:g} {start[1]:g} C{near} {far} {end[0]:g} {end[1]:g}", head
 
 
 def _wrapped(text: str, fit: int) -> list[str]:
