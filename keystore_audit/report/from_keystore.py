@@ -8,7 +8,7 @@ from typing import Final
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.profiles import Evidence, Profile
+from keystore_audit.profiles import Evidence, Profile
 from keystore_audit.text import counted, shorten
 
 MAX_EXCERPT: Final = 200

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Outcomes, Result
 from keystore_audit.grouped import grouped
-from keystore_audit.model.meaning import Usability
+from keystore_audit.model.question import Usability
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
