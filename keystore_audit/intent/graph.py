@@ -8,7 +8,7 @@ from typing import Final, NoReturn
 
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
-from keystore_audit.intent.located_json import Value, parse
+from keystore_audit.intent.located import Value, parse_json
 from keystore_audit.intent.ros_names import is_node_name, is_path, is_ros_name, joined
 from keystore_audit.intent.source import Source, read_source, shown
 from keystore_audit.keystore.defect import Malformed
@@ -37,7 +37,7 @@ def read_graph(path: Path) -> Intent:
     """
     source = read_source(path)
     try:
-        document = parse(source.text)
+        document = parse_json(source.text)
     except Malformed as error:
         raise source.malformed(error.line, error.detail) from None
     return _Graph(source).intent(document)

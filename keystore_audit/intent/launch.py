@@ -1,59 +1,49 @@
 """Launch files, read and never run: which nodes start, in which enclaves, and which names they use.
 
-XML, YAML and Python launch files become the same actions (`launch_actions`), which are followed here as `ros2 launch`
+XML, YAML and Python launch files become the same elements (`launch_elements`), which are followed here as `ros2 launch`
 would, with what is set in them. What only a run would tell is noted as Unresolved, with its line (docs/intent.md).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
+from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.intent import Intent
-from keystore_audit.intent.launch_actions import (
-    Assign,
-    AssignEnvironment,
-    Declare,
-    Group,
-    Include,
-    LaunchAction,
-    LoadComponents,
-    PushNamespace,
-    SetRemap,
-    StartNode,
-    StartProcess,
-    Text,
-    Unknown,
-    Unread,
-)
-from keystore_audit.intent.launch_environment import NAMES, is_lookup
+from keystore_audit.intent.launch_elements import Element, Unknown, read_xml, read_yaml, speaks_of
 from keystore_audit.intent.launch_nodes import Nodes
-from keystore_audit.intent.launch_scope import GlobalRemap, Scope
-from keystore_audit.intent.ros_names import ROOT
+from keystore_audit.intent.launch_scope import NAMES, Scope
 from keystore_audit.intent.source import Directory, Source, Unreadable, read_source, shown
 from keystore_audit.keystore.root import Root
 
 MAX_ACTIONS: Final = 10_000
-"""Actions followed, those of included files each time: 5,000 nodes in their groups."""
+"""Elements followed, those of included files each time: 5,000 nodes in their groups."""
 
 MAX_CHARACTERS: Final = 1 << 20
 """Length of all files of a launch together, each counted once: the largest systems have a tenth."""
 
-MAX_NESTING: Final = 16
-"""Launch files that include each other; a file that includes itself ends here."""
-
-MAX_GROUPS: Final = 64
-"""Groups within each other; in Python a name can stand for a group that holds itself as it was before."""
+MAX_NESTING: Final = 64
+"""Groups and included files within each other; a file that includes itself ends here."""
 
 MAX_SET: Final = 200
 """Arguments and environment variables set at one time: each group copies them."""
 
 MAX_REMAPS: Final = 32
-"""Remappings for all nodes at one time: each node keeps them."""
+"""Remappings for all nodes at one time: each node looks at them."""
 
-_FORMS: Final = {".xml": "xml", ".yaml": "yaml", ".yml": "yaml", ".py": "python"}
+_INERT: Final = frozenset(
+    {"log", "log_debug", "log_info", "log_warning", "log_error", "set_parameter", "set_parameters_from_file"}
+    | {"set_use_sim_time", "set_ros_log_dir", "shutdown", "lifecycle_transition", "emit_event", "push_env"}
+)
+"""Elements that neither start a node nor change the names of one."""
+
+UNREAD: Final = "What is not read may start nodes or change their names; record the running system (--graph)."
+
+_YES: Final = frozenset({"true", "1", "yes", "on"})
+_NO: Final = frozenset({"false", "0", "no", "off"})
 
 
 def read_launch(path: Path, arguments: Mapping[str, str]) -> Intent:
@@ -63,217 +53,205 @@ def read_launch(path: Path, arguments: Mapping[str, str]) -> Intent:
     or larger than the limits.
     """
     source = read_source(path)
-    form = _form(source)
-    if form is None:
+    read = _form(source)
+    if read is None:
         raise source.malformed(None, "expected a launch file that ends in .xml, .yaml, .yml or .py")
     with Root.open(source.directory) as root:
-        directory = Directory(path, source, root)
-        launch = _Launch(directory)
-        launch.file(source, form, Scope(arguments=dict(arguments)), 1)
+        launch = _Launch(Directory(path, source, root), {})
+        launch.file(source, read, Scope(arguments=dict(arguments)), 0)
         if launch.later and launch.set:  # what is set behind something may be set when that comes
-            launch.begin(launch.set)
-            launch.file(source, form, Scope(arguments=dict(arguments)), 1)
+            launch = _Launch(Directory(path, source, root), launch.set)
+            launch.file(source, read, Scope(arguments=dict(arguments)), 0)
         return launch.nodes.intent(launch.files)
 
 
-def _form(source: Source) -> str | None:
-    return next((form for suffix, form in _FORMS.items() if source.path.endswith(suffix)), None)
+def _form(source: Source) -> Callable[[Source], Element] | None:
+    if source.path.endswith(".py"):
+        from keystore_audit.intent.launch_python import read_python
 
-
-def _actions(source: Source, form: str) -> tuple[LaunchAction, ...]:
-    if form == "python":
-        from keystore_audit.intent.launch_python import read
-
-        return read(source)
-    from keystore_audit.intent.launch_entities import actions
-
-    if form == "yaml":
-        from keystore_audit.intent.launch_yaml import read as read_yaml
-
-        return actions(read_yaml(source), source)
-    from keystore_audit.intent.launch_xml import read as read_xml
-
-    return actions(read_xml(source), source)
+        return read_python
+    readers = {".xml": read_xml, ".yaml": read_yaml, ".yml": read_yaml}
+    return next((read for suffix, read in readers.items() if source.path.endswith(suffix)), None)
 
 
 class _Launch:
-    """One launch being followed. `set`: what the variables of `NAMES` are set to for all of it, not in a group alone;
-    `later`: whether anything comes later. `meanwhile`: what `set` will be.
+    """One launch being followed. `set`: what the variables of `NAMES` are set to; `later`: whether anything comes
+    later. `meanwhile`: what `set` will be.
     """
 
-    def __init__(self, directory: Directory) -> None:
+    def __init__(self, directory: Directory, meanwhile: Mapping[str, set[str | Unknown]]) -> None:
         self.files: list[GivenFile] = []
-        self._directory = directory
-        self._read: dict[str, tuple[LaunchAction, ...]] = {}
-        self._characters = 0
-        self.begin({})
-
-    def begin(self, meanwhile: Mapping[str, set[str | Unknown]]) -> None:
-        """Nothing is followed yet; what was read stays."""
         self.nodes = Nodes()
         self.set: dict[str, set[str | Unknown]] = {}
         self.later = False
+        self._directory = directory
         self._meanwhile = meanwhile
-        self._for_all = True
+        self._read: dict[str, Element] = {}
+        self._characters = 0
         self._followed = 0
-        self._groups = 0
+        self._noted: dict[str, int] = {}
 
-    def file(self, source: Source, form: str, scope: Scope, nesting: int) -> None:
+    def file(self, source: Source, read: Callable[[Source], Element], scope: Scope, depth: int) -> None:
         """Follow a whole file."""
         if source.real not in self._read:
             self._characters += len(source.text)
             if self._characters > MAX_CHARACTERS:
                 raise source.malformed(None, f"with it, the launch has more than {MAX_CHARACTERS} characters")
             self.files.append(source.file)
-            self._read[source.real] = _actions(source, form)
-        self._follow(self._read[source.real], scope, source, nesting)
+            self._read[source.real] = read(source)
+        self._follow(self._read[source.real].children, scope, source, depth)
 
-    def _follow(self, actions: Iterable[LaunchAction], scope: Scope, source: Source, nesting: int) -> None:
-        for action in actions:
-            self._followed += 1
-            if self._followed > MAX_ACTIONS:
-                raise source.malformed(action.line, f"more than {MAX_ACTIONS} actions, which are not followed")
-            holds = scope.holds(action.conditions, source)
+    def _follow(self, elements: Iterable[Element], scope: Scope, source: Source, depth: int) -> None:
+        for element in elements:
+            self._followed += 1 + len(element.children)
+            if self._followed > MAX_ACTIONS or depth > MAX_NESTING:
+                limits = f"more than {MAX_ACTIONS} actions, or {MAX_NESTING} deep, which are not followed"
+                raise source.malformed(element.line, limits)
+            holds = scope.holds(element)
             if holds is True:
-                self._perform(action, scope, source, nesting)
+                self._perform(element, scope, source, depth)
             elif isinstance(holds, Unknown):
-                self.nodes.doubtful(source.location(action.line), holds)
+                self.nodes.doubtful(source.location(element.line), holds)
                 maybe = scope.copy()
-                self._perform(action, maybe, source, nesting)
-                scope.doubt(maybe, holds.reason)
+                self._perform(element, maybe, source, depth)
+                scope.doubt(maybe, holds)
             if len(scope.arguments) + len(scope.environment) > MAX_SET or len(scope.remaps) > MAX_REMAPS:
                 limits = f"more than {MAX_SET} values or {MAX_REMAPS} remappings set"
-                raise source.malformed(action.line, f"{limits}, which are not followed")
+                raise source.malformed(element.line, f"{limits}, which are not followed")
 
-    def _perform(self, action: LaunchAction, scope: Scope, source: Source, nesting: int) -> None:
-        if isinstance(action, StartNode):
-            self.nodes.start(action, scope, source)
-        elif isinstance(action, StartProcess):
-            self.nodes.process(action, scope, source)
-        elif isinstance(action, LoadComponents):
-            self.nodes.load(action, scope, source)
-        elif isinstance(action, Group):
-            self._group(action, scope, source, nesting)
-        elif isinstance(action, Include):
-            self._include(action, scope, source, nesting)
-        elif isinstance(action, Unread):
-            self.nodes.unread(action.line, f"{action.reason[0].upper()}{action.reason[1:]}.", scope, source)
-            self.nodes.speaking(source.location(action.line), action.speaks)
-        else:
-            self._set(action, scope, source)
+    def _perform(self, element: Element, scope: Scope, source: Source, depth: int) -> None:
+        match element.kind:
+            case "node" | "lifecycle_node" | "node_container":
+                self.nodes.start(element, scope, source)
+                self._later(element.called("timer"), scope, source, depth)
+            case "executable":
+                self.nodes.process(element, scope, source)
+                self._later(element.called("timer"), scope, source, depth)
+            case "load_composable_node":
+                self.nodes.load(element, scope, source)
+            case "group":
+                self._group(element, scope, source, depth)
+            case "timer" | "ros_timer":
+                self._later(element.children, scope, source, depth)
+            case "include":
+                self._include(element, scope, source, depth)
+            case kind if kind not in _INERT and not self._sets(element, scope, source.location(element.line)):
+                self._unread(element, scope, source)
 
-    def _set(self, action: LaunchAction, scope: Scope, source: Source) -> None:
-        if isinstance(action, Declare):
-            self._declare(action, scope, source)
-        elif isinstance(action, Assign):
-            self._assign(scope.arguments, action, scope, source)
-        elif isinstance(action, AssignEnvironment):
-            self._assign(scope.environment, action, scope, source)
-        elif isinstance(action, PushNamespace):
-            scope.namespace = scope.below(action.namespace, source)
-        elif isinstance(action, SetRemap):
-            self._remap(action, scope, source)
+    def _sets(self, element: Element, scope: Scope, location: Location) -> bool:
+        """Whether the element sets something, which is done."""
+        match element.kind:
+            case "arg":
+                self._declare(element, scope, location)
+            case "let":
+                self._let(element, scope, location)
+            case "set_env" | "append_env" | "unset_env":
+                self._variable(element, scope, location)
+            case "rep_env" | "reset_env" | "pop_env":
+                self._set(scope, dict.fromkeys(NAMES, Unknown(reason="an environment that is replaced")))
+            case "push_ros_namespace" | "push_namespace":
+                scope.namespace = scope.below(element)
+            case "set_remap":
+                self._remap(element, scope, location)
+            case _:
+                return False
+        return True
 
-    def _declare(self, action: Declare, scope: Scope, source: Source) -> None:
-        name = self._name(action, action.name, scope, source)
+    def _unread(self, element: Element, scope: Scope, source: Source) -> None:
+        """An element that is not known, as a loop, or code: one note a file, and whether it speaks of security."""
+        word = " ".join(element.words())
+        word = word if element.kind == "speaks" else speaks_of(word)
+        self.nodes.speaking(source.location(element.line), word)
+        self.nodes.unread(self._noted.setdefault(source.real, element.line), UNREAD, scope, source)
+
+    def _declare(self, element: Element, scope: Scope, location: Location) -> None:
+        """An argument of the file, which the caller may set; without default the caller has to."""
+        name = self._name(element, scope, location)
         if name is None or name in scope.arguments:
             return
-        if action.default is not None:
-            scope.arguments[name] = scope.known(action.default, source)
+        if "default" in element.attributes:
+            scope.arguments[name] = scope.known(element.attributes["default"])
             return
         said = f"The argument {shown(name)} has no default, and no value was given with --launch-argument."
-        self.nodes.unresolved(source.location(action.line), said)
+        self.nodes.unresolved(location, said)
         scope.arguments[name] = Unknown(reason=f"the argument {shown(name)}, which has no value")
 
-    def _assign(
-        self, values: dict[str, str | Unknown], action: Assign | AssignEnvironment, scope: Scope, source: Source
-    ) -> None:
-        name = self._name(action, action.name, scope, source)
-        if name is None:
-            if isinstance(action, AssignEnvironment):
-                values |= dict.fromkeys(NAMES, Unknown(reason="an environment variable whose name cannot be told"))
-                self._note(values, NAMES)
-            return
-        if isinstance(action, AssignEnvironment) and action.value and is_lookup(name, action.value):
-            return
-        if action.value is not None:
-            values[name] = scope.known(action.value, source)
-        elif isinstance(action, AssignEnvironment):
-            values[name] = ""
-        else:
-            values.pop(name, None)
-        if isinstance(action, AssignEnvironment) and name in NAMES:
-            self._note(values, (name,))
+    def _let(self, element: Element, scope: Scope, location: Location) -> None:
+        name = self._name(element, scope, location)
+        if name is not None:
+            scope.arguments[name] = scope.known(element.attributes["value"])
 
-    def _note(self, environment: Mapping[str, str | Unknown], names: Iterable[str]) -> None:
-        """What variables are set to, if that stays."""
-        for name in names if self._for_all else ():
-            self.set.setdefault(name, set()).add(environment[name])
-
-    def _name(self, action: LaunchAction, text: Text, scope: Scope, source: Source) -> str | None:
+    def _name(self, element: Element, scope: Scope, location: Location) -> str | None:
         """The name of an argument or variable; None, and said, where it cannot be told."""
-        name = scope.known(text, source)
+        name = scope.known(element.attributes["name"])
         if isinstance(name, str):
             return name
         said = f"The name of what is set here depends on {name.reason}; other texts may depend on it."
-        self.nodes.unresolved(source.location(action.line), said)
+        self.nodes.unresolved(location, said)
         return None
 
-    def _remap(self, action: SetRemap, scope: Scope, source: Source) -> None:
-        known = scope.remapped(action.remap, source)
-        if isinstance(known, Unknown):
-            said = f"A remapping for all nodes of the group depends on {known.reason}."
-            self.nodes.unresolved(source.location(action.line), said)
-            return
-        remap = GlobalRemap(line=action.remap.line, file=source, source=known[0], target=known[1])
-        scope.remaps.append(remap)
-        self.nodes.remap(remap)
+    def _variable(self, element: Element, scope: Scope, location: Location) -> None:
+        name = self._name(element, scope, location)
+        value: str | Unknown = scope.known(element.attributes.get("value", ()))
+        if element.kind == "append_env":
+            value = Unknown(reason="an environment variable that is added to")
+        elif name is None:
+            value = Unknown(reason="an environment variable whose name cannot be told")
+        self._set(scope, dict.fromkeys(NAMES if name is None else (name,), value))
 
-    def _group(self, action: Group, scope: Scope, source: Source, nesting: int) -> None:
-        inner = scope.copy() if action.scoped else scope
-        given = [(scope.known(name, source), scope.known(value, source)) for name, value in action.given]
-        if not action.forwarding:
-            inner.arguments, inner.environment, inner.namespace, inner.remaps = {}, {}, ROOT, []
-        for name, value in given:
-            if isinstance(name, str):
-                inner.arguments[name] = value
-            else:
-                self.nodes.unresolved(source.location(action.line), f"The name of an argument is {name.reason}.")
-        self._groups += 1
-        if self._groups > MAX_GROUPS:
-            raise source.malformed(action.line, f"groups more than {MAX_GROUPS} deep, which are not followed")
-        for_all, self.later = self._for_all, self.later or action.later
-        self._for_all = action.later or (for_all and not action.scoped)
-        for name, values in self._meanwhile.items() if action.later else ():
+    def _set(self, scope: Scope, values: Mapping[str, str | Unknown]) -> None:
+        scope.environment |= values
+        for name in values.keys() & NAMES:
+            self.set.setdefault(name, set()).add(values[name])
+
+    def _remap(self, element: Element, scope: Scope, location: Location) -> None:
+        """A remapping for all nodes of the group: which of them use the name is not said."""
+        source, target = (scope.known(element.attributes[end]) for end in ("from", "to"))
+        said = f"depends on {target.reason}" if isinstance(target, Unknown) else f"is to {shown(target)}"
+        self.nodes.unresolved(location, f"A remapping for all nodes {said}; which of them use the name is not said.")
+        if isinstance(source, str):
+            scope.remaps = (*scope.remaps, source)
+
+    def _group(self, element: Element, scope: Scope, source: Source, depth: int) -> None:
+        """A group; what is set in it ends with it if it is `scoped`."""
+        scoped = scope.known(element.attributes.get("scoped", ("true",)))
+        word = scoped.strip().lower() if isinstance(scoped, str) else ""
+        if isinstance(scoped, str) and word not in _YES | _NO:
+            expected = f"expected 'scoped' to be true or false, found {shown(scoped)}"
+            raise source.malformed(element.line, expected)
+        if isinstance(scoped, Unknown) or "forwarding" in element.attributes or element.called("keep"):
+            self._unread(element, scope, source)
+        else:
+            self._follow(element.children, scope if word in _NO else scope.copy(), source, depth + 1)
+
+    def _later(self, elements: tuple[Element, ...], scope: Scope, source: Source, depth: int) -> None:
+        """What comes when a timer ends or an event happens, in the environment that launch has then."""
+        self.later = self.later or elements != ()
+        inner = scope.copy()
+        for name, values in self._meanwhile.items():
             if values != {inner.environment.get(name)}:
                 inner.environment[name] = Unknown(reason=f"when {name} is set")
-        self._follow(action.actions, inner, source, nesting)
-        self._groups, self._for_all = self._groups - 1, for_all
+        self._follow(elements, inner, source, depth + 1)
 
-    def _include(self, action: Include, scope: Scope, source: Source, nesting: int) -> None:
-        location = source.location(action.line)
-        for name, value in action.arguments:
-            known = scope.known(name, source)
-            if isinstance(known, str):
-                scope.arguments[known] = scope.known(value, source)
-            else:
-                self.nodes.unresolved(location, f"The name of an argument depends on {known.reason}.")
-        path = scope.known(action.path, source)
+    def _include(self, element: Element, scope: Scope, source: Source, depth: int) -> None:
+        """Another launch file, with values for its arguments; what it sets stays set."""
+        for argument in element.called("arg", "let"):
+            if "value" not in argument.attributes:
+                raise source.malformed(argument.line, "expected 'arg' to have 'value', found none")
+            self._let(argument, scope, source.location(argument.line))
+        path = scope.known(element.attributes["file"])
         if isinstance(path, Unknown):
-            said = f"The included launch file is not read: its place depends on {path.reason}."
-            self.nodes.unread(action.line, said, scope, source)
+            reason = f"its place depends on {path.reason}"
+            self.nodes.unread(element.line, f"The included launch file is not read: {reason}.", scope, source)
             return
-        if nesting >= MAX_NESTING:
-            raise source.malformed(action.line, f"includes more than {MAX_NESTING} deep, which are not followed")
-        called = shown(path.rpartition("/")[2])
         try:
             included = self._directory.included(path)
         except Unreadable as error:
-            self.nodes.unread(action.line, f"The included launch file {called} is not read: {error}.", scope, source)
-            return
-        form = _form(included)
-        if form is None:
-            said = f"The included launch file {called} is not read: it ends in neither .xml, .yaml, .yml nor .py."
-            self.nodes.unread(action.line, said, scope, source)
-            return
-        self.file(included, form, scope, nesting + 1)
+            reason = str(error)
+        else:
+            read, reason = _form(included), "it ends in neither .xml, .yaml, .yml nor .py"
+            if read is not None:
+                self.file(included, read, scope, depth + 1)
+                return
+        said = f"The included launch file {shown(path.rpartition('/')[2])} is not read: {reason}."
+        self.nodes.unread(element.line, said, scope, source)

@@ -1,4 +1,9 @@
-"""The nodes that launch files start: in which enclave, under which names, and which names they use."""
+"""The nodes that launch files start: in which enclave, under which names, and which names they use.
+
+Their command lines are read as rcl reads them (rcl's `arguments.c`, ROS 2 design article "ROS Command Line Arguments"):
+what stands between `--ros-args` and `--` is ROS's, the last `--enclave` counts, and of remappings the first that
+matches.
+"""
 
 from __future__ import annotations
 
@@ -21,27 +26,20 @@ from keystore_audit.intent.intent import (
     Unresolved,
     UsedName,
 )
-from keystore_audit.intent.launch_actions import LoadComponents, NodeKind, NodeNames, StartNode, StartProcess, Unknown
-from keystore_audit.intent.launch_environment import (
-    before_program,
-    command_line,
-    speaks_of,
-    started_with,
-)
-from keystore_audit.intent.launch_scope import GlobalRemap, Scope
-from keystore_audit.intent.ros_arguments import RosArguments, Rule, read
+from keystore_audit.intent.launch_elements import Element, Unknown, speaks_of, words
+from keystore_audit.intent.launch_scope import NAMES, Scope
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
 from keystore_audit.intent.source import Source, shown
-
-MAX_NODES: Final = 5_000
-"""Nodes of one launch: the largest systems have hundreds."""
 
 MAX_NAMES: Final = 100_000
 """Names and unresolved places of one launch; includes can repeat a few files very often."""
 
-_OFFERS: Final = {
+PREFIX: Final = "launch-prefix"
+"""What stands before a program; also the argument for every program that has none (launch, execute_local)."""
+
+_OFFERS: Final[Mapping[str, tuple[tuple[Action, str], ...]]] = {
     # rclcpp's and rclpy's lifecycle nodes, sros2's policy/common/lifecycle_node.xml
-    NodeKind.LIFECYCLE: (
+    "lifecycle_node": (
         (Action.REPLY, "change_state"),
         (Action.REPLY, "get_available_states"),
         (Action.REPLY, "get_available_transitions"),
@@ -50,26 +48,40 @@ _OFFERS: Final = {
         (Action.PUBLISH, "transition_event"),
     ),
     # composition: the interface that every container has (rclcpp_components, ComponentManager)
-    NodeKind.CONTAINER: (
+    "node_container": (
         (Action.REPLY, "_container/list_nodes"),
         (Action.REPLY, "_container/load_node"),
         (Action.REPLY, "_container/unload_node"),
     ),
-    NodeKind.PLAIN: (),
 }
 """What a node of the kind does for certain, below its own name."""
 
+_OPTIONS: Final[Mapping[str, str]] = {
+    **dict.fromkeys(("-r", "--remap"), "remap"),
+    **dict.fromkeys(("-e", "--enclave"), "enclave"),
+    **dict.fromkeys(("-p", "--param", "--params-file", "--log-level", "--log-config-file", "--log-file-name"), ""),
+}
+"""ROS's options that a value follows, and what counts here."""
+
+
+class _Remap(Struct, frozen=True, kw_only=True):
+    """A node that would use `source` uses `target`."""
+
+    line: int
+    source: str
+    target: str
+
 
 class _Node(Struct, frozen=True, kw_only=True):
-    """A node whose names are worked out. `name` None: the program chooses."""
+    """A node whose names are worked out. `name` None: the program chooses. `hidden`: names remapped for all."""
 
+    kind: str
     name: str | Unknown | None
     namespace: str | Unknown
-    rules: tuple[tuple[int, Rule], ...]
+    remaps: tuple[_Remap, ...]
+    hidden: tuple[str, ...]
     location: Location
     file: Source
-    globals: tuple[GlobalRemap, ...]
-    kind: NodeKind = NodeKind.PLAIN
 
     @property
     def full_name(self) -> str:
@@ -79,18 +91,10 @@ class _Node(Struct, frozen=True, kw_only=True):
 
     def used(self, name: str) -> str | None:
         """The fully qualified form of `name`; None where it has none or depends on what is not known."""
+        node = self.name if isinstance(self.name, str) else ""
         if isinstance(self.namespace, Unknown):
             return expanded(name, node="", namespace="") if name.startswith("/") else None
-        return expanded(name, node=self.name if isinstance(self.name, str) else "", namespace=self.namespace)
-
-
-class _Load(Struct, frozen=True, kw_only=True):
-    """Components that wait for the container to be known: all of the launch can name it."""
-
-    target: str | Unknown
-    namespace: str | Unknown
-    nodes: tuple[_Node, ...]
-    location: Location
+        return expanded(name, node=node, namespace=self.namespace)
 
 
 class Nodes:
@@ -105,93 +109,15 @@ class Nodes:
         self._unresolved: dict[Unresolved, None] = {}
         self._variables: dict[SetVariable, None] = {}
         self._speaking: dict[Unresolved, None] = {}
-        self._processes: dict[str, str | Unknown] = {}
         self._called: dict[str, set[str | Unknown]] = {}
-        self._loads: list[_Load] = []
-        self._remaps: list[GlobalRemap] = []
-        self._count = 0
-
-    def unresolved(self, location: Location, reason: str) -> None:
-        """Note that something could not be worked out; `reason` is a sentence."""
-        self._unresolved[Unresolved(location=location, reason=reason)] = None
-        self._bounded(location)
-
-    def remap(self, remap: GlobalRemap) -> None:
-        """Note a remapping for all nodes of a scope, when it is set."""
-        self._remaps.append(remap)
-
-    def start(self, action: StartNode, scope: Scope, source: Source) -> None:
-        """A process with a node, and components in it."""
-        command = read(
-            [scope.known(word, source) for word in action.arguments],
-            [scope.known(word, source) for word in action.ros_arguments],
-        )
-        location = source.location(action.line)
-        for unknown in command.unknown:
-            self._not_known(location, "A remapping of a node", unknown)
-        node = self._node(action.names, command, scope, source, action.kind)
-        variables = started_with(action, scope, source)
-        enclave = _enclave(command, variables)
-        prefix = before_program(action, scope, source)
-        if self.speaking(location, speaks_of(prefix)):
-            enclave = Unknown(reason=f"{shown(prefix)}, which stands before the program")
-        self._sets(node.full_name, command_line(action, scope, source), variables, location)
-        if node.full_name:
-            self._processes[node.full_name] = enclave
-            self._called.setdefault(node.full_name.rpartition("/")[2], set()).add(enclave)
-        self._place(node, enclave)
-        for component in self._components(action.components, scope, source):
-            self._place(component, enclave)
-
-    def process(self, action: StartProcess, scope: Scope, source: Source) -> None:
-        """A process that may be a node: of its variables those count that the file sets, or its command."""
-        location = source.location(action.line)
-        self.unresolved(location, "A process is started here; whether it is a node, and which, is not known.")
-        command = command_line(action, scope, source)
-        self.speaking(location, speaks_of(before_program(action, scope, source), command))
-        named = started_with(action, scope, source)
-        self._sets("", command, {n: value for n, value in named.items() if value}, location)
-
-    def speaking(self, location: Location, word: str) -> bool:
-        """Note that what is not read speaks of security by this word, if there is one."""
-        if word:
-            said = f"What is not read here speaks of {word}: whether it changes security cannot be told"
-            self._speaking[Unresolved(location=location, reason=said)] = None
-            self._bounded(location)
-        return word != ""
-
-    def unread(self, line: int, reason: str, scope: Scope, source: Source) -> None:
-        """Something that is not read: if it starts processes, then in the environment that there is."""
-        self.unresolved(source.location(line), reason)
-        variables = started_with(StartProcess(line=line), scope, source)
-        self._sets("what is not read here", source.file.sha256, variables, source.location(None))
-
-    def _sets(self, node: str, started: str, variables: Mapping[str, str | Unknown], location: Location) -> None:
-        """The variables of a process, apart from the one that says its enclave."""
-        for name, value in variables.items():
-            if name != OVERRIDE:
-                known = value if isinstance(value, str) else None
-                found = SetVariable(node=node, started=started, name=name, value=known, location=location)
-                self._variables[found] = None
-
-    def load(self, action: LoadComponents, scope: Scope, source: Source) -> None:
-        """Components for a container that may come later."""
-        load = _Load(
-            target=scope.known(action.target, source),
-            namespace=scope.namespace,
-            nodes=tuple(self._components(action.components, scope, source)),
-            location=source.location(action.line),
-        )
-        self._loads.append(load)
+        self._loads: list[tuple[str | Unknown, tuple[_Node, ...]]] = []
 
     def intent(self, files: Sequence[GivenFile]) -> Intent:
         """All that was collected, from the launch file that is the first of `files` and those that it includes."""
-        for load in self._loads:
-            enclave = self._container(load)
-            for node in load.nodes:
+        for target, nodes in self._loads:  # a container may come later, and all of the launch can name it
+            enclave = self._container(target)
+            for node in nodes:
                 self._place(node, enclave)
-        for remap in self._remaps:
-            self._global(remap)
         return Intent(
             origin=Origin.LAUNCH,
             path=files[0].path,
@@ -205,58 +131,139 @@ class Nodes:
             speaking=tuple(self._speaking),
         )
 
-    def _components(self, components: Iterable[NodeNames], scope: Scope, source: Source) -> Iterator[_Node]:
-        nothing = RosArguments(enclave=None, rules=(), unknown=())
-        for names in components:
-            holds = scope.holds(names.conditions, source)
-            if holds is False:
-                continue
-            if isinstance(holds, Unknown):
-                self.doubtful(source.location(names.line), holds)
-            yield self._node(names, nothing, scope, source, NodeKind.PLAIN)
+    def unresolved(self, location: Location, reason: str) -> None:
+        """Note that something could not be worked out; `reason` is a sentence."""
+        self._unresolved[Unresolved(location=location, reason=reason)] = None
+        if len(self._names) + len(self._unresolved) > MAX_NAMES:
+            raise UsageError(f"{location.path}: more than {MAX_NAMES} names and unresolved places, which are not kept.")
+
+    def speaking(self, location: Location, word: str) -> bool:
+        """Note that what is not read speaks of security by this word, if there is one."""
+        if word:
+            said = f"What is not read here speaks of {word}: whether it changes security cannot be told"
+            self._speaking[Unresolved(location=location, reason=said)] = None
+        return word != ""
+
+    def unread(self, line: int, reason: str, scope: Scope, source: Source) -> None:
+        """Something that is not read: if it starts processes, then in the environment that there is."""
+        self.unresolved(source.location(line), reason)
+        self._sets("what is not read here", source.file.sha256, _environment(scope), source.location(None))
 
     def doubtful(self, location: Location, reason: Unknown) -> None:
         """Note that something happens under a condition that cannot be decided, and is counted."""
         self.unresolved(location, f"Whether this happens depends on {reason.reason}; it is taken as if it does.")
 
-    def _node(self, names: NodeNames, command: RosArguments, scope: Scope, source: Source, kind: NodeKind) -> _Node:
-        location = source.location(names.line)
-        name: str | Unknown | None = None if names.name is None else scope.known(names.name, source) or None
-        namespace = scope.below(names.namespace, source)
-        rules = [(names.line, rule) for rule in command.rules]
-        for remap in names.remaps:
-            known = scope.remapped(remap, source)
-            if isinstance(known, Unknown):
-                self._not_known(source.location(remap.line), "A remapping of a node", known)
+    def process(self, element: Element, scope: Scope, source: Source) -> None:
+        """A process that may be a node: of its variables those count that the file sets, or its command."""
+        location = source.location(element.line)
+        self.unresolved(location, "A process is started here; whether it is a node, and which, is not known.")
+        command = scope.shows((*element.attributes.get("cmd", ()), " "))
+        self.speaking(location, speaks_of(_prefix(element, scope), command))
+        variables = _environment(scope, element)
+        self._sets("", command, {name: value for name, value in variables.items() if value}, location)
+
+    def start(self, element: Element, scope: Scope, source: Source) -> None:
+        """A process with a node, and components in it."""
+        location = source.location(element.line)
+        enclave, remaps = self._command_line(element, scope, source)
+        node = self._node(element, remaps, scope, source)
+        variables = _environment(scope, element)
+        enclave = variables.get(OVERRIDE, "") or enclave or ROOT
+        if isinstance(enclave, str) and not is_path(enclave):
+            enclave = _no(enclave, "path of an enclave")
+        prefix = _prefix(element, scope)
+        if self.speaking(location, speaks_of(prefix)):
+            enclave = Unknown(reason=f"{shown(prefix)}, which stands before the program")
+        program = (*element.attributes.get("pkg", ()), " ", *element.attributes["exec"], " ")
+        self._sets(node.full_name, scope.shows(program), variables, location)
+        if node.full_name:
+            self._called.setdefault(str(node.name), set()).add(enclave)
+        for each in (node, *self._components(element, scope, source)):
+            self._place(each, enclave)
+
+    def load(self, element: Element, scope: Scope, source: Source) -> None:
+        """Components for a container that may come later."""
+        target = scope.known(element.attributes["target"])
+        self._loads.append((target, tuple(self._components(element, scope, source))))
+
+    def _command_line(
+        self, element: Element, scope: Scope, source: Source
+    ) -> tuple[str | Unknown | None, list[_Remap]]:
+        """The enclave that the command line says, if it does, and the remappings that it has."""
+        try:
+            own, ros = ([*map(scope.known, words(element.attributes.get(each, ())))] for each in ("args", "ros_args"))
+        except ValueError:
+            raise source.malformed(element.line, "a quote in 'args' or 'ros_args' opened and never closed") from None
+        enclave: str | Unknown | None = None
+        told: list[str | Unknown] = []
+        inside, doubt = False, None
+        left = iter([*own, "--ros-args", *ros])
+        for word in left:
+            unknown = None
+            if word == "--ros-args" or (inside and word == "--"):
+                inside, doubt = word != "--", None
+            elif isinstance(word, Unknown):  # outside, it may be `--ros-args` itself
+                doubt, unknown = word, word if inside else None
+            elif not inside:
+                unknown = doubt if _OPTIONS.get(word) else None
+            elif word in _OPTIONS:
+                value = next(left, "")
+                enclave = value if _OPTIONS[word] == "enclave" else enclave
+                told += [value] if _OPTIONS[word] == "remap" else []
+            if unknown is not None:
+                enclave = unknown
+                told.append(unknown)
+        return enclave, [*self._remaps(element, told, source)]
+
+    def _remaps(self, element: Element, told: Iterable[str | Unknown], source: Source) -> Iterator[_Remap]:
+        """Remappings as written, `source:=target`; what is for one node of the process, or a scheme, is not read."""
+        for text in told:
+            origin, sign, target = ("", "", "") if isinstance(text, Unknown) else text.partition(":=")
+            if sign and origin and target and ":" not in origin + target:
+                yield _Remap(line=element.line, source=origin, target=target)
             else:
-                rules.append((remap.line, Rule(node="", source=known[0], target=known[1])))
-        mine = [(line, rule) for line, rule in rules if rule.node in ("", name)]
-        if len(mine) < len(rules) and not isinstance(name, str):
-            self.unresolved(location, "A remapping is for nodes of one name, and the name of this one is not known.")
-        for _line, rule in reversed(mine):  # the first that matches counts
-            if rule.source in ("__node", "__name"):
-                name = rule.target
-            elif rule.source == "__ns":
-                namespace = rule.target if rule.target == ROOT else rule.target.rstrip("/")
+                read = text if isinstance(text, Unknown) else Unknown(reason=f"{shown(text)}, which is not read")
+                self._not_known(source.location(element.line), "A remapping of a node", read)
+
+    def _components(self, element: Element, scope: Scope, source: Source) -> Iterator[_Node]:
+        for component in element.called("composable_node"):
+            holds = scope.holds(component)
+            if isinstance(holds, Unknown):
+                self.doubtful(source.location(component.line), holds)
+            if holds is not False:
+                yield self._node(component, [], scope, source)
+
+    def _node(self, element: Element, remaps: list[_Remap], scope: Scope, source: Source) -> _Node:
+        name: str | Unknown | None = scope.known(element.attributes.get("name", ())) or None
+        namespace = scope.below(element)
+        for each in element.called("remap"):
+            origin, target = (scope.known(each.attributes[end]) for end in ("from", "to"))
+            if isinstance(origin, str) and isinstance(target, str):
+                remaps.append(_Remap(line=each.line, source=origin, target=target))
+            else:
+                unknown = next(end for end in (target, origin) if isinstance(end, Unknown))
+                self._not_known(source.location(each.line), "A remapping of a node", unknown)
+        for remap in reversed(remaps):  # the first that matches counts
+            if remap.source in ("__node", "__name"):
+                name = remap.target
+            elif remap.source == "__ns":
+                namespace = remap.target.rstrip("/") or ROOT
         if isinstance(name, str) and not is_node_name(name):
             name = _no(name, "name of a node")
         if isinstance(namespace, str) and not is_path(namespace):
             namespace = _no(namespace, "namespace")
         return _Node(
+            kind=element.kind,
             name=name,
             namespace=namespace,
-            rules=tuple((line, rule) for line, rule in mine if not rule.source.startswith("__")),
-            location=location,
+            remaps=tuple(remap for remap in remaps if not remap.source.startswith("__")),
+            hidden=scope.remaps,
+            location=source.location(element.line),
             file=source,
-            globals=tuple(scope.remaps),
-            kind=kind,
         )
 
     def _place(self, node: _Node, enclave: str | Unknown) -> None:
         """Note a node of which the enclave is known or not."""
-        self._count += 1
-        if self._count > MAX_NODES:
-            raise node.file.malformed(node.location.line, f"more than {MAX_NODES} nodes, which are not followed")
         if isinstance(enclave, Unknown):
             self._not_known(node.location, "The enclave of a node", enclave)
             return
@@ -264,94 +271,77 @@ class Nodes:
         full = node.full_name
         if full:
             self._nodes.setdefault((enclave, full), IntendedNode(enclave=enclave, name=full, location=node.location))
-            self._offers(node, enclave, full)
+            for action, name in _OFFERS.get(node.kind, ()):
+                right = IntendedRight(
+                    enclave=enclave,
+                    node=full,
+                    action=action,
+                    name=joined(full, name),
+                    allow=True,
+                    location=node.location,
+                )
+                self._rights.setdefault((enclave, full, action, right.name), right)
         elif node.name is None:
             self.unresolved(node.location, "The program chooses the name of this node; what is below it is not known.")
-        elif isinstance(unknown := node.name if isinstance(node.name, Unknown) else node.namespace, Unknown):
+        else:
+            unknown = next(each for each in (node.name, node.namespace) if isinstance(each, Unknown))
             self._not_known(node.location, "The name of a node", unknown)
         self._uses(node, enclave)
 
-    def _offers(self, node: _Node, enclave: str, full: str) -> None:
-        for action, name in _OFFERS[node.kind]:
-            right = IntendedRight(
-                enclave=enclave,
-                node=full,
-                action=action,
-                name=joined(full, name),
-                allow=True,
-                location=node.location,
-            )
-            self._rights.setdefault((enclave, full, action, right.name), right)
-
     def _uses(self, node: _Node, enclave: str) -> None:
-        taken = set()
-        for remap in node.globals:  # launch puts them before the node's own, and the first that matches counts
-            taken.add(node.used(remap.source) or remap.source)
-            name = node.used(remap.target)
-            if name is None:
-                self._no_name(Location(path=remap.file.path, line=remap.line), remap.target)
-            else:
-                remap.users.append((enclave, node.full_name, name))
-        for line, rule in node.rules:
-            location = node.file.location(line)
-            source = node.used(rule.source) or rule.source
+        # launch puts remappings for all before the node's own, and the first that matches counts
+        taken = {node.used(name) or name for name in node.hidden}
+        for remap in node.remaps:
+            location = node.file.location(remap.line)
+            source, name = node.used(remap.source) or remap.source, node.used(remap.target)
             if source in taken:
                 continue
             taken.add(source)
-            name = node.used(rule.target)
             if name is None:
-                self._no_name(location, rule.target)
+                said = f"The name {shown(remap.target)} of a remapping cannot be worked out, or is none"
+                self.unresolved(location, f"{said} that a node can use.")
             else:
-                self._use(enclave, node.full_name, name, location)
+                used = UsedName(enclave=enclave, node=node.full_name, name=name, location=location)
+                self._names.setdefault((enclave, node.full_name, name), used)
 
-    def _use(self, enclave: str, node: str, name: str, location: Location) -> None:
-        used = UsedName(enclave=enclave, node=node, name=name, location=location)
-        self._names.setdefault((enclave, node, name), used)
-        self._bounded(location)
-
-    def _global(self, remap: GlobalRemap) -> None:
-        """One node behind it is taken to be meant; of several nobody knows which use the name."""
-        location = Location(path=remap.file.path, line=remap.line)
-        users = dict.fromkeys(remap.users)
-        if len(users) == 1:
-            self._use(*next(iter(users)), location)
-        elif users:
-            said = f"The name {shown(remap.target)} is set for {len(users)} nodes; which of them use it is not said."
-            self.unresolved(location, said)
-
-    def _container(self, load: _Load) -> str | Unknown:
-        """The enclave of the process that the components go into."""
-        target = load.target
+    def _container(self, target: str | Unknown) -> str | Unknown:
+        """The enclave of the process that components go into, told by the last part of its name."""
         if isinstance(target, Unknown):
             return target
-        relative = not target.startswith("/") and isinstance(load.namespace, str)
-        full = joined(str(load.namespace), target) if relative else target
-        found = {self._processes[name] for name in (full, joined(ROOT, target)) if name in self._processes}
-        if not found:
-            found = self._called.get(target.rpartition("/")[2], set())
-        if len(found) == 1:
-            return next(iter(found))
+        found = self._called.get(target.rpartition("/")[2], set())
         known = "which is not started here" if not found else "of which there are several"
-        return Unknown(reason=f"the container {shown(target)}, {known}")
+        return next(iter(found)) if len(found) == 1 else Unknown(reason=f"the container {shown(target)}, {known}")
+
+    def _sets(self, node: str, started: str, variables: Mapping[str, str | Unknown], location: Location) -> None:
+        """The variables of a process, apart from the one that says its enclave."""
+        for name, value in variables.items():
+            if name != OVERRIDE:
+                known = value if isinstance(value, str) else None
+                found = SetVariable(node=node, started=started, name=name, value=known, location=location)
+                self._variables[found] = None
 
     def _not_known(self, location: Location, what: str, unknown: Unknown) -> None:
         self.unresolved(location, f"{what} depends on {unknown.reason}.")
 
-    def _no_name(self, location: Location, target: str) -> None:
-        said = f"The name {shown(target)} of a remapping cannot be worked out, or is none that a node can use."
-        self.unresolved(location, said)
 
-    def _bounded(self, location: Location) -> None:
-        if len(self._names) + len(self._unresolved) > MAX_NAMES:
-            raise UsageError(f"{location.path}: more than {MAX_NAMES} names and unresolved places, which are not kept.")
+def _environment(scope: Scope, element: Element | None = None) -> dict[str, str | Unknown]:
+    """The values of those of `NAMES` that the launch file sets for a process; the rest come from its own start."""
+    found = {name: scope.environment[name] for name in NAMES if name in scope.environment}
+    for each in element.called("env") if element is not None else ():
+        name = scope.known(each.attributes["name"])
+        if isinstance(name, Unknown):
+            found |= dict.fromkeys(NAMES, name)
+        elif name in NAMES:
+            found[name] = scope.known(each.attributes["value"])
+    return found
 
 
-def _enclave(command: RosArguments, variables: Mapping[str, str | Unknown]) -> str | Unknown:
-    """The enclave of a process: the override variable before the command line, the root before nothing."""
-    enclave = variables.get(OVERRIDE, "") or command.enclave or ROOT
-    if isinstance(enclave, str) and not is_path(enclave):
-        return _no(enclave, "path of an enclave")
-    return enclave
+def _prefix(element: Element, scope: Scope) -> str:
+    """What stands before the program, as far as it can be told."""
+    if PREFIX in element.attributes:
+        return scope.shows(element.attributes[PREFIX])
+    prefix = scope.arguments.get(PREFIX, "")
+    return prefix if isinstance(prefix, str) else ""
 
 
 def _no(text: str, what: str) -> Unknown:

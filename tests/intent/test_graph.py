@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
-from keystore_audit.intent import located_json
 from keystore_audit.intent.graph import read_graph
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
-from keystore_audit.intent.located_json import MAX_DEPTH, Value
+from keystore_audit.intent.located import MAX_DEPTH, Value, parse_json
+from keystore_audit.keystore.defect import Malformed
 from keystore_audit.model.names import dds_channels
 from tests.schemas import schema
 from tests.strategies.mutations import edited
@@ -115,22 +115,22 @@ def test_a_topic_of_two_types_and_nodes_of_one_name_count_once(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("text", "line", "said"),
     [
-        ("", 1, "this is not JSON: expected a JSON value"),
-        ("# keystore-audit\n", 1, "this is not JSON: expected a JSON value, e.g. an object"),
+        ("", 1, "this is not JSON: Expecting value"),
+        ("# keystore-audit\n", 1, "this is not JSON: Expecting value"),
         ('{"schema_version": 1}', 1, "'nodes', and there is none"),
         ('{"schema_version": 2, "nodes": []}', 1, "expected schema_version 1"),
         ('{"schema_version": true, "nodes": []}', 1, "expected schema_version 1"),
         ('{"schema_version": 1,\n"nodes": [],\n"more": 1}', 3, "found 'more'"),
-        ('{"schema_version": 1,\n"nodes": [],\n"nodes": []}', 3, 'the key "nodes" a second time'),
+        ('{"schema_version": 1,\n"nodes": [],\n"nodes": []}', 3, "the key 'nodes' a second time"),
         ('{"schema_version": 1, "nodes": [\n{}\n]}', 2, "expected a node to have the key 'name'"),
         ('{"schema_version": 1, "nodes": [\n\n7]}', 3, "expected an object for a node"),
         ('{"schema_version": 1, "nodes": [NaN]}', 1, "expected a JSON value"),
         ('{"schema_version": 1, "nodes": [1.5]}', 1, "expected a JSON value"),
         ('{"schema_version": 1, "nodes": [1' + "0" * 20 + "]}", 1, "expected a JSON value"),
         ('{"schema_version": 1, "nodes": ["\\ud800"]}', 1, "surrogate"),
-        ('{"schema_version": 1, "nodes": ["a\tb"]}', 1, "expected a string"),
-        ('{"schema_version": 1, "nodes": []}\n\n{}', 3, "expected the end"),
-        ('{"schema_version": 1, "nodes": [],}', 1, "expected a string"),
+        ('{"schema_version": 1, "nodes": ["a\tb"]}', 1, "this is not JSON: Invalid control character"),
+        ('{"schema_version": 1, "nodes": []}\n\n{}', 3, "this is not JSON: Extra data"),
+        ('{"schema_version": 1, "nodes": [],}', 1, "this is not JSON"),
         ("[" * 100_000, 1, "deep"),
         ('{"a":' * 100_000, 1, "deep"),
     ],
@@ -229,8 +229,8 @@ json_values = st.recursive(
 @given(json_values, st.sampled_from([None, 0, 2]), st.booleans())
 def test_values_are_those_of_json(document: object, indent: int | None, ascii_only: bool) -> None:
     text = json.dumps(document, indent=indent, ensure_ascii=ascii_only)
-    assert plain(located_json.parse(text)) == document
-    assert plain(located_json.parse("\n\t " + text + "\r\n")) == document
+    assert plain(parse_json(text)) == document
+    assert plain(parse_json("\n\t " + text + "\r\n")) == document
 
 
 @settings(max_examples=500)
@@ -240,8 +240,8 @@ def test_what_is_read_is_what_json_reads(data: bytes) -> None:
     text = data.decode("utf-8", "replace")
     refused: int | None = None
     try:
-        value = located_json.parse(text)
-    except located_json.Malformed as error:
+        value = parse_json(text)
+    except Malformed as error:
         refused = error.line
     if refused is None:
         assert plain(value) == json.loads(text)
@@ -251,9 +251,9 @@ def test_what_is_read_is_what_json_reads(data: bytes) -> None:
 
 def test_depth_is_bounded() -> None:
     deepest = "[" * MAX_DEPTH + "]" * MAX_DEPTH
-    located_json.parse(deepest)
-    with pytest.raises(located_json.Malformed, match="deep"):
-        located_json.parse(f"[{deepest}]")
+    parse_json(deepest)
+    with pytest.raises(Malformed, match="deep"):
+        parse_json(f"[{deepest}]")
 
 
 @settings(max_examples=300)

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.errors import UsageError
+from keystore_audit.intent.environment import OVERRIDE
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.intent.launch import MAX_ACTIONS, MAX_REMAPS, MAX_SET, read_launch
-from keystore_audit.intent.launch_environment import NAMES, OVERRIDE
-from keystore_audit.intent.launch_nodes import MAX_NODES
+from keystore_audit.intent.launch_scope import NAMES
 from tests.intent.launched import all_of, described, launch, names, nodes, unresolved
 from tools.samples.healthy import TURTLESIM, VEHICLE
 from tools.samples.policy import Node
@@ -158,7 +158,7 @@ def variables(intent: Intent) -> dict[str, str | None]:
     return {variable.name.removeprefix("ROS_"): variable.value for variable in intent.variables}
 
 
-CLEAN = dict.fromkeys([each.removeprefix("ROS_") for each in NAMES if each != OVERRIDE], "")
+OPEN = dict.fromkeys(each.removeprefix("ROS_") for each in NAMES if each != OVERRIDE)
 
 
 @pytest.mark.parametrize(
@@ -196,6 +196,8 @@ def test_a_process_that_may_be_a_node_has_what_is_set_for_it(
             True,
         ),
         ("xml", '<brand_new><node pkg="p" exec="e"/></brand_new>', False),
+        ("xml", """<arg name="a" default="$(command 'env ROS_DOMAIN_ID=3 run')"/>""", True),
+        ("xml", """<arg name="a" default="$(command 'run')"/><log message="$(var b)"/><brand_new/>""", False),
         ("py", "ExecuteProcess(cmd=[['ROS_SECURITY_', 'ENABLE=no run']], shell=True)", True),
         ("py", "ExecuteLocal(process_description=Executable(cmd=['env', 'FASTRTPS_DEFAULT_PROFILES_FILE=x']))", True),
         ("py", "ExecuteProcess(cmd=['bash', '-c', 'unset A; run'])", False),
@@ -218,7 +220,7 @@ def test_what_is_not_read_and_speaks_of_security_is_said_with_its_line(
         ("{off}{timer}{on}", {"SECURITY_ENABLE": None}),
         ("<group>{timer}</group>{off}", {"SECURITY_ENABLE": None}),
         ("{timer}<timer period='0'>{off}</timer>", {"SECURITY_ENABLE": None}),
-        ("{timer}<group>{off}</group>", {}),
+        ("{timer}<group>{off}</group>", {"SECURITY_ENABLE": None}),
         ("{timer}<group scoped='false'>{off}</group>", {"SECURITY_ENABLE": None}),
         ("{timer}<set_env name='A' value='b'/>", {}),
     ],
@@ -256,14 +258,16 @@ def test_what_is_not_read_starts_with_what_is_set_before_it(unread: str, tmp_pat
     ("text", "expected"),
     [
         ("<push_env/>", {}),
-        ("<rep_env/>", CLEAN),
-        ('<rep_env><env name="ROS_DOMAIN_ID" value="3"/></rep_env>', {**CLEAN, "DOMAIN_ID": "3"}),
-        ("<reset_env/>", dict.fromkeys(CLEAN)),
-        ('<set_env name="ROS_SECURITY_ENABLE" value="true"/><pop_env/>', dict.fromkeys(CLEAN)),
+        ("<rep_env/>", OPEN),
+        ('<rep_env><env name="ROS_DOMAIN_ID" value="3"/></rep_env>', OPEN),
+        ("<reset_env/>", OPEN),
+        ('<set_env name="ROS_SECURITY_ENABLE" value="true"/><pop_env/>', OPEN),
     ],
 )
 def test_what_replaces_all_variables_in_xml(text: str, expected: dict[str, str | None], tmp_path: Path) -> None:
-    assert variables(launch(tmp_path, f'{text}<node pkg="p" exec="e" name="n"/>')) == expected
+    intent = launch(tmp_path, f'{text}<node pkg="p" exec="e" name="n"/>')
+    assert variables(intent) == expected
+    assert (nodes(intent) == set()) is (expected == OPEN)  # its enclave may be another, too
 
 
 @pytest.mark.parametrize(
@@ -274,9 +278,10 @@ def test_what_replaces_all_variables_in_xml(text: str, expected: dict[str, str |
         ("", "additional_env={'ROS_SECURITY_ENABLE': 'true'}", {"SECURITY_ENABLE": "true"}),
         ("", "env={'PATH': '/bin'}", None),
         ("", "env={}", None),
-        ("ReplaceEnvironmentVariables({'ROS_DOMAIN_ID': '3'}),", "", None),
-        ("ResetEnvironment(),", "", None),
-        ("PopEnvironment(),", "", None),
+        ("ReplaceEnvironmentVariables({'ROS_DOMAIN_ID': '3'}),", "", OPEN),
+        ("ReplaceEnvironmentVariables(environment=other),", "", OPEN),
+        ("ResetEnvironment(),", "", OPEN),
+        ("PopEnvironment(),", "", OPEN),
         ("PushEnvironment(),", "", {}),
     ],
 )
@@ -297,9 +302,18 @@ def test_namespaces_add_up_within_their_group(tmp_path: Path) -> None:
         <group><push-ros-namespace namespace="b"/>{node.format("c")}{node.format("/d")}</group>
         <group scoped="false"><push_ros_namespace namespace="e"/></group>{node.format("")}
         <group><push_ros_namespace namespace="/f/"/>{node.format("g")}</group>
-        <group forwarding="false">{node.format("h")}</group></group>{node.format("i")}"""
-    found = {name for _enclave, name in nodes(launch(tmp_path, text))}
-    assert found == {"/a/b/c/n", "/d/n", "/a/e/n", "/f/g/n", "/h/n", "/i/n"}
+        </group>{node.format("i")}"""
+    intent = launch(tmp_path, text)
+    assert {name for _enclave, name in nodes(intent)} == {"/a/b/c/n", "/d/n", "/a/e/n", "/f/g/n", "/i/n"}
+    assert intent.unresolved == ()
+
+
+@pytest.mark.parametrize("kind", ['<group forwarding="false">', '<group><keep name="a" value="b"/>'])
+def test_a_group_that_is_apart_is_not_read(kind: str, tmp_path: Path) -> None:
+    inside = '<node pkg="p" exec="e" name="n">{}</node></group>'
+    plain = launch(tmp_path, kind + inside.format(""))
+    assert (nodes(plain), len(unresolved(plain)), plain.speaking) == (set(), 1, ())
+    assert launch(tmp_path, kind + inside.format('<env name="ROS_SECURITY_ENABLE" value="no"/>')).speaking != ()
 
 
 def test_names_given_as_remappings_count(tmp_path: Path) -> None:
@@ -325,7 +339,8 @@ def test_arguments_are_given_or_default_or_said(tmp_path: Path) -> None:
     assert nodes(without) == set()
     assert "no value was given with --launch-argument" in unresolved(without)[0][1]
     nested = '<let name="k" value="who"/><arg name="who" default="c"/><node pkg="p" exec="e" name="$(var $(var k))"/>'
-    assert nodes(launch(tmp_path, nested)) == {("/", "/c")}
+    assert nodes(launch(tmp_path, nested)) == set()
+    assert "a substitution of the sort 'var'" in unresolved(launch(tmp_path, nested))[0][1]
 
 
 @pytest.mark.parametrize(
@@ -403,15 +418,14 @@ def test_a_lifecycle_node_offers_its_services(tmp_path: Path) -> None:
     }
 
 
-def test_a_remapping_for_a_group_is_of_its_one_node_or_said(tmp_path: Path) -> None:
-    remap, node = '<set_remap from="/tf" to="tf"/>', '<node pkg="p" exec="e" name="{}" namespace="a"/>'
-    one = launch(tmp_path, f"<group>{remap}{node.format('n')}</group>{node.format('m')}")
-    assert names(one) == {("/", "/a/n", "/a/tf")}
-    two = launch(tmp_path, f"{remap}{node.format('n')}{node.format('m')}")
-    assert names(two) == set()
-    assert unresolved(two) == [(1, "The name 'tf' is set for 2 nodes; which of them use it is not said.")]
-    own = '<node pkg="p" exec="e" name="n"><remap from="/tf" to="/other"/></node>'
-    assert names(launch(tmp_path, f"{remap}{own}")) == {("/", "/n", "/tf")}
+def test_a_remapping_for_a_group_is_said_and_hides_that_of_a_node(tmp_path: Path) -> None:
+    remap, node = '<set_remap from="/tf" to="tf"/>', '<node pkg="p" exec="e" name="n">{}</node>'
+    said = [(1, "A remapping for all nodes is to 'tf'; which of them use the name is not said.")]
+    one = launch(tmp_path, f"<group>{remap}{node.format('')}</group>")
+    assert (names(one), unresolved(one)) == (set(), said)
+    own = node.format('<remap from="/tf" to="/other"/><remap from="a" to="b"/>')
+    assert names(launch(tmp_path, f"<group>{remap}</group>{own}")) == {("/", "/n", "/other"), ("/", "/n", "/b")}
+    assert names(launch(tmp_path, f"{remap}{own}")) == {("/", "/n", "/b")}
 
 
 def test_what_is_not_read_is_said(tmp_path: Path) -> None:
@@ -483,12 +497,15 @@ def test_an_argument_of_an_include_is_set_only_before_its_default(tmp_path: Path
         ("<launch>\n<node exec='e' name='$()'/></launch>", ":2: in 'name'"),
         ("<launch>\n<node exec='e' args='\"'/></launch>", ":2: a quote in 'args'"),
         ("<launch>\n<group scoped='perhaps'/></launch>", ":2: expected 'scoped' to be true or false"),
-        ("<launch><arg name='a' default='" + "$(var " * 50 + "'/></launch>", "within each other"),
+        ("<launch><arg name='a' default='" + "$(var " * 50 + "'/></launch>", "without its ')'"),
         ("<!DOCTYPE launch [<!ENTITY a 'b'>]><launch>&a;</launch>", ":1: a document type"),
-        ("<launch><include file='some.launch.xml'/></launch>", "more than 16 deep"),
-        ("<launch>" + "<node exec='e' name='n'/>" * (MAX_NODES + 1) + "</launch>", f"more than {MAX_NODES} nodes"),
+        ("<launch><include file='some.launch.xml'/></launch>", "64 deep"),
+        (
+            "<launch>" + "<node exec='e' name='n'/>" * (MAX_ACTIONS + 1) + "</launch>",
+            f"more than {MAX_ACTIONS} actions",
+        ),
         ("<launch>" + "<group/>" * (MAX_ACTIONS + 1) + "</launch>", f"more than {MAX_ACTIONS} actions"),
-        ("<launch>" + "<group>" * 80 + "</group>" * 80 + "</launch>", "groups more than 64 deep"),
+        ("<launch>" + "<group>" * 80 + "</group>" * 80 + "</launch>", "64 deep"),
         ("<launch>" + "".join(f"<let name='a{i}' value=''/>" for i in range(MAX_SET + 1)) + "</launch>", "values"),
         ("<launch>" + "<set_remap from='a' to='b'/>" * (MAX_REMAPS + 1) + "</launch>", f"{MAX_REMAPS} remappings"),
         ("<launch><node exec='e' args='" + "a " * 150_000 + "'/></launch>", "characters of XML"),

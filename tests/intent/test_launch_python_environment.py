@@ -74,7 +74,8 @@ def test_what_a_file_makes_of_its_environment_leaves_open_what_processes_start_w
         (f"k = {{}}\nk['additional_env'] = {{{ENABLE}: 'no'}}", "Node(executable='e', **k)", True),
         (f"k = {{'additional_env': {{{ENABLE}: 'no'}}}}", "Node(executable='e', **{})", False),
         (f"k = {{{ENABLE}: 'no'}}\ndef other(c):\n    return [Node(additional_env=k)]", "", True),
-        (f"k = {{{ENABLE}: 'no'}}\nother = Node(additional_env=k)", "", False),
+        (f"k = {{{ENABLE}: 'no'}}\nother = Node(executable='e', additional_env=k)", "", False),
+        (f"k = {{{ENABLE}: 'no'}}\nother = Node(additional_env=k)", "", True),
         (f"k = {ENABLE}\ndef other(c):\n    return [SetEnvironmentVariable(k, 'no')]", "", True),
         ("def other(c):\n    return [SetEnvironmentVariable('A', 'no')]", "", False),
         ("def other(c):\n    return list(map(SetEnvironmentVariable, c, c))", "", True),
@@ -115,7 +116,7 @@ def test_an_environment_made_elsewhere_is_not_known(given: str, tmp_path: Path) 
     [
         ("'no'", {"ROS_SECURITY_ENABLE": "no"}),
         ("other", {"ROS_SECURITY_ENABLE": None}),
-        (f"EnvironmentVariable({ENABLE}, default_value='false')", {}),
+        (f"EnvironmentVariable({ENABLE}, default_value='false')", {"ROS_SECURITY_ENABLE": None}),
         (f"os.environ.get({ENABLE}, 'true')", {"ROS_SECURITY_ENABLE": None}),
     ],
 )
