@@ -5,8 +5,8 @@ Nothing is expanded or run, and a line that these read differently is an error: 
 carriage return (a shell takes it into the value), a comment behind a value without `export` (systemd and containers
 take it into the value), blanks there and quotes around what has to be exactly one value (containers take them into it),
 lines with `export` beside others without (which a shell keeps to itself, where systemd and containers know nothing
-else), in the values of other variables whatever a shell would run or go on in, and variables that put other code or
-another clock under what was audited. Source of what the variables mean:
+else), in the values of other variables whatever is more than plain or quoted text and `$NAME`, and variables that put
+other code or another clock under what was audited. Source of what the variables mean:
 rcl's `security.c` and rmw_dds_common's `security.cpp`.
 """
 
@@ -45,13 +45,10 @@ _ASSIGNMENT: Final = re.compile(r"(export[ \t]+)?([A-Za-z_][A-Za-z0-9_]*)=(.*)",
 _COMMENT: Final = re.compile(r"[ \t]+#.*|[ \t]*")
 _QUOTED: Final = re.compile(r"""'([^']*)'|"([^"\\$`]*)\"""")
 _BARE: Final = re.compile(r"""[^\s'"\\$`#;&|<>()]*""")
-_CLOSED: Final = re.compile(r"""((?:[^ \t'"\\]|[ \t](?!#)|\\.|'[^']*'|"(?:[^"\\]|\\.)*")*)(?:[ \t]#.*)?""")
-"""A value whose quotes end in the line, as a shell reads it, and a comment; other blanks part no words there."""
-_WORD: Final = re.compile(r"[^ \t]+")
-_TEXT: Final = re.compile(r"""'[^']*'|"(?:[^"\\]|\\.)*"|\\.""")
-_EXPANSION: Final = re.compile(r"""\$(?:[('"[]|\{(?![A-Za-z_][A-Za-z0-9_]*\}))|`""")
-"""Where a shell pairs quotes anew: it may go on in the next line, and hide what is run."""
-_STRUCTURE: Final = re.compile(r"[()<>]")
+_OTHER: Final = re.compile(
+    r"""'[^']*'|"(?:[^"\\$`]|\$(?:\w+|\{\w+\}))*"|(?:[^\s'"\\$`#;&|<>()]|\$(?:\w+|\{\w+\}))*""", re.ASCII
+)
+"""A value of another variable: as above, and others may be looked up in it."""
 _COUNTER: Final = re.compile(
     "BAUD|COLUMNS|DIRSTACKSIZE|E?[GU]ID|ERRNO|FUNCNEST|HISTCMD|HISTSIZE|KEYTIMEOUT|LINENO|LINES|LISTMAX|LOGCHECK"
     "|MAILCHECK|OPTIND|PERIOD|S?RANDOM|REPORTMEMORY|REPORTTIME|SAVEHIST|SECONDS|SHLVL|TMOUT|TRY_BLOCK_[A-Z]+"
@@ -66,10 +63,6 @@ _RUN: Final = {
     "FAKETIME": "{} is another clock to certificates and grants",
 }
 """Variables that put other code, or another clock, under what was audited."""
-_FURTHER: Final = re.compile(r"[ \t;&|]([A-Za-z_][A-Za-z0-9_]*)=([^ \t;&|]*)")
-"""In a value, assignments of their own to a shell, as in `A=1 B=2` and `A=x&B=2`; others take it all for the value."""
-_ANOTHER: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*=")
-"""How another assignment begins, behind which a command may still follow."""
 
 
 class Setting(Struct, frozen=True, kw_only=True):
@@ -131,7 +124,7 @@ def read_environment(path: Path) -> Environment:
                 location=Location(path=str(path), line=number, beside=True),
             )
         else:
-            _pass_over(name, value, place, exported=export is not None)
+            _pass_over(name, value, place)
             other = other or (number if export is not None else 0)
     if other and False in exports and any(name in SECURE for name in found):
         exports.setdefault(True, other)
@@ -168,42 +161,16 @@ def _value(text: str, place: str, *, commented: bool) -> str:
     return next((group for group in match.groups() if group is not None), match[0])
 
 
-def _pass_over(name: str, text: str, place: str, *, exported: bool) -> None:
+def _pass_over(name: str, text: str, place: str) -> None:
     """Raises UsageError where the value of another variable may set, hide or take back one of `VARIABLES`."""
-    closed = _CLOSED.fullmatch(text)
-    if closed is None:
-        raise UsageError(f"{place}: a quote that does not end in its line; expected a plain or quoted value.")
-    value = closed[1]
-    bare = _TEXT.sub("text", value)
-    # "${NAME:=value}" sets, and $' reads on in its own way
-    expanded = _TEXT.sub(lambda quoted: {"'": "''", "\\": ""}.get(quoted[0][0], quoted[0]), value)
-    named = next((each for each in VARIABLES if each in expanded), None)
-    special = _EXPANSION.search(expanded) or _STRUCTURE.search(bare) or _runs_something(bare, exported=exported)
-    if named is not None or special:
-        also = f" It names {named}." if named else ""
+    match = _OTHER.match(text)
+    value = match[0] if match is not None else ""
+    if _COMMENT.fullmatch(text[len(value) :]) is None or any(each in value for each in VARIABLES):
         raise UsageError(
-            f"{place}: more than one assignment, or a command; expected NAME=VALUE, what is special to a shell between "
-            f"single quotes.{also}"
+            f"{place}: more than one assignment, a command, or the name of a variable that counts; expected "
+            "NAME=VALUE, what is special to a shell between single quotes."
         )
-    for each, given in ((name, value), *_FURTHER.findall(bare)):
-        if each in _RUN:
-            raise UsageError(f"{place}: {_RUN[each].format(each)}; expected no such assignment.")
-        if _COUNTER.fullmatch(each) and not _NUMBER.fullmatch(given):
-            raise UsageError(f"{place}: {each} is a number to a shell, which works out its value; expected digits.")
-
-
-def _runs_something(value: str, *, exported: bool) -> bool:
-    """Whether a shell would run a command behind the value, as in `A=1;source x` and `A=1 source x`.
-
-    Systemd and containers take all of it for the value. Behind `export` any further word is exported, too. A word that
-    begins as an option is the name of no command.
-    """
-    (_own, *words), *commands = (_WORD.findall(part) for part in re.split(r"[;&|]", f"={value}"))
-    if exported and words:
-        return True
-    if not all(commands):  # what follows a sign at the end is the next line
-        return True
-    for each in (words, *commands):
-        if not next((word for word in each if not _ANOTHER.match(word)), "-").startswith("-"):
-            return True
-    return False
+    if name in _RUN:
+        raise UsageError(f"{place}: {_RUN[name].format(name)}; expected no such assignment.")
+    if _COUNTER.fullmatch(name) and not _NUMBER.fullmatch(value):
+        raise UsageError(f"{place}: {name} is a number to a shell, which works out its value; expected digits.")
