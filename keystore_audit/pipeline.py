@@ -30,9 +30,9 @@ from keystore_audit.gate import (
     while_accepted,
 )
 from keystore_audit.given import GivenFile
+from keystore_audit.intent import read_observed
 from keystore_audit.intent.environment import Environment, read_environment
 from keystore_audit.intent.intent import Intent, Origin
-from keystore_audit.intent.observed import read_observed
 from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.model.access_view import AccessViews

@@ -97,7 +97,7 @@ def _labels(labels: tuple[str, ...], settings: Settings | None) -> dict[str, Glo
 
 def _intended(given: dict[str, Any], settings: Settings | None) -> Intended:
     from keystore_audit.diff import Intended
-    from keystore_audit.intent.observed import read_observed
+    from keystore_audit.intent import read_observed
     from keystore_audit.intent.policy import read_policy
 
     return Intended(

@@ -93,7 +93,7 @@ def model_command(keystore: str, directory: Path, **given: Any) -> int:
     With --graph, --launch or --policy it has the nodes and their wiring too.
     """
     from keystore_audit.export import export_model
-    from keystore_audit.intent.observed import read_observed
+    from keystore_audit.intent import read_observed
     from keystore_audit.options import user_files
 
     opt.check_launch_arguments(given["launch_arguments"], given["launches"])

@@ -67,7 +67,7 @@ def command(keystore: str, **given: Any) -> int:
     if given["include"] is not None and given["policy"] is None:
         raise click.UsageError("--policy-include says where a policy includes from: name one with --policy.")
     opt.check_launch_arguments(given["launch_arguments"], given["launches"])
-    from keystore_audit.intent.observed import read_observed
+    from keystore_audit.intent import read_observed
     from keystore_audit.suggest import Suggester
 
     arguments = dict(given["launch_arguments"])

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final, NoReturn
 
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
-from keystore_audit.intent.located import Value, parse_json
 from keystore_audit.intent.ros_names import is_node_name, is_path, is_ros_name, joined
-from keystore_audit.intent.source import Source, read_source, shown
+from keystore_audit.intent.source import Source, Value, parse_json, read_source, shown
 from keystore_audit.keystore.defect import Malformed
 
 SCHEMA_VERSION: Final = 1
@@ -25,8 +24,6 @@ ENDPOINTS: Final[Mapping[str, tuple[Action, str]]] = {
     "action_clients": (Action.CALL, "action"),
 }
 """Lists of a node, what each entry lets it do, and the key of the entry that holds the name."""
-
-_TYPE: Final = "type"
 
 
 def read_graph(path: Path) -> Intent:
@@ -53,7 +50,7 @@ class _Graph:
         self._rights: dict[tuple[str, str, Action, str], IntendedRight] = {}
 
     def intent(self, document: Value) -> Intent:
-        entries = self._object(document, "the graph", required=("schema_version", "nodes"))
+        entries = self._object(document, "the graph", ("schema_version", "nodes"))
         version = entries["schema_version"]
         if version.content is True or version.content != SCHEMA_VERSION:
             self._refuse(version, f"expected schema_version {SCHEMA_VERSION}, the form that is read")
@@ -69,47 +66,35 @@ class _Graph:
         )
 
     def _node(self, node: Value) -> None:
-        entries = self._object(node, "a node", required=("name", "namespace", "enclave"), optional=tuple(ENDPOINTS))
-        name = self._text(entries["name"], "the name of a node")
-        if not is_node_name(name):
-            self._refuse(entries["name"], f"expected the name of a node without its namespace, found {shown(name)}")
-        namespace = self._path(entries["namespace"], "a namespace")
-        enclave = self._path(entries["enclave"], "an enclave")
+        entries = self._object(node, "a node", ("name", "namespace", "enclave"), tuple(ENDPOINTS))
+        name = self._text(entries["name"], "the name of a node without its namespace", is_node_name)
+        namespace = self._text(entries["namespace"], "a namespace like '/' or '/robot'", is_path)
+        enclave = self._text(entries["enclave"], "an enclave like '/' or '/robot'", is_path)
         full = joined(namespace, name)
         location = self._source.location(node.line)
         self._enclaves.setdefault(enclave, location)
         self._nodes.setdefault((enclave, full), IntendedNode(enclave=enclave, name=full, location=location))
-        for key, (action, named) in ENDPOINTS.items():
-            if key in entries:
-                self._endpoints(entries[key], key, (enclave, full), action, named)
+        for key in (key for key in ENDPOINTS if key in entries):
+            action, named = ENDPOINTS[key]
+            for entry in self._array(entries[key], key):
+                endpoint = self._object(entry, f"an entry of {key}", (named,), ("type",))
+                right = IntendedRight(
+                    enclave=enclave,
+                    node=full,
+                    action=action,
+                    name=self._text(endpoint[named], "a fully qualified name like '/chatter'", is_ros_name),
+                    allow=True,
+                    location=self._source.location(endpoint[named].line),
+                )
+                if "type" in endpoint:
+                    self._text(endpoint["type"], "the name of a type", lambda _name: True)
+                self._rights.setdefault((enclave, full, action, right.name), right)  # a topic may have two types
 
-    def _endpoints(self, entries: Value, key: str, node: tuple[str, str], action: Action, named: str) -> None:
-        for entry in self._array(entries, key):
-            endpoint = self._object(entry, f"an entry of {key}", required=(named,), optional=(_TYPE,))
-            name = self._text(endpoint[named], f"the name of a {named}")
-            if not is_ros_name(name):
-                self._refuse(endpoint[named], f"expected a fully qualified name like '/chatter', found {shown(name)}")
-            if _TYPE in endpoint:
-                self._text(endpoint[_TYPE], "the name of a type")
-            right = IntendedRight(
-                enclave=node[0],
-                node=node[1],
-                action=action,
-                name=name,
-                allow=True,
-                location=self._source.location(endpoint[named].line),
-            )
-            self._rights.setdefault((*node, action, name), right)  # a topic with two types is listed twice
-
-    def _path(self, value: Value, what: str) -> str:
-        path = self._text(value, what)
-        if not is_path(path):
-            self._refuse(value, f"expected {what} like '/' or '/robot', found {shown(path)}")
-        return path
-
-    def _text(self, value: Value, what: str) -> str:
+    def _text(self, value: Value, expected: str, valid: Callable[[str], bool]) -> str:
         if not isinstance(value.content, str):
-            self._refuse(value, f"expected {what} in quotes")
+            self._refuse(value, f"expected {expected}, in quotes")
+        if not valid(value.content):
+            self._refuse(value, f"expected {expected}, found {shown(value.content)}")
         return value.content
 
     def _array(self, value: Value, what: str) -> tuple[Value, ...]:
@@ -118,14 +103,14 @@ class _Graph:
         return value.content
 
     def _object(
-        self, value: Value, what: str, *, required: tuple[str, ...], optional: tuple[str, ...] = ()
+        self, value: Value, what: str, required: tuple[str, ...], optional: tuple[str, ...] = ()
     ) -> Mapping[str, Value]:
         content = value.content
         if not isinstance(content, Mapping):
             self._refuse(value, f"expected an object for {what}")
         for key, entry in content.items():
-            if key not in required and key not in optional:
-                known = ", ".join((*required, *optional))
+            if key not in required + optional:
+                known = ", ".join(required + optional)
                 self._refuse(entry, f"expected of {what} the keys {known}; found {shown(key)}")
         for key in required:
             if key not in content:

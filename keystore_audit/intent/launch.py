@@ -13,9 +13,8 @@ from typing import Final
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.intent import Intent
-from keystore_audit.intent.launch_elements import Element, Unknown, read_xml, read_yaml, speaks_of
+from keystore_audit.intent.launch_elements import NAMES, Element, Scope, Unknown, read_xml, read_yaml, speaks_of
 from keystore_audit.intent.launch_nodes import Nodes
-from keystore_audit.intent.launch_scope import NAMES, Scope
 from keystore_audit.intent.source import Directory, Source, Unreadable, read_source, shown
 from keystore_audit.keystore.root import Root
 

@@ -26,8 +26,7 @@ from keystore_audit.intent.intent import (
     Unresolved,
     UsedName,
 )
-from keystore_audit.intent.launch_elements import Element, Unknown, speaks_of, words
-from keystore_audit.intent.launch_scope import NAMES, Scope
+from keystore_audit.intent.launch_elements import NAMES, Element, Scope, Unknown, speaks_of, words
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
 from keystore_audit.intent.source import Source, shown
 

@@ -15,7 +15,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.intent.graph import read_graph
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
-from keystore_audit.intent.located import MAX_DEPTH, Value, parse_json
+from keystore_audit.intent.source import MAX_DEPTH, Value, parse_json
 from keystore_audit.keystore.defect import Malformed
 from keystore_audit.model.names import dds_channels
 from tests.schemas import schema
@@ -150,14 +150,14 @@ def test_what_is_not_of_the_form_is_refused_with_its_line(text: str, line: int, 
         ({"namespace": ""}, "a namespace like"),
         ({"namespace": "/robot/"}, "a namespace like"),
         ({"enclave": "talker"}, "an enclave like"),
-        ({"enclave": 3}, "an enclave in quotes"),
+        ({"enclave": 3}, "an enclave like '/' or '/robot', in quotes"),
         ({"publishers": [{"topic": "chatter"}]}, "fully qualified"),
         ({"publishers": [{"topic": "/a//b"}]}, "fully qualified"),
         ({"publishers": [{"topic": "/*"}]}, "fully qualified"),
         ({"publishers": [{"topic": "/a\n"}]}, "fully qualified"),
         ({"publishers": [{"service": "/a"}]}, "found 'service'"),
         ({"publishers": {"topic": "/a"}}, "an array of publishers"),
-        ({"subscribers": [{"topic": "/a", "type": 7}]}, "the name of a type in quotes"),
+        ({"subscribers": [{"topic": "/a", "type": 7}]}, "the name of a type, in quotes"),
         ({"listeners": []}, "found 'listeners'"),
     ],
 )

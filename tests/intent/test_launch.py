@@ -11,7 +11,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.intent.environment import OVERRIDE
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.intent.launch import MAX_ACTIONS, MAX_REMAPS, MAX_SET, read_launch
-from keystore_audit.intent.launch_scope import NAMES
+from keystore_audit.intent.launch_elements import NAMES
 from tests.intent.launched import all_of, described, launch, names, nodes, unresolved
 from tools.samples.healthy import TURTLESIM, VEHICLE
 from tools.samples.policy import Node

@@ -275,7 +275,7 @@ def test_inclusions_of_much_text_end(tmp_path: Path) -> None:
     written(tmp_path, f"<p><!--{'x' * (2 << 20)}--><topics><topic>x</topic></topics></p>", "big.xml")
     include = '<xi:include href="big.xml"/>'
     refused(policy(tmp_path, include * 100), "bytes put in")
-    written(tmp_path, f'<p {XI}>{include}</p>', "holder.xml")
+    written(tmp_path, f"<p {XI}>{include}</p>", "holder.xml")
     refused(policy(tmp_path, '<xi:include href="holder.xml"/>' * 100), "bytes put in")
 
 
