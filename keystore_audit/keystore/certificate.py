@@ -14,10 +14,9 @@ from msgspec import Struct
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.crl import REVOCATION_LIST_LABEL, RevocationList, read_revocation_list
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.der import MALFORMED, parts
+from keystore_audit.keystore.der import MALFORMED, parts, well_formed_throughout
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import BEGIN_CERTIFICATES, DUMP_OF_CERTIFICATE, Block, Pem, Problem, read_pem
-from keystore_audit.keystore.universal import well_formed_throughout
 
 MAX_CERTIFICATE_BYTES: Final = 64 * 1024
 """Longest certificate that is parsed: one of sros2 has 400 bytes, one with a 16,384-bit RSA key has 5,000."""

@@ -6,7 +6,6 @@ of type id-data. What some run time may accept beyond it is refused here and bec
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from datetime import datetime, timezone
 from typing import Annotated, Final
 
@@ -16,16 +15,8 @@ from cryptography.hazmat.asn1 import TLV, Explicit, GeneralizedTime, Implicit, S
 from msgspec import Struct
 
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.der import children, content_of
-from keystore_audit.keystore.signature_algorithm import (
-    DIGESTS,
-    Digest,
-    Problems,
-    Scheme,
-    read_digest,
-    read_scheme,
-)
-from keystore_audit.keystore.universal import well_formed
+from keystore_audit.keystore.der import children, well_formed
+from keystore_audit.keystore.public_key import DIGESTS, Digest, Problem, Scheme, read_digest, read_scheme
 
 MAX_SIGNERS: Final = 16
 """SignerInfos whose signatures are checked: a real document has one, each costs a public-key operation per key."""
@@ -82,7 +73,7 @@ class SignedData(Struct, frozen=True, kw_only=True):
     content: bytes | None
     certificates: tuple[bytes, ...]
     signers: tuple[SignerInfo, ...]
-    problems: Problems
+    problems: tuple[Problem, ...]
 
 
 # --- the structures. Three hints for `hazmat.asn1`: an optional TLV is refused, so an AlgorithmIdentifier is a TLV that
@@ -146,19 +137,28 @@ def read_signed_data(der: bytes) -> SignedData:
     the structure: run times accept them), CMS_MALFORMED.
     """
     data = _parse(der)
-    fields = children(der, _start_of_signed_data(der))
-    problems = list(_envelope_problems(data))
+    fields = children(children(children(der)[1])[0])
     infos = data.signer_infos.as_list()
+    certificates = [] if data.certificates is None else children(fields[3])
+    found = "expected plain signed data, found"  # what one of PKCS#7 1.5 has not, run times read in their own ways
+    problems = _malformed(
+        (data.version != 1, f"{found} version {data.version} (RFC 5652, 5.1: 1)"),
+        (
+            data.content.content_type != _DATA,
+            f"{found} content of type {data.content.content_type.dotted_string} (id-data is 1.2.840.113549.1.7.1)",
+        ),
+        (data.revocation_lists is not None, f"{found} revocation lists, which no DDS implementation reads here"),
+    )
     if not infos:
         problems.append((Kind.NO_SIGNER, "the message carries no signature at all"))
-    if len(infos) > MAX_SIGNERS:
-        problems.append((Kind.CMS_MALFORMED, f"{len(infos)} signatures, at most {MAX_SIGNERS} are checked"))
-        infos = []
+    few = len(infos) <= MAX_SIGNERS
+    problems += _malformed((not few, f"{len(infos)} signatures, at most {MAX_SIGNERS} are checked"))
     try:
         listed = [read_digest(digest) for digest in children(fields[1])]
         signers = [
-            _signer(info, children(der), listed, problems)
-            for info, der in zip(infos, children(fields[-1]), strict=False)
+            _signer(info, children(element), listed, problems)
+            for info, element in zip(infos, children(fields[-1]), strict=True)
+            if few
         ]
     except ValueError as error:
         raise CmsError(Kind.CMS_MALFORMED, f"an algorithm identifier cannot be read: {error}") from None
@@ -167,20 +167,25 @@ def read_signed_data(der: bytes) -> SignedData:
         for digest in listed
         if digest.name not in DIGESTS
     ]
-    if any(digest.has_parameters for digest in listed):
-        problems.append((Kind.CMS_MALFORMED, "a digest algorithm that the message lists has parameters"))
-    certificates: list[bytes] = []
-    if data.certificates is not None and len(data.certificates) > MAX_EMBEDDED:
-        found = f"{len(data.certificates)} certificates, at most {MAX_EMBEDDED} are read"
-        problems.append((Kind.CMS_MALFORMED, found))
-    elif data.certificates is not None:
-        certificates = children(fields[3])
+    many = len(certificates) > MAX_EMBEDDED
+    problems += _malformed(
+        (
+            any(digest.has_parameters for digest in listed),
+            "a digest algorithm that the message lists has parameters",
+        ),
+        (many, f"{len(certificates)} certificates, at most {MAX_EMBEDDED} are read"),
+    )
     return SignedData(
         content=data.content.content,
-        certificates=tuple(certificates),
+        certificates=() if many else tuple(certificates),
         signers=tuple(signers),
         problems=tuple(problems),
     )
+
+
+def _malformed(*said: tuple[bool, str]) -> list[Problem]:
+    """What is so."""
+    return [(Kind.CMS_MALFORMED, detail) for is_so, detail in said if is_so]
 
 
 def has_string_values(name_der: bytes) -> bool:
@@ -190,14 +195,6 @@ def has_string_values(name_der: bytes) -> bool:
     """
     attributes = [attribute for relative in children(name_der) for attribute in children(relative)]
     return all(children(attribute)[1][:1] in _STRINGS for attribute in attributes)
-
-
-def _start_of_signed_data(der: bytes) -> int:
-    """Where the SignedData in a ContentInfo begins: behind its identifier, inside an element with an explicit tag."""
-    inside, _ = content_of(der, 0)
-    _, behind = content_of(der, inside)
-    begin, _ = content_of(der, behind)
-    return begin
 
 
 def _parse(der: bytes) -> _SignedData:
@@ -215,73 +212,66 @@ def _parse(der: bytes) -> _SignedData:
     return data
 
 
-def _envelope_problems(data: _SignedData) -> list[tuple[Kind, str]]:
-    """What PKCS#7 1.5 signed data of a DDS document never has, and run times ignore or read in their own way."""
-    problems = []
-    if data.version != 1:
-        problems.append(f"version {data.version} (RFC 5652, 5.1: 1)")
-    if data.content.content_type != _DATA:
-        problems.append(f"content of type {data.content.content_type.dotted_string} (id-data is 1.2.840.113549.1.7.1)")
-    if data.revocation_lists is not None:
-        problems.append("revocation lists, which no DDS implementation reads here")
-    return [(Kind.CMS_MALFORMED, f"expected plain signed data, found {problem}") for problem in problems]
-
-
-def _signer(
-    info: _SignerInfo, fields: list[bytes], listed: list[Digest], problems: list[tuple[Kind, str]]
-) -> SignerInfo:
+def _signer(info: _SignerInfo, fields: list[bytes], listed: list[Digest], problems: list[Problem]) -> SignerInfo:
     """Read one SignerInfo, whose `fields` are its elements as they stand, and append what is out of order in it."""
-
-    def malformed(detail: str) -> None:
-        problems.append((Kind.CMS_MALFORMED, detail))
-
-    if info.version != 1:
-        malformed(f"a SignerInfo of version {info.version} (RFC 5652, 5.3: 1)")
-    if info.unsigned_attributes is not None:
-        malformed("unsigned attributes, which anybody can add or change")
-    signed = None if info.signed_attributes is None else b"\x31" + fields[3][1:]  # RFC 5652, 5.4: as a SET OF
+    attributes = info.signed_attributes
+    signed = None if attributes is None else b"\x31" + fields[3][1:]  # RFC 5652, 5.4: as a SET OF
     digest = read_digest(fields[2])
     scheme = read_scheme(fields[3 if signed is None else 4], digest.name)
+    problems += _malformed(
+        (info.version != 1, f"a SignerInfo of version {info.version} (RFC 5652, 5.3: 1)"),
+        (info.unsigned_attributes is not None, "unsigned attributes, which anybody can add or change"),
+    )
     problems += digest.problems + scheme.problems
-    if digest not in listed:
-        malformed(f"the digest algorithm {digest.name} of a signature is not among those that the message lists")
-    message_digest, signing_time = None, None
-    if info.signed_attributes is None:
-        problems.append(
-            (Kind.NO_SIGNED_ATTRIBUTES, "the signature covers the text itself, there are no signed attributes")
+    problems += _malformed(
+        (
+            digest not in listed,
+            f"the digest algorithm {digest.name} of a signature is not among those that the message lists",
         )
+    )
+    message_digest, time = None, None
+    if attributes is None:
+        detail = "the signature covers the text itself, there are no signed attributes"
+        problems.append((Kind.NO_SIGNED_ATTRIBUTES, detail))
     else:
-        message_digest, signing_time = _attributes(info.signed_attributes.as_list(), malformed)
+        message_digest, time = _attributes(attributes.as_list(), problems)
     return SignerInfo(
         issuer_der=children(fields[1])[0],
         serial=info.identifier.serial,
         digest=digest.name,
         message_digest=message_digest,
         signed=signed,
-        signing_time=signing_time,
+        signing_time=time,
         scheme=scheme,
         signature=info.signature,
     )
 
 
-def _attributes(attributes: list[_Attribute], malformed: Callable[[str], None]) -> tuple[bytes | None, datetime | None]:
+def _attributes(attributes: list[_Attribute], problems: list[Problem]) -> tuple[bytes | None, datetime | None]:
     """The message digest (None where it is not there exactly once) and the signing time of signed attributes."""
     values: dict[x509.ObjectIdentifier, TLV | None] = {}
     for attribute in attributes:
-        kind = attribute.type
-        alternatives = attribute.values.as_list()
+        kind, alternatives = attribute.type, attribute.values.as_list()
         single = alternatives[0] if len(alternatives) == 1 and kind not in values else None
         values[kind] = single
-        if single is None:
-            malformed(f"the signed attribute {kind.dotted_string} is there twice or has not one value")
-        elif not well_formed(single.tag_bytes[0], single.data):
-            malformed(f"the signed attribute {kind.dotted_string} has a malformed value")
+        named = f"the signed attribute {kind.dotted_string}"
+        problems += _malformed(
+            (single is None, f"{named} is there twice or has not one value"),
+            (
+                single is not None and not well_formed(single.tag_bytes[0], single.data),
+                f"{named} has a malformed value",
+            ),
+        )
     content_type, digest, time = values.get(_CONTENT_TYPE), values.get(_MESSAGE_DIGEST), values.get(_SIGNING_TIME)
-    if content_type is None or content_type.tag_bytes != _IDENTIFIER or content_type.data != _DATA_DER[2:]:
-        malformed("the signed attribute contentType does not say id-data once (RFC 5652, 11.1)")
-    if digest is None or digest.tag_bytes != _OCTET_STRING:
-        malformed("the signed attribute messageDigest is not one octet string (RFC 5652, 11.2)")
+    if digest is not None and digest.tag_bytes != _OCTET_STRING:
         digest = None
+    problems += _malformed(
+        (
+            content_type is None or content_type.tag_bytes != _IDENTIFIER or content_type.data != _DATA_DER[2:],
+            "the signed attribute contentType does not say id-data once (RFC 5652, 11.1)",
+        ),
+        (digest is None, "the signed attribute messageDigest is not one octet string (RFC 5652, 11.2)"),
+    )
     return None if digest is None else bytes(digest.data), None if time is None else _time(time)
 
 

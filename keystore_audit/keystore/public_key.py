@@ -1,17 +1,23 @@
-"""Public keys as evidence: which key, of what kind, and whether it made a signature."""
+"""Public keys as evidence: which key, of what kind, and whether it made a signature by which algorithm."""
 
 from __future__ import annotations
 
 import hashlib
 import re
 from collections.abc import Mapping
-from typing import Final
+from functools import lru_cache
+from typing import Final, NamedTuple
 
+from cryptography import x509
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat import asn1
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import dsa, ec, ed448, ed25519, padding, rsa, x448, x25519
 from cryptography.hazmat.primitives.asymmetric.types import PublicKeyTypes
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+
+from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.der import SEQUENCE, children
 
 SIGNATURE_ALGORITHMS: Final[Mapping[str, str]] = {
     # OpenSSL's names (crypto/objects/objects.txt), as `openssl x509 -text` prints them.
@@ -87,23 +93,21 @@ def identity(key: PublicKeyTypes) -> str:
     return hashlib.sha256(encoded).hexdigest()
 
 
+_CURVELESS: Final[dict[type, str]] = {
+    ed25519.Ed25519PublicKey: "Ed25519",
+    ed448.Ed448PublicKey: "Ed448",
+    x25519.X25519PublicKey: "X25519",
+    x448.X448PublicKey: "X448",
+}
+
+
 def kind(key: PublicKeyTypes) -> str:
     """Return algorithm and size, as in `EC secp256r1`, `RSA 2048`, `Ed25519`."""
     if isinstance(key, ec.EllipticCurvePublicKey):
         return f"EC {key.curve.name}"
-    if isinstance(key, rsa.RSAPublicKey):
-        return f"RSA {key.key_size}"
-    if isinstance(key, dsa.DSAPublicKey):
-        return f"DSA {key.key_size}"
-    for kind_of_key, name in (
-        (ed25519.Ed25519PublicKey, "Ed25519"),
-        (ed448.Ed448PublicKey, "Ed448"),
-        (x25519.X25519PublicKey, "X25519"),
-        (x448.X448PublicKey, "X448"),
-    ):
-        if isinstance(key, kind_of_key):
-            return name
-    return type(key).__name__
+    if isinstance(key, rsa.RSAPublicKey | dsa.DSAPublicKey):
+        return f"{'RSA' if isinstance(key, rsa.RSAPublicKey) else 'DSA'} {key.key_size}"
+    return next((name for each, name in _CURVELESS.items() if isinstance(key, each)), type(key).__name__)
 
 
 def verifies(
@@ -121,29 +125,37 @@ def verifies(
     signature that this key did not make.
     """
     name = SIGNATURE_ALGORITHMS.get(algorithm)
-    if name is None:
+    if name is None or not isinstance(key, _VERIFYING):  # DSA, keys that sign nothing: no run time was measured
         return None
+    if is_of_another_kind(name, kind(key)):
+        return False
+    if name.startswith("ecdsa") and "SHA3-" in name:  # OpenSSL 3.0 finds no issuer for ECDSA with SHA-3 (measured)
+        return None
+    # The library hands out no parameters where it would not sign itself: MD5, SHA-1.
+    scheme = parameters if isinstance(parameters, padding.PSS) else padding.PKCS1v15()
+    return _made(key, signature, data, None if name == "rsassaPss" and scheme is not parameters else scheme, digest)
+
+
+def _made(
+    key: PublicKeyTypes,
+    signature: bytes,
+    data: bytes,
+    scheme: padding.PSS | padding.PKCS1v15 | None,
+    digest: hashes.HashAlgorithm | None,
+) -> bool | None:
+    """Whether `key` made `signature` over `data`, with this padding for RSA; None where that cannot be checked."""
     try:
-        if isinstance(key, rsa.RSAPublicKey) and "rsa" in name.lower():
-            # The library hands out no parameters where it would not sign itself: MD5, SHA-1.
-            pkcs1 = padding.PKCS1v15() if name != "rsassaPss" else None
-            scheme = parameters if isinstance(parameters, padding.PSS) else pkcs1
-            if scheme is None or digest is None:
-                return None
+        if isinstance(key, rsa.RSAPublicKey) and scheme is not None and digest is not None:
             key.verify(signature, data, scheme, digest)
-        elif isinstance(key, ec.EllipticCurvePublicKey) and name.startswith("ecdsa"):
-            if digest is None or "SHA3-" in name:  # OpenSSL 3.0 finds no issuer for ECDSA with SHA-3 (measured)
-                return None
+        elif isinstance(key, ec.EllipticCurvePublicKey) and digest is not None:
             key.verify(signature, data, ec.ECDSA(digest))
-        elif isinstance(key, ed25519.Ed25519PublicKey | ed448.Ed448PublicKey) and name == kind(key).upper():
+        elif isinstance(key, ed25519.Ed25519PublicKey | ed448.Ed448PublicKey) and digest is None:
             key.verify(signature, data)
-        elif isinstance(key, _VERIFYING):
-            return False
-        else:  # DSA, and keys that make no signatures: no run time was measured with them
+        else:
             return None
     except InvalidSignature:
         return False
-    except (UnsupportedAlgorithm, ValueError):  # a digest that OpenSSL was built without, odd PSS parameters
+    except (UnsupportedAlgorithm, ValueError):  # a digest or curve that this build lacks, odd PSS parameters
         return None
     return True
 
@@ -154,3 +166,102 @@ _VERIFYING: Final = (
     ed25519.Ed25519PublicKey,
     ed448.Ed448PublicKey,
 )
+
+
+# --- algorithms of CMS (RFC 3370, 5754, 8419)
+
+DIGESTS: Final[Mapping[str, hashes.HashAlgorithm]] = {
+    "md5": hashes.MD5(),  # noqa: S303 - evidence, and a finding
+    "sha1": hashes.SHA1(),  # noqa: S303 - evidence, and a finding
+    "sha224": hashes.SHA224(),
+    "sha256": hashes.SHA256(),
+    "sha384": hashes.SHA384(),
+    "sha512": hashes.SHA512(),
+}
+_DIGEST_NAMES: Final = {
+    "1.2.840.113549.2.5": "md5",
+    "1.3.14.3.2.26": "sha1",
+    "2.16.840.1.101.3.4.2.4": "sha224",
+    "2.16.840.1.101.3.4.2.1": "sha256",
+    "2.16.840.1.101.3.4.2.2": "sha384",
+    "2.16.840.1.101.3.4.2.3": "sha512",
+}
+_WITH_DIGEST: Final = re.compile(r"(?:ecdsa-with-)?(md5|sha\d+)(WithRSAEncryption)?", re.IGNORECASE)
+_ALONE: Final = {"1.2.840.113549.1.1.1": "RSA", "1.3.101.112": "Ed25519"}
+"""Signature algorithms that name no digest."""
+_RSA_PSS: Final = "1.2.840.113549.1.1.10"
+_NULL: Final = b"\x05\x00"
+
+Problem = tuple[Kind, str]
+"""What is out of order: a kind and a sentence."""
+
+
+class Digest(NamedTuple):
+    """A digest algorithm: its name, the dotted identifier of one that we do not know."""
+
+    name: str
+    has_parameters: bool
+    problems: tuple[Problem, ...]
+
+
+class Scheme(NamedTuple):
+    """What a signature algorithm demands: the kind of key (None: we know no such algorithm), and the digest."""
+
+    family: str | None
+    digest: hashes.HashAlgorithm | None
+    problems: tuple[Problem, ...]
+
+    def made_by(self, key: PublicKeyTypes, signature: bytes, data: bytes) -> bool | None:
+        """Whether `key` made `signature` over `data`; None where that cannot be checked here."""
+        if self.family is None or not kind(key).startswith(self.family):
+            return None
+        return _made(key, signature, data, padding.PKCS1v15(), self.digest)
+
+
+@lru_cache(maxsize=64)  # a keystore has two or three; bounded, since a hostile one may have any number
+def read_digest(der: bytes) -> Digest:
+    """Read the AlgorithmIdentifier of a digest; raise ValueError if it is none."""
+    identifier, has_parameters = _read(der)
+    name = _DIGEST_NAMES.get(identifier, identifier)
+    problems = []
+    if has_parameters:
+        problems.append((Kind.CMS_MALFORMED, f"the digest algorithm {name} has parameters"))
+    if is_weak_algorithm(name):
+        problems.append((Kind.WEAK_DIGEST, f"signed over a digest by {name}, for which collisions are known"))
+    elif name not in DIGESTS:
+        problems.append((Kind.UNSUPPORTED_ALGORITHM, f"signed over a digest by {name}, which is not checked here"))
+    return Digest(name, has_parameters, tuple(problems))
+
+
+@lru_cache(maxsize=64)
+def read_scheme(der: bytes, digest: str) -> Scheme:
+    """Read the AlgorithmIdentifier of a signature over `digest`; raise ValueError if it is none.
+
+    OpenSSL ignores it and goes by key and digest, so one that contradicts them is a problem, no refusal.
+    """
+    identifier, has_parameters = _read(der)
+    named = _WITH_DIGEST.fullmatch(SIGNATURE_ALGORITHMS.get(identifier, ""))
+    family = ("RSA" if named[2] else "EC") if named else _ALONE.get(identifier)
+    if family is None:
+        # PKCS7_verify takes every signature by an RSA key for PKCS#1 v1.5 (measured, OpenSSL 3.0.19).
+        unverified = "an RSA-PSS signature, which the PKCS#7 reader of OpenSSL does not verify"
+        unknown = f"signature algorithm {identifier} is not checked here"
+        return Scheme(None, None, ((Kind.UNSUPPORTED_ALGORITHM, unverified if identifier == _RSA_PSS else unknown),))
+    problems = []
+    if has_parameters:
+        problems.append((Kind.CMS_MALFORMED, f"the signature algorithm {identifier} has parameters"))
+    if named and named[1].lower() != digest:
+        detail = f"the signature algorithm {identifier} means {named[1].lower()}, the digest algorithm is {digest}"
+        problems.append((Kind.CMS_MALFORMED, detail))
+    if family == "Ed25519":  # EVP_VerifyFinal, which PKCS7_verify calls, has no Ed25519
+        unverified = "an Ed25519 signature, which the PKCS#7 reader of OpenSSL does not verify"
+        problems.append((Kind.UNSUPPORTED_ALGORITHM, unverified))
+    return Scheme(family, None if family == "Ed25519" else DIGESTS.get(digest), tuple(problems))
+
+
+def _read(der: bytes) -> tuple[str, bool]:
+    """The identifier of an AlgorithmIdentifier, and whether it has parameters; absent ones and NULL say the same."""
+    identifier, *parameters = children(der)
+    if der[0] != SEQUENCE:
+        raise ValueError("no sequence")
+    return asn1.decode_der(x509.ObjectIdentifier, identifier).dotted_string, parameters not in ([], [_NULL])

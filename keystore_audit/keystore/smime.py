@@ -17,10 +17,10 @@ from msgspec.structs import replace
 from keystore_audit.keystore.certificate import Certificate, read_certificates
 from keystore_audit.keystore.cms import CmsError, SignedData, SignerInfo, has_string_values, read_signed_data
 from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.der import well_formed_throughout
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.mime import Message, MimeError, read_message, split_text
-from keystore_audit.keystore.signature_algorithm import DIGESTS
-from keystore_audit.keystore.universal import well_formed_throughout
+from keystore_audit.keystore.public_key import DIGESTS
 
 MAX_KEYS_TRIED: Final = 64
 """Distinct keys that are tried on one signature beyond those that it names: a document that no certificate of the

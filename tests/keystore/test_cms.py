@@ -16,8 +16,8 @@ from msgspec.structs import replace
 
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.der import well_formed
 from keystore_audit.keystore.smime import SignedDocument, read_signed
-from keystore_audit.keystore.universal import well_formed
 from tests.keystore.builder import Signed, evidence, present
 from tests.keystore.messages import taken_apart, with_signature
 from tests.oracles.smime.comparison import compare
@@ -114,7 +114,7 @@ SHA1_MASK = tlv(0x30, tlv(0xA0, algorithm(SHA256, NULL)), tlv(0xA2, tlv(2, b"\x2
         (by_rsa(algorithm(RSA, NULL)), RSA_CA, True, set()),
         (by_rsa(algorithm(RSA)), RSA_CA, True, set()),
         (by_rsa(algorithm(SHA256_WITH_RSA, NULL)), RSA_CA, True, set()),
-        (by_rsa(algorithm(RSA_PSS, PSS_PARAMETERS), pss), RSA_CA, True, {Kind.UNSUPPORTED_ALGORITHM}),
+        (by_rsa(algorithm(RSA_PSS, PSS_PARAMETERS), pss), RSA_CA, False, {Kind.UNSUPPORTED_ALGORITHM}),
         (by_rsa(algorithm(RSA_PSS, PSS_PARAMETERS)), RSA_CA, False, {Kind.UNSUPPORTED_ALGORITHM}),
         (by_rsa(algorithm(RSA_PSS, SHA1_MASK), pss), RSA_CA, False, {Kind.UNSUPPORTED_ALGORITHM}),
         (by_rsa(algorithm(RSA_PSS), pss), RSA_CA, False, {Kind.UNSUPPORTED_ALGORITHM}),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -14,10 +13,9 @@ from cryptography.x509.oid import NameOID
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.keystore import mime, smime
+from keystore_audit.keystore import smime
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.mime import read_message
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
 from tests.keystore import messages
@@ -80,16 +78,6 @@ def test_lines_are_those_of_the_file(message: bytes, spoil: Callable[[bytes], by
         assert line is not None
         assert lines[line - 1].rstrip(b"\r") == text
     assert read_document.line(None) is None
-
-
-def test_the_literal_reader_of_stock_messages_agrees_with_the_exact_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    stock = {title: read_message(message) for title, message in (("openssl", STOCK), ("pyca", SROS2))}
-    exact = re.compile(rb"(?!)")
-    for name in ("_STOCK_HEADER", "_STOCK_SIGNATURE_HEADER"):
-        monkeypatch.setattr(mime, name, exact)
-    assert {"openssl": read_message(STOCK), "pyca": read_message(SROS2)} == stock
-    monkeypatch.setattr(mime, "_STOCK_TEXT_HEADER", b"never")
-    assert document(STOCK).content == document(SROS2).content == CRLF_GOVERNANCE
 
 
 def test_a_line_longer_than_the_buffer_is_one_line() -> None:
