@@ -67,6 +67,10 @@ class File(Struct, frozen=True, kw_only=True):
     opaque: str = ""
     """Why what is in it was not read, though its bytes were, in words; "" if it was."""
 
+    def __repr__(self) -> str:
+        """Without the content, which may hold a private key."""
+        return f"File({self.place!r}, {self.status.value})"
+
     @property
     def place(self) -> str:
         """The path to print: the resolved one where there is one."""

@@ -58,6 +58,10 @@ class Block(Struct, frozen=True, kw_only=True):
     line: int
     der: bytes | None
 
+    def __repr__(self) -> str:
+        """Without the content, which may be a private key."""
+        return f"Block({self.label!r}, line {self.line})"
+
     @property
     def is_private_key(self) -> bool:
         """Whether it holds, or says that it holds, a private key."""
