@@ -15,7 +15,6 @@ from typing import Final
 from lxml import etree
 
 from keystore_audit.keystore.defect import Defect, Kind, Malformed
-from keystore_audit.keystore.skeleton import Skeleton
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.text import shorten, terminal
 
@@ -35,26 +34,38 @@ MAX_QUOTED: Final = 80
 """Characters of a value or name that a defect quotes."""
 
 _SCHEMA_INSTANCE: Final = "http://www.w3.org/2001/XMLSchema-instance"
-_STOCK_START: Final = re.compile(
-    rb'(?:<\?xml version="1\.0"(?: encoding="[Uu][Tt][Ff]-8")?\?>\s*)?'
-    rb'<dds(?:\s+xmlns:xsi="http://www\.w3\.org/2001/XMLSchema-instance"'
-    rb'(?:\s+xsi:noNamespaceSchemaLocation="[^"<&]*")?)?\s*>'
-)
 _LOCATION: Final = f"{{{_SCHEMA_INSTANCE}}}noNamespaceSchemaLocation"
 
 _CONTROLS: Final = bytes(code for code in (*range(0x20), 0x7F) if code not in b"\t\n\r")
 _DECLARED_ENCODING: Final = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([^"'>]*)["']""")
 _MARKUP: Final = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!\[CDATA\[|<!DOCTYPE", re.DOTALL)
 _BLANKS: Final = " \t\r\n"
-_BLANK_IN_END_TAG: Final = re.compile(rb"</[^\s<>]+\s")
-_REFERENCE_TO_BLANK: Final = re.compile(rb"&#(?:0*(?:9|10|13|32)|[xX]0*(?:9|[aA]|[dD]|20));")
-_BROKEN_ATTRIBUTE: Final = re.compile(rb"""\s[\w:.-]+\s*=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])""")
+_SPELLINGS: Final = (
+    # What a tree does not show and parsers do not spell alike (measured: tinyxml2 9, Cyclone DDS 0.10.2).
+    (re.compile(rb"</[^\s<>]+\s"), "a blank in an end tag, which Cyclone DDS refuses"),
+    (
+        re.compile(rb"&#(?:0*(?:9|10|13|32)|[xX]0*(?:9|[aA]|[dD]|20));"),
+        "a character reference to a blank, which Cyclone DDS does not take for one",
+    ),
+    (
+        re.compile(rb"""=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])"""),
+        "a tab or line end in an attribute, which some parsers turn into a blank",
+    ),
+)
 _COMMENT: Final = re.compile(rb"<!--.*?-->", re.DOTALL)
 _QUOTES: Final = ('"', "'", "\u2018", "\u201c")
 """Signs that begin a string for Cyclone DDS, whatever follows."""
-_ODD_STARTS: Final = (" ", *_QUOTES)
 
+_LIMITS: Final = f"more than {MAX_BYTES} bytes or {MAX_TAGS} tags, which are not read here"
 _SECOND_ROOT: Final = "Extra content at the end of the document"  # libxml2, XML_ERR_DOCUMENT_END
+
+_MARK: Final = b"\xef\xbb\xbf"
+_STOCK_NAMESPACE: Final = b'xmlns:xsi="%b"' % _SCHEMA_INSTANCE.encode()
+_DOCUMENT_TYPE: Final = "a document type: entities and defaults in it are read by some parsers and not by others"
+_CDATA: Final = "a CDATA section: Fast DDS reads only the first piece of a value, others the whole"
+
+_Said = tuple[Kind, int | None, str]
+"""What a defect says of a line of the text."""
 
 
 def read_xml(signed: SignedDocument) -> tuple[etree._Element | None, tuple[Defect, ...]]:
@@ -65,31 +76,26 @@ def read_xml(signed: SignedDocument) -> tuple[etree._Element | None, tuple[Defec
     content = signed.content
     if content is None:
         return None, ()
-    reading = _Reading(signed)
-    if len(content) > MAX_BYTES or content.count(b"<") > MAX_TAGS:
-        reading.add(Kind.BEYOND_LIMIT, 1, f"more than {MAX_BYTES} bytes or {MAX_TAGS} tags, which are not read here")
-        return None, reading.found()
-    if not content.strip():
-        reading.add(Kind.EMPTY_ELEMENT, 1, "the document is empty")
-        return None, reading.found()
-    if not reading.plain_bytes(content):
-        return None, reading.found()
-    try:
-        root = etree.fromstring(content, _parser())
-    except etree.XMLSyntaxError as error:
-        reading.syntax_error(error)
-        return None, reading.found()
-    except (ValueError, LookupError) as error:  # an unknown encoding
-        reading.add(Kind.XML_MALFORMED, 1, f"the text is no XML: {error}")
-        return None, reading.found()
-    if _only_elements(content):
-        reading.values(root)
-        return root, reading.found()
-    if any(len(element.attrib) > MAX_ATTRIBUTES for element in root.iter(etree.Element)):
-        reading.add(Kind.XML_MALFORMED, 1, f"an element with more than {MAX_ATTRIBUTES} attributes, which is not read")
-        return None, reading.found()
-    reading.nodes(root)
-    return root, reading.found()
+    root: etree._Element | None = None
+    said: list[_Said] = []
+    refused = _refused(content)
+    if refused is None:
+        said += itertools.islice(_spelled(content), MAX_DEFECTS)
+        refused = next(_markup(content, b"<!DOCTYPE", _DOCUMENT_TYPE), None)
+    if refused is None:
+        try:
+            root = _parsed(content)
+        except Malformed as error:
+            second = "text behind the end of the document: Fast DDS reads the first root alone, other parsers refuse it"
+            refused = (
+                (Kind.XML_AMBIGUOUS, error.line, second)
+                if _SECOND_ROOT in error.detail
+                else (Kind.XML_MALFORMED, error.line, error.detail)
+            )
+        else:
+            said += itertools.islice(_ambiguities(root, content), MAX_DEFECTS - len(said))
+    said += [refused] if refused is not None else []
+    return root, tuple(signed.defect(*each) for each in said[:MAX_DEFECTS])
 
 
 def parse_unsigned(content: bytes) -> etree._Element:
@@ -97,44 +103,31 @@ def parse_unsigned(content: bytes) -> etree._Element:
 
     Raises Malformed.
     """
-    if len(content) > MAX_BYTES or content.count(b"<") > MAX_TAGS:
-        raise Malformed(1, f"more than {MAX_BYTES} bytes or {MAX_TAGS} tags, which are not read")
-    declared = _DECLARED_ENCODING.match(content, 0, 512)
-    if b"\0" in content or (declared is not None and declared[1].upper() not in (b"UTF-8", b"US-ASCII")):
+    if _is_beyond_limits(content):
+        raise Malformed(1, _LIMITS)
+    if b"\0" in content or _declared_encoding(content) is not None:
         raise Malformed(1, "expected UTF-8, found another encoding")
-    for match in _MARKUP.finditer(content) if b"<!DOCTYPE" in content else ():
-        if match.group() == b"<!DOCTYPE":
-            raise Malformed(_line_of(content, match.start()), "a document type, which is not read")
-    try:
-        root = etree.fromstring(content, _parser())
-    except etree.XMLSyntaxError as error:
-        raise Malformed(error.lineno or 1, f"the text is no well-formed XML: {error.msg}") from None
-    except (ValueError, LookupError) as error:
-        raise Malformed(1, f"the text is no XML: {error}") from None
-    for element in root.iter(etree.Element):
-        if len(element.attrib) > MAX_ATTRIBUTES:
-            raise Malformed(source_line(element) or 1, f"more than {MAX_ATTRIBUTES} attributes, which are not read")
-    return root
+    for _kind, line, _detail in _markup(content, b"<!DOCTYPE", _DOCUMENT_TYPE):
+        raise Malformed(line or 1, "a document type, which is not read")
+    return _parsed(content)
 
 
-def _only_elements(content: bytes) -> bool:
-    """Whether there is nothing but elements and text in it, which every document of sros2's is.
-
-    No comment, instruction, CDATA, character reference, and no attribute but those on the root and names of grants.
-    """
-    start = _STOCK_START.match(content)
-    if start is None:
-        return False
-    end = start.end()
-    # Cheap to look for, nearly always absent: the detailed look is right for every document, only slower.
-    if any(content.find(sign, end) >= 0 for sign in (b"!", b"?", b"&", b"'", b"<xsi:")):
-        return False
-    return content.count(b'"', end) == 2 * content.count(b'<grant name="', end)
+def _is_beyond_limits(content: bytes) -> bool:
+    return len(content) > MAX_BYTES or content.count(b"<") > MAX_TAGS
 
 
-def _parser() -> etree.XMLParser:
-    """A new parser each time: it costs 2 µs and shares no state between documents. CDATA and comments are kept."""
-    return etree.XMLParser(
+def _declared_encoding(content: bytes) -> str | None:
+    """The encoding that the text says it has, where that is neither UTF-8 nor ASCII."""
+    declared = _DECLARED_ENCODING.match(content, 0, 512)
+    if declared is None or declared[1].upper() in (b"UTF-8", b"US-ASCII"):
+        return None
+    return declared[1].decode("ascii", "backslashreplace")
+
+
+def _parsed(content: bytes) -> etree._Element:
+    """The root; CDATA and comments are kept. Raises Malformed."""
+    # A new parser each time: it costs 2 µs and shares no state between documents.
+    parser = etree.XMLParser(
         resolve_entities=False,
         no_network=True,
         load_dtd=False,
@@ -145,180 +138,132 @@ def _parser() -> etree.XMLParser:
         remove_pis=False,
         collect_ids=False,
     )
+    try:
+        root = etree.fromstring(content, parser)
+    except etree.XMLSyntaxError as error:
+        raise Malformed(error.lineno or 1, f"the text is no well-formed XML: {error.msg}") from None
+    except (ValueError, LookupError) as error:  # an unknown encoding
+        raise Malformed(1, f"the text is no XML: {error}") from None
+    for element in root.iter(etree.Element) if content.count(b"=") > MAX_ATTRIBUTES else ():
+        if len(element.attrib) > MAX_ATTRIBUTES:
+            detail = f"an element with more than {MAX_ATTRIBUTES} attributes, which is not read"
+            raise Malformed(source_line(element) or 1, detail)
+    return root
 
 
-class _Reading:
-    """Collects the defects of one document."""
+# --- before parsing
 
-    def __init__(self, signed: SignedDocument) -> None:
-        self._signed = signed
-        self._defects: list[Defect] = []
-        self._skeleton = Skeleton()
 
-    def found(self) -> tuple[Defect, ...]:
-        return tuple(self._defects)
-
-    def add(self, kind: Kind, line: int | None, detail: str) -> None:
-        if len(self._defects) < MAX_DEFECTS:
-            self._defects.append(self._signed.defect(kind, line, detail))
-
-    @property
-    def full(self) -> bool:
-        return len(self._defects) >= MAX_DEFECTS
-
-    def ambiguous(self, line: int | None, detail: str) -> None:
-        self.add(Kind.XML_AMBIGUOUS, line, detail)
-
-    # --- before parsing
-
-    def plain_bytes(self, content: bytes) -> bool:
-        """Look for what makes the text itself differ between readers; False where parsing it makes no sense."""
-        if content.startswith((b"\xff\xfe", b"\xfe\xff", b"\x00<", b"<\x00", b"\x00\x00")):
-            self.ambiguous(1, "expected UTF-8, found UTF-16 or UTF-32, which Fast DDS and Cyclone DDS cannot read")
-            return False
-        if len(content.translate(None, _CONTROLS)) != len(content):
-            line, code = next((_line_of(content, i), byte) for i, byte in enumerate(content) if byte in _CONTROLS)
+def _refused(content: bytes) -> _Said | None:
+    """Why parsing the text makes no sense."""
+    if _is_beyond_limits(content):
+        return Kind.BEYOND_LIMIT, 1, _LIMITS
+    if not content.strip():
+        return Kind.EMPTY_ELEMENT, 1, "the document is empty"
+    if content.startswith((b"\xff\xfe", b"\xfe\xff", b"\x00<", b"<\x00", b"\x00\x00")):
+        detail = "expected UTF-8, found UTF-16 or UTF-32, which Fast DDS and Cyclone DDS cannot read"
+        return Kind.XML_AMBIGUOUS, 1, detail
+    if len(content.translate(None, _CONTROLS)) != len(content):
+        at = content.find(b"\0")
+        read = "Fast DDS and Cyclone DDS ignore everything behind it, others refuse the text"
+        if at < 0:
+            at = next(position for position, byte in enumerate(content) if byte in _CONTROLS)
             read = "Fast DDS and Cyclone DDS accept it, others refuse the text"
-            if b"\0" in content:
-                line, code = _line_of(content, content.find(b"\0")), 0
-                read = "Fast DDS and Cyclone DDS ignore everything behind it, others refuse the text"
-            self.ambiguous(line, f"the control character 0x{code:02x}: {read}")
-            return False
-        declared = _DECLARED_ENCODING.match(content, 0, 512)
-        if declared is not None and declared[1].upper() not in (b"UTF-8", b"US-ASCII"):
-            name = declared[1].decode("ascii", "backslashreplace")
-            self.ambiguous(1, f"expected encoding UTF-8, found {_shown(name)}, which Fast DDS and Cyclone DDS ignore")
-            return False
-        if content.count(b"\r") != content.count(b"\r\n"):
-            self.ambiguous(_lone_return(content), "a carriage return without line feed: parsers read it differently")
-        self._spelling(content)
-        if not content.isascii():
-            self._invisible(content)
-        return not (b"!" in content and self._has_document_type(content))
+        return Kind.XML_AMBIGUOUS, _line_of(content, at), f"the control character 0x{content[at]:02x}: {read}"
+    name = _declared_encoding(content)
+    if name is not None:
+        detail = f"expected encoding UTF-8, found {_shown(name)}, which Fast DDS and Cyclone DDS ignore"
+        return Kind.XML_AMBIGUOUS, 1, detail
+    return None
 
-    def _spelling(self, content: bytes) -> None:
-        """Find what a tree does not show and parsers do not spell alike (measured: tinyxml2 9, Cyclone DDS 0.10.2)."""
-        text = _COMMENT.sub(_emptied, content) if b"<!--" in content else content
-        self._skeleton = Skeleton(text)
-        if not self._skeleton.odd:
-            return
-        for pattern, detail in (
-            (_BLANK_IN_END_TAG, "a blank in an end tag, which Cyclone DDS refuses"),
-            (_REFERENCE_TO_BLANK, "a character reference to a blank, which Cyclone DDS does not take for one"),
-            (_BROKEN_ATTRIBUTE, "a tab or line end in an attribute, which some parsers turn into a blank"),
-        ):
-            if pattern is _BROKEN_ATTRIBUTE and not self._skeleton.broken:
-                continue
-            match = pattern.search(text)
-            if match is not None:
-                self.ambiguous(_line_of(text, match.start()), detail)
 
-    def _invisible(self, content: bytes) -> None:
-        if content.startswith(b"\xef\xbb\xbf"):
-            self.ambiguous(1, "a byte order mark, which Cyclone DDS refuses and Fast DDS skips")
-            content = content[3:]
-        text = content.decode("utf-8", "replace")
-        invisible = _unseen(text) - set(_BLANKS)
-        for match in re.finditer(f"[{re.escape(''.join(invisible))}]", text) if invisible else ():
-            line = text.count("\n", 0, match.start()) + 1
-            self.ambiguous(
-                line, f"the invisible character U+{ord(match.group()):04X}: what people see is not what is read"
-            )
-            if self.full:
-                break
+def _spelled(content: bytes) -> Iterator[_Said]:
+    """What makes the text itself differ between readers."""
+    if content.count(b"\r") != content.count(b"\r\n"):
+        detail = "a carriage return without line feed: parsers read it differently"
+        yield Kind.XML_AMBIGUOUS, _line_of(content, content.replace(b"\r\n", b"\n\n").find(b"\r")), detail
+    text = _COMMENT.sub(_emptied, content) if b"<!--" in content else content
+    for pattern, detail in _SPELLINGS:
+        match = pattern.search(text)
+        if match is not None:
+            yield Kind.XML_AMBIGUOUS, _line_of(text, match.start()), detail
+    if content.startswith(_MARK):
+        yield Kind.XML_AMBIGUOUS, 1, "a byte order mark, which Cyclone DDS refuses and Fast DDS skips"
+    characters = "" if content.isascii() else content.removeprefix(_MARK).decode("utf-8", "replace")
+    invisible = _unseen(characters) - set(_BLANKS)
+    for seen in re.finditer(f"[{re.escape(''.join(invisible))}]", characters) if invisible else ():
+        detail = f"the invisible character U+{ord(seen.group()):04X}: what people see is not what is read"
+        yield Kind.XML_AMBIGUOUS, characters.count("\n", 0, seen.start()) + 1, detail
+    yield from _markup(content, b"<![CDATA[", _CDATA)
 
-    def syntax_error(self, error: etree.XMLSyntaxError) -> None:
-        line = error.lineno or 1
-        if _SECOND_ROOT in str(error.msg):
-            detail = "text behind the end of the document: Fast DDS reads the first root alone, other parsers refuse it"
-            self.ambiguous(line, detail)
-        else:
-            self.add(Kind.XML_MALFORMED, line, f"the text is no well-formed XML: {error.msg}")
 
-    def _has_document_type(self, content: bytes) -> bool:
-        """Find what a tree does not show: CDATA sections, and a document type, with which no parser is handed the text.
+def _markup(content: bytes, sign: bytes, detail: str) -> Iterator[_Said]:
+    """Find what a tree does not show: CDATA sections, and a document type, with which no parser is handed the text.
 
-        Even with `load_dtd=False` lxml 6.1 tries to open an external one.
-        """
-        for match in _MARKUP.finditer(content):
-            if match.group() == b"<!DOCTYPE":
-                detail = "a document type: entities and defaults in it are read by some parsers and not by others"
-                self.ambiguous(_line_of(content, match.start()), detail)
-                return True
-            if match.group() == b"<![CDATA[" and not self.full:
-                detail = "a CDATA section: Fast DDS reads only the first piece of a value, others the whole"
-                self.ambiguous(_line_of(content, match.start()), detail)
-        return False
+    Even with `load_dtd=False` lxml 6.1 tries to open an external one.
+    """
+    for match in _MARKUP.finditer(content) if sign in content else ():
+        if match.group() == sign:
+            yield Kind.XML_AMBIGUOUS, _line_of(content, match.start()), detail
 
-    # --- after parsing
 
-    def values(self, root: etree._Element) -> None:
-        """Look at the values of a text in which there is nothing but elements. Blanks but " " are not printable."""
-        for element in root.iter() if self._skeleton.remarkable else ():
-            text = element.text if len(element) == 0 else None
-            if text and (not text.isprintable() or text[0] in _ODD_STARTS or text[-1] == " "):
-                self._value(element, text)
+# --- after parsing
 
-    def nodes(self, root: etree._Element) -> None:
-        """Look at every node, until there are defects enough."""
-        self._declarations(root)
-        for node in itertools.chain(root.itersiblings(preceding=True), root.iter(), root.itersiblings()):
-            if self.full:
-                return
-            if _is(node, etree.ProcessingInstruction):
-                self.ambiguous(source_line(node), f"the instruction {_shown(node)}, which some parsers refuse")
-            elif isinstance(node.tag, str):
-                self._element(node, node.tag)
 
-    def _declarations(self, root: etree._Element) -> None:
+def _ambiguities(root: etree._Element, content: bytes) -> Iterator[_Said]:
+    """What the nodes show, declarations of namespaces first."""
+    if content.count(b"xmlns") != content.count(_STOCK_NAMESPACE):
         for element in root.iter(etree.Element):
-            if self.full:
-                return
             outer = element.getparent()
             inherited: dict[str | None, str] = {"xsi": _SCHEMA_INSTANCE} if outer is None else dict(outer.nsmap)
             for prefix, name in element.nsmap.items():
                 if inherited.get(prefix) != name:
                     found = f"{_shown(prefix or 'no prefix')} for {_shown(name)}"
                     detail = f"expected no namespace but xmlns:xsi on the root, found {found}"
-                    self.ambiguous(source_line(element), f"{detail}: Cyclone DDS refuses it, Fast DDS ignores it")
+                    yield _at(element, f"{detail}: Cyclone DDS refuses it, Fast DDS ignores it")
+    for node in itertools.chain(root.itersiblings(preceding=True), root.iter(), root.itersiblings()):
+        if _is(node, etree.ProcessingInstruction):
+            yield _at(node, f"the instruction {_shown(node)}, which some parsers refuse")
+        elif isinstance(node.tag, str):
+            yield from _of_element(node, node.tag)
 
-    def _element(self, element: etree._Element, tag: str) -> None:
-        line = source_line(element)
+
+def _at(element: etree._Element, detail: str) -> _Said:
+    return Kind.XML_AMBIGUOUS, source_line(element), detail
+
+
+def _of_element(element: etree._Element, tag: str) -> Iterator[_Said]:
+    if tag[0] == "{":
         parent = element.getparent()
-        if tag[0] == "{" and (parent is None or str(parent.tag)[0] != "{"):
+        if parent is None or str(parent.tag)[0] != "{":
             detail = f"the element {_shown(tag)} in a namespace: Fast DDS and Cyclone DDS go by the name alone"
-            self.ambiguous(line, detail)
-        for name, value in element.items():
-            if str(name)[0] == "{" and (name != _LOCATION or parent is not None):
-                self.ambiguous(line, f"the attribute {_shown(name)}, which Cyclone DDS refuses and Fast DDS ignores")
-            elif _unseen(str(value)):
-                self.ambiguous(line, f"a control character in the attribute {_shown(name)}: {_shown(value)}")
-        if len(element) == 0:
-            self._value(element, str(element.text or ""))
-        elif not any(isinstance(child.tag, str) for child in element):
-            self._pieces(element)
-        elif tag == "dds" and _is(element[-1], etree.Comment) and element.find("domain_access_rules") is not None:
-            detail = "a comment behind </domain_access_rules>: Fast DDS refuses the document"
-            self.ambiguous(source_line(element[-1]), detail)
-
-    def _value(self, element: etree._Element, text: str) -> None:
-        if text.strip(_BLANKS) != text:
-            detail = f"{_shown(text)} with blanks around it: Cyclone DDS trims them, Fast DDS does not"
-            self.ambiguous(source_line(element), f"the value of <{_name(element)}> is {detail}")
-        elif text.startswith(_QUOTES):
-            detail = f"{_shown(text)}, which begins with a quote: Cyclone DDS refuses the document"
-            self.ambiguous(source_line(element), f"the value of <{_name(element)}> is {detail}")
-        elif _unseen(text):
-            detail = f"a control or invisible character in the value {_shown(text)} of <{_name(element)}>"
-            self.ambiguous(source_line(element), detail)
-
-    def _pieces(self, element: etree._Element) -> None:
-        """A value with comments, instructions or entity references in it."""
-        first = str(element.text or "")
+            yield _at(element, detail)
+    for name, value in element.items():
+        if str(name)[0] == "{" and (name != _LOCATION or element.getparent() is not None):
+            yield _at(element, f"the attribute {_shown(name)}, which Cyclone DDS refuses and Fast DDS ignores")
+        elif _unseen(str(value)):
+            yield _at(element, f"a control character in the attribute {_shown(name)}: {_shown(value)}")
+    first = str(element.text or "")
+    if len(element) == 0:
+        odd = _odd_value(first)
+        if odd:
+            yield _at(element, odd.format(value=_shown(first), name=_name(element)))
+    elif not any(isinstance(child.tag, str) for child in element):  # comments, instructions, entity references
         joined = first + "".join(str(child.tail or "") for child in element)
         what = "a comment" if all(_is(child, etree.Comment) for child in element) else "other nodes"
         read = f"Fast DDS reads only the first piece, {_shown(first)}, Cyclone DDS and OpenDDS {_shown(joined)}"
-        self.ambiguous(source_line(element), f"{what} inside the value of <{_name(element)}>: {read}")
+        yield _at(element, f"{what} inside the value of <{_name(element)}>: {read}")
+    elif tag == "dds" and _is(element[-1], etree.Comment) and element.find("domain_access_rules") is not None:
+        yield _at(element[-1], "a comment behind </domain_access_rules>: Fast DDS refuses the document")
+
+
+def _odd_value(text: str) -> str:
+    """How implementations read a value differently, with places for it and its element; "" where they do not."""
+    if text.strip(_BLANKS) != text:
+        return "the value of <{name}> is {value} with blanks around it: Cyclone DDS trims them, Fast DDS does not"
+    if text.startswith(_QUOTES):
+        return "the value of <{name}> is {value}, which begins with a quote: Cyclone DDS refuses the document"
+    return "a control or invisible character in the value {value} of <{name}>" if _unseen(text) else ""
 
 
 def _unseen(text: str) -> set[str]:
@@ -354,11 +299,6 @@ def _line_of(content: bytes, offset: int) -> int:
 
 def _emptied(comment: re.Match[bytes]) -> bytes:
     return b"\n" * comment[0].count(b"\n")
-
-
-def _lone_return(content: bytes) -> int:
-    match = re.search(rb"\r(?!\n)", content)
-    return 1 if match is None else _line_of(content, match.start())
 
 
 REPEATABLE: Final = frozenset(

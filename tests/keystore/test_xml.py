@@ -9,9 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
-from keystore_audit.keystore import xml
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.skeleton import Skeleton
 from keystore_audit.keystore.xml import MAX_DEFECTS, duplicates, read_xml, source_line
 from tests.keystore.builder import GOVERNANCE
 from tests.keystore.documents import FIRST_LINE, PERMISSIONS, SHARED, signed
@@ -65,53 +63,6 @@ def test_plain_xml_is_read_without_a_word(title: str) -> None:
     root, defects = read(CLEAN[title])
     assert root is not None
     assert defects == ()
-
-
-def test_the_quick_look_says_what_the_detailed_one_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    everything = [*CLEAN.values(), *(content for content, *_ in AMBIGUOUS.values())]
-    quick = [read(content)[1] for content in everything]
-    monkeypatch.setattr(xml, "_only_elements", lambda _: False)
-    assert [read(content)[1] for content in everything] == quick
-
-
-_PIECES = (
-    "</",
-    "/",
-    "<",
-    ">",
-    "a",
-    "=",
-    '"',
-    "'",
-    " ",
-    "\t",
-    "\n",
-    "\r",
-    "&#",
-    "0",
-    "32",
-    "x",
-    "9",
-    ";",
-    "&",
-    "\u00e9",
-)
-
-
-@given(st.lists(st.sampled_from(_PIECES), max_size=12).map("".join))
-def test_the_skeleton_misses_nothing(text: str) -> None:
-    content = f"<a {text}>".encode()
-    skeleton = Skeleton(content)
-    for pattern in (xml._BLANK_IN_END_TAG, xml._REFERENCE_TO_BLANK, xml._BROKEN_ATTRIBUTE):
-        assert pattern.search(content) is None or skeleton.odd
-    assert xml._BROKEN_ATTRIBUTE.search(content) is None or skeleton.broken
-
-
-@given(st.text(alphabet=" \t\n\r'\"\u2018\u201c\u00a0\u0085=/>a", max_size=4))
-def test_every_value_is_judged_as_by_the_detailed_look(value: str) -> None:
-    content = with_name(value.encode())
-    commented = content.replace(b"<grant ", b"<!-- -->\n<grant ").replace(b"\n<grant", b"<grant")  # looked at in detail
-    assert read(content)[1] == read(commented)[1]
 
 
 # --- the catalogue of what implementations read differently (facts, x509-pkcs7-xml 4.1): content, line, words
