@@ -156,7 +156,7 @@ def rows(store: Path) -> dict[str, float]:
     """Each step of one enclave, in raw verifications, and the whole of `read_keystore`."""
     keystore = read_keystore(store)
     with Root.open(store) as root:
-        keys = [root.unsealed(root.secret(each.files.files[Role.KEY].path)) for each in keystore.enclaves]
+        keys = [root.unsealed(root.sealed(each.files.files[Role.KEY].path)) for each in keystore.enclaves]
     own = [each.certificate.certificates[0] for each in keystore.enclaves if each.certificate]
     candidates = Candidates([*(each for file in keystore.authorities for each in file.certificates), *own])
     subjects = [Subject(enclave, key, candidates) for enclave, key in zip(keystore.enclaves, keys, strict=True)]

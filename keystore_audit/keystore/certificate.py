@@ -5,14 +5,19 @@ from __future__ import annotations
 import hashlib
 import warnings
 from datetime import datetime
-from typing import Final
+from typing import Final, TypeGuard
 
 from cryptography import x509
-from cryptography.exceptions import UnsupportedAlgorithm
 from msgspec import Struct
 
 from keystore_audit.keystore import public_key
-from keystore_audit.keystore.crl import REVOCATION_LIST_LABEL, RevocationList, read_revocation_list
+from keystore_audit.keystore.crl import (
+    REVOCATION_LIST_LABEL,
+    RevocationList,
+    extension_of,
+    read_revocation_list,
+    unknown_critical,
+)
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts, well_formed_throughout
 from keystore_audit.keystore.files import File
@@ -51,7 +56,7 @@ _CONSTRAINTS: Final = frozenset(
 )
 
 
-NETSCAPE_TYPE: Final = x509.ObjectIdentifier("2.16.840.1.113730.1.1")
+_NETSCAPE_TYPE: Final = x509.ObjectIdentifier("2.16.840.1.113730.1.1")
 
 _KEY_USAGES: Final = (
     ("digital_signature", "digitalSignature"),
@@ -211,27 +216,14 @@ def read_certificate(der: bytes, line: int, path: str) -> Certificate | Defect:
 
 def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Certificate:
     """Look at every part, so that whatever is malformed raises here and not in a rule."""
-    signed = _signed_parts(parsed)
+    signed = parts(parsed.tbs_certificate_bytes, 7 if parsed.version is x509.Version.v3 else 6)
+    signed = signed[1:] if signed[0][:1] == b"\xa0" else signed  # behind the version: RFC 5280, 4.1
+    _serial, algorithm, issuer_der, _validity, subject_der, encoded_key = signed[:6]
     subject, issuer = parsed.subject, parsed.issuer  # the library reads them anew each time, and warns each time
-    key, key_kind = _key(parsed, signed[5])
-    is_ca: bool | None = None
-    path_length: int | None = None
-    usage: frozenset[str] | None = None
-    extended: frozenset[str] | None = None
-    critical: list[str] = []
-    constraints: list[str] = []
-    for extension in parsed.extensions:
-        value = extension.value
-        if extension.oid.dotted_string in _CONSTRAINTS or _is_odd(value):
-            constraints.append(extension.oid.dotted_string)
-        if isinstance(value, x509.BasicConstraints):
-            is_ca, path_length = value.ca, value.path_length
-        elif isinstance(value, x509.KeyUsage):
-            usage = _usages(value)
-        elif isinstance(value, x509.ExtendedKeyUsage):
-            extended = frozenset(purpose.dotted_string for purpose in value)
-        if extension.critical and extension.oid.dotted_string not in _PROCESSED:
-            critical.append(extension.oid.dotted_string)
+    key, key_kind = _key(parsed, encoded_key)
+    extensions = parsed.extensions
+    basic = extension_of(extensions, x509.BasicConstraints)
+    usage, extended = extension_of(extensions, x509.KeyUsage), extension_of(extensions, x509.ExtendedKeyUsage)
     return Certificate(
         path=path,
         line=line,
@@ -240,21 +232,25 @@ def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Cer
         issuer=issuer.rfc4514_string(),
         subject_name=subject,
         issuer_name=issuer,
-        subject_der=signed[4],
-        issuer_der=signed[2],
+        subject_der=subject_der,
+        issuer_der=issuer_der,
         serial=parsed.serial_number,
         not_before=parsed.not_valid_before_utc,
         not_after=parsed.not_valid_after_utc,
         key=key,
         key_kind=key_kind,
         signature_algorithm=public_key.signature_algorithm(parsed.signature_algorithm_oid.dotted_string),
-        is_ca=is_ca,
-        path_length=path_length,
-        key_usage=usage,
-        extended_key_usage=extended,
-        unknown_critical=tuple(critical),
-        constraints=tuple(constraints),
-        algorithms_agree=signed[1] == parts(der, 2)[1],
+        is_ca=None if basic is None else basic.ca,
+        path_length=None if basic is None else basic.path_length,
+        key_usage=None if usage is None else _usages(usage),
+        extended_key_usage=None if extended is None else frozenset(purpose.dotted_string for purpose in extended),
+        unknown_critical=unknown_critical(extensions, _PROCESSED),
+        constraints=tuple(
+            each.oid.dotted_string
+            for each in extensions
+            if each.oid.dotted_string in _CONSTRAINTS or _is_odd(each.value)
+        ),
+        algorithms_agree=algorithm == parts(der, 2)[1],
         parsed=parsed,
     )
 
@@ -266,17 +262,15 @@ def _is_odd(value: x509.ExtensionType) -> bool:
     if isinstance(value, x509.CertificatePolicies):
         named = [policy.policy_identifier for policy in value]
         return len(named) != len(set(named))
-    if isinstance(value, x509.UnrecognizedExtension) and value.oid == NETSCAPE_TYPE:
+    if is_netscape_type(value):
         bits = value.value  # a BIT STRING: tag, length, unused bits, bits
         return len(bits) < 4 or bits[0] != 0x03 or bits[1] != len(bits) - 2
     return False
 
 
-def _signed_parts(parsed: x509.Certificate) -> list[bytes]:
-    """Return serial number, signature algorithm, issuer, validity, subject and key in DER (RFC 5280, 4.1)."""
-    signed = parsed.tbs_certificate_bytes
-    found = parts(signed, 7 if parsed.version is x509.Version.v3 else 6)
-    return found[1:] if found[0][:1] == b"\xa0" else found[:6]
+def is_netscape_type(value: x509.ExtensionType) -> TypeGuard[x509.UnrecognizedExtension]:
+    """Whether an extension is the Netscape certificate type, which the library hands out as it stands."""
+    return isinstance(value, x509.UnrecognizedExtension) and value.oid == _NETSCAPE_TYPE
 
 
 def _key(parsed: x509.Certificate, encoded: bytes) -> tuple[str, str]:
@@ -284,14 +278,12 @@ def _key(parsed: x509.Certificate, encoded: bytes) -> tuple[str, str]:
 
     Raises ValueError where OpenSSL refuses the certificate for the parameters of an algorithm that nobody knows.
     """
-    try:
-        key = parsed.public_key()
+    key = public_key.public_half(parsed)
+    if key is not None:
         return public_key.identity(key), public_key.kind(key)
-    except (ValueError, UnsupportedAlgorithm):
-        if not well_formed_throughout(encoded):
-            raise ValueError("a public key that is malformed") from None
-        algorithm = parsed.public_key_algorithm_oid.dotted_string
-        return hashlib.sha256(encoded).hexdigest(), f"unsupported ({algorithm})"
+    if not well_formed_throughout(encoded):
+        raise ValueError("a public key that is malformed")
+    return hashlib.sha256(encoded).hexdigest(), f"unsupported ({parsed.public_key_algorithm_oid.dotted_string})"
 
 
 def _usages(usage: x509.KeyUsage) -> frozenset[str]:

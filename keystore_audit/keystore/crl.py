@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from datetime import datetime
-from functools import lru_cache
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import Final, TypeVar
 
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
@@ -17,10 +15,7 @@ from keystore_audit.keystore.der import MALFORMED, parts
 from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import DUMP_OF_REVOCATION_LIST, Block, Problem, read_pem
-from keystore_audit.keystore.public_key import signature_algorithm, verifies
-
-if TYPE_CHECKING:
-    from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.public_key import signature_algorithm
 
 REVOCATION_LIST_LABEL: Final = "X509 CRL"
 
@@ -115,39 +110,17 @@ def read_revocation_list(block: Block, path: str) -> RevocationList | Problem:
         return Problem(line=block.line, detail="bytes that are no revocation list (RFC 5280, 5.1)")
 
 
-@lru_cache(maxsize=4096)  # asked by rules, usability and systems, under every trust row
-def crl_signed_by(crl: RevocationList, ca: Certificate) -> bool | None:
-    """Whether the key of `ca` made the signature of `crl`; None where the library cannot tell.
-
-    Names, dates and keyUsage are not looked at.
-    """
-    if not crl.algorithms_agree:
-        return False  # X509_CRL_verify compares both statements of the algorithm first
-    parsed = crl.parsed
-    try:
-        return verifies(
-            ca.parsed.public_key(),
-            parsed.signature,
-            crl.signed_part,
-            algorithm=parsed.signature_algorithm_oid.dotted_string,
-            parameters=parsed.signature_algorithm_parameters,
-            digest=parsed.signature_hash_algorithm,
-        )
-    except MALFORMED:
-        return None
-
-
 def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> RevocationList:
     """Look at every part, so that whatever is malformed raises here and not in a rule."""
     issuer = parsed.issuer  # the library reads it anew each time, and warns each time
-    critical = set(_critical(parsed.extensions, _PROCESSED))
+    critical = set(unknown_critical(parsed.extensions, _PROCESSED))
     entries: dict[int, bool] = {}  # by serial number; of several entries the first decides (x_crl.c, def_crl_lookup)
     listed: set[int] = set()
     about_own = True  # an entry's certificateIssuer holds for those behind it too (RFC 5280, 5.3.3), in any list
     for entry in parsed:
         extensions, removed = entry.extensions, False
         if len(extensions):
-            critical.update(_critical(extensions, _PROCESSED_IN_ENTRY))
+            critical.update(unknown_critical(extensions, _PROCESSED_IN_ENTRY))
             if (issuers := extension_of(extensions, x509.CertificateIssuer)) is not None:
                 about_own = any(same_name(each, issuer) for each in issuers.get_values_for_type(x509.DirectoryName))
             reason = extension_of(extensions, x509.CRLReason)  # one takes off the list again (RFC 5280, 5.3.1)
@@ -159,7 +132,10 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
             entries.setdefault(serial, not removed)
     revoked = frozenset(serial for serial, is_revoked in entries.items() if is_revoked)
     signed = parsed.tbs_certlist_bytes
-    algorithm, issuer_der = _algorithm_and_issuer(signed)
+    first, second, third = parts(
+        signed, 3
+    )  # signature algorithm and issuer, maybe behind the version (RFC 5280, 5.1.2)
+    algorithm, issuer_der = (second, third) if first[:1] == b"\x02" else (first, second)
     return RevocationList(
         path=path,
         line=line,
@@ -180,16 +156,10 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
     )
 
 
-def _algorithm_and_issuer(signed: bytes) -> tuple[bytes, bytes]:
-    """Return signature algorithm and issuer inside the signed part, in DER (RFC 5280, 5.1.2)."""
-    first, second, third = parts(signed, 3)
-    return (second, third) if first[:1] == b"\x02" else (first, second)  # the version is optional
-
-
-def _critical(extensions: x509.Extensions, processed: frozenset[str]) -> Iterator[str]:
-    for extension in extensions:
-        if extension.critical and extension.oid.dotted_string not in processed:
-            yield extension.oid.dotted_string
+def unknown_critical(extensions: x509.Extensions, processed: frozenset[str]) -> tuple[str, ...]:
+    """Object identifiers of the critical ones that are not processed."""
+    identifiers = (each.oid.dotted_string for each in extensions if each.critical)
+    return tuple(identifier for identifier in identifiers if identifier not in processed)
 
 
 _SCOPES: Final = (

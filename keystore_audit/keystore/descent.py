@@ -74,8 +74,6 @@ class Descent:
             self._roots.append((absolute, () if opened is None else (real,)))
             self._spellings += [(absolute, absolute), (names(os.fsencode(os.path.abspath(each))), absolute)]
         self._directories: OrderedDict[Place, int] = OrderedDict()
-        self._looked_at: dict[Place, os.stat_result] = {}
-        self._targets: dict[Place, bytes] = {}
         self._followed: dict[tuple[Place, bytes], tuple[Place, os.stat_result, Left | None]] = {}
         self._steps_left = MAX_STEPS
         self.passed: set[Place] = set()
@@ -132,7 +130,7 @@ class Descent:
             return known
         try:
             end, found, left = self._walk(base, rest)
-            known = end, found if found is not None else self._look(end), left
+            known = end, found if found is not None else self._lstat(end), left
         except (OSError, ValueError) as error:
             shown = percent_path(target)
             missing = (Status.DANGLING, f"links to {shown}, which does not exist")
@@ -166,7 +164,7 @@ class Descent:
             place = self._place(here, target)
             if place is None:
                 continue
-            found = self._look(place)
+            found = self._lstat(place)
             if stat.S_ISLNK(found.st_mode):
                 found = None
                 links += 1
@@ -175,7 +173,7 @@ class Descent:
                     raise Refusal(Status.LOOP, f"links to {percent_path(target)}: {circle}")
                 self.passed.add(place[:-1])
                 here.pop()
-                link = place, self._target(place)
+                link = place, self.target(place)
                 left = left or (link if link[1].startswith(b"/") else None)
                 pending.extend(self._steps(link[1], here))
         end = self._place(here, target)
@@ -197,19 +195,6 @@ class Descent:
         if any(real[: len(above)] == above for real, _first in self._roots):
             return None
         raise _outside(target)
-
-    def _look(self, place: Place) -> os.stat_result:
-        """Describe what links lead over, once: in a keystore they all lead to the same few files."""
-        found = self._looked_at.get(place)
-        if found is None:
-            found = self._looked_at[place] = self._lstat(place)
-        return found
-
-    def _target(self, place: Place) -> bytes:
-        target = self._targets.get(place)
-        if target is None:
-            target = self._targets[place] = self.target(place)
-        return target
 
     def _steps(self, target: bytes, here: list[bytes]) -> list[bytes]:
         """Return the names that a link's target goes through, last first; an absolute target moves `here`."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from enum import Enum
 
 from lxml import etree
@@ -12,7 +12,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.document import Document, DomainRange, Text, elements
 from keystore_audit.keystore.files import File
-from keystore_audit.keystore.smime import SignedDocument, read_signed
+from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
 from keystore_audit.keystore.xsd import Grammar
 
 
@@ -100,7 +100,7 @@ class GovernanceFile(Struct, frozen=True, kw_only=True, eq=False):
         return [domains for rule in self.domain_rules for domains in rule.domains]
 
 
-def read_governance(file: File, candidates: Sequence[Certificate]) -> GovernanceFile:
+def read_governance(file: File, candidates: Candidates | Iterable[Certificate]) -> GovernanceFile:
     """Read a governance document and find who signed it (`smime.read_signed`).
 
     What is wrong with it is a defect; its content is read however the signature is. Raises AuditError only if the

@@ -7,11 +7,9 @@ from functools import lru_cache
 from typing import Final
 
 from cryptography import x509
-from cryptography.exceptions import UnsupportedAlgorithm
-from cryptography.x509.oid import PublicKeyAlgorithmOID
 
 from keystore_audit.keystore import public_key
-from keystore_audit.keystore.certificate import NETSCAPE_TYPE, Certificate
+from keystore_audit.keystore.certificate import Certificate, is_netscape_type
 from keystore_audit.keystore.crl import RevocationList, extension_of
 from keystore_audit.keystore.distinguished_name import same_name
 
@@ -36,11 +34,11 @@ class Issue(str, Enum):
 @lru_cache(maxsize=65_536)  # a robot fleet's enclaves, each asked about by usability, trust, doubt and rules
 def issued_by(certificate: Certificate, issuer: Certificate) -> Issue:
     """Whether `issuer` issued `certificate`: names, key identifiers and the signature, weak digests included."""
-    if certificate.issuer_der != issuer.subject_der and (not same_name(certificate.issuer_name, issuer.subject_name)):
+    if not _is_named_by(issuer, certificate):
         return Issue.NAME_DIFFERS
     if not certificate.algorithms_agree:  # X509_verify compares both statements of the algorithm first
         return Issue.SIGNATURE_INVALID
-    verified = _is_signed_by(certificate.parsed, issuer.parsed)
+    verified = public_key.verifies(issuer.parsed, certificate.parsed.tbs_certificate_bytes, certificate.parsed)
     if verified is False:
         return Issue.SIGNATURE_INVALID
     if not key_identifier_fits(certificate, issuer):
@@ -55,13 +53,12 @@ def fit_to_sign(certificate: Certificate) -> bool:
     absent or with digitalSignature or nonRepudiation, Netscape certificate type absent or S/MIME or SSL
     client. PKCS7_verify asks for it in the implementations that do not pin the signer (CVE-2023-24010).
     """
-    usage = certificate.key_usage
-    if not lets_sign(certificate):
-        return False
-    if usage is not None and not usage & {"digitalSignature", "nonRepudiation"}:
-        return False
-    netscape = _netscape_type(certificate.parsed)
-    return netscape is None or bool(netscape & _NETSCAPE_SMIME_OR_CLIENT)
+    usage, netscape = certificate.key_usage, _netscape_type(certificate.parsed)
+    return (
+        lets_sign(certificate)
+        and (usage is None or bool(usage & {"digitalSignature", "nonRepudiation"}))
+        and (netscape is None or bool(netscape & _NETSCAPE_SMIME_OR_CLIENT))
+    )
 
 
 def lets_sign(certificate: Certificate) -> bool:
@@ -87,10 +84,12 @@ def may_issue(certificate: Certificate) -> bool:
 @lru_cache(maxsize=65_536)
 def names_itself(certificate: Certificate) -> bool:
     """Whether OpenSSL takes it for self-signed (EXFLAG_SS): issuer, key identifier and kind of key are its own."""
-    own = certificate.issuer_der == certificate.subject_der or same_name(
-        certificate.issuer_name, certificate.subject_name
-    )
-    return own and key_identifier_fits(certificate, certificate) and suits_key(certificate, certificate)
+    own = _is_named_by(certificate, certificate) and key_identifier_fits(certificate, certificate)
+    return own and suits_key(certificate, certificate)
+
+
+def _is_named_by(issuer: Certificate, certificate: Certificate) -> bool:
+    return certificate.issuer_der == issuer.subject_der or same_name(certificate.issuer_name, issuer.subject_name)
 
 
 def suits_key(certificate: Certificate, issuer: Certificate) -> bool:
@@ -123,25 +122,14 @@ def key_identifier_fits(named: Certificate | RevocationList, issuer: Certificate
 
 def _netscape_type(parsed: x509.Certificate) -> int | None:
     """Return the bits of the Netscape certificate type, 0 if it is malformed, None where it is absent."""
-    for extension in parsed.extensions:
-        if extension.oid == NETSCAPE_TYPE and isinstance(extension.value, x509.UnrecognizedExtension):
-            value = extension.value.value  # a BIT STRING: tag, length, unused bits, bits
-            return value[3] if len(value) > 3 and value[0] == 0x03 else 0
-    return None
+    values = (each.value.value for each in parsed.extensions if is_netscape_type(each.value))
+    return next((value[3] if len(value) > 3 and value[0] == 0x03 else 0 for value in values), None)
 
 
-def _is_signed_by(certificate: x509.Certificate, issuer: x509.Certificate) -> bool | None:
-    """Whether the key of `issuer` made the signature; None where the library cannot tell."""
-    try:
-        if issuer.public_key_algorithm_oid == PublicKeyAlgorithmOID.RSASSA_PSS:  # such a key restricts what it signs
-            return None
-        return public_key.verifies(
-            issuer.public_key(),
-            certificate.signature,
-            certificate.tbs_certificate_bytes,
-            algorithm=certificate.signature_algorithm_oid.dotted_string,
-            parameters=certificate.signature_algorithm_parameters,
-            digest=certificate.signature_hash_algorithm,
-        )
-    except (ValueError, UnsupportedAlgorithm):
-        return None
+@lru_cache(maxsize=4096)  # asked by rules, usability and systems, under every trust row
+def crl_signed_by(crl: RevocationList, ca: Certificate) -> bool | None:
+    """Whether the key of `ca` made the signature of `crl`; None where the library cannot tell.
+
+    Names, dates and keyUsage are not looked at. X509_CRL_verify compares both statements of the algorithm first.
+    """
+    return crl.algorithms_agree and public_key.verifies(ca.parsed, crl.signed_part, crl.parsed)

@@ -306,7 +306,7 @@ def _enclave(tree: _Tree, place: bytes, kind: LayoutKind, *, one_authority: bool
     root, names = tree.root, tree.names(place)
     stand_in = {Role.IDENTITY_CA: _ONE_AUTHORITY, Role.PERMISSIONS_CA: _ONE_AUTHORITY} if one_authority else {}
     paths = {role: below(place, stand_in.get(role, name)) for role, name in _NAMES.items()}
-    files = {role: root.secret(path) if role is Role.KEY else root.file(path) for role, path in paths.items()}
+    files = {role: root.sealed(path) if role is Role.KEY else root.file(path) for role, path in paths.items()}
     pkcs11 = {role: root.sealed(below(place, name)) for role, name in _PKCS11_NAMES.items() if name in names}
     unsigned = {role: root.file(below(place, name)) for role, name in _UNSIGNED_NAMES.items() if name in names}
     return EnclaveFiles(

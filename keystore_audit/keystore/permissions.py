@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import Final
 
@@ -14,7 +14,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.document import Document, DomainRange, Text, elements, joined
 from keystore_audit.keystore.files import File
-from keystore_audit.keystore.smime import SignedDocument, read_signed
+from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
 from keystore_audit.keystore.xsd import Grammar
 
 _FOUR_DIGIT_YEAR: Final = re.compile(r"[0-9]{4}-")
@@ -99,7 +99,7 @@ class PermissionsFile(Struct, frozen=True, kw_only=True, eq=False):
         return self.permissions.grants if self.permissions is not None else ()
 
 
-def read_permissions(file: File, candidates: Sequence[Certificate]) -> PermissionsFile:
+def read_permissions(file: File, candidates: Candidates | Iterable[Certificate]) -> PermissionsFile:
     """Read a permissions document and find who signed it (`smime.read_signed`).
 
     What is wrong with it is a defect; its content is read however the signature is. Raises AuditError only if the

@@ -15,6 +15,7 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import dsa, ec, ed448, ed25519, padding, rsa, x448, x25519
 from cryptography.hazmat.primitives.asymmetric.types import PublicKeyTypes
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+from cryptography.x509.oid import PublicKeyAlgorithmOID
 
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.der import SEQUENCE, children
@@ -58,10 +59,6 @@ def is_of_another_kind(algorithm: str, key_kind: str) -> bool:
     made_by = next((k for name, k in _SIGNING_KINDS.items() if algorithm.lower().startswith(name)), "RSA")
     known = algorithm in SIGNATURE_ALGORITHMS.values() and key_kind.startswith(("RSA", *_SIGNING_KINDS.values()))
     return known and key_kind.partition(" ")[0] != made_by
-
-
-SignatureParameters = padding.PSS | padding.PKCS1v15 | ec.ECDSA | None
-"""What `signature_algorithm_parameters` of a certificate or revocation list returns."""
 
 
 def signature_algorithm(identifier: str) -> str:
@@ -110,22 +107,30 @@ def kind(key: PublicKeyTypes) -> str:
     return next((name for each, name in _CURVELESS.items() if isinstance(key, each)), type(key).__name__)
 
 
-def verifies(
-    key: PublicKeyTypes,
-    signature: bytes,
-    data: bytes,
-    *,
-    algorithm: str,
-    parameters: SignatureParameters,
-    digest: hashes.HashAlgorithm | None,
-) -> bool | None:
-    """Whether `key` made `signature` over `data`, weak digests included; None where the library cannot tell.
+def public_half(parsed: x509.Certificate) -> PublicKeyTypes | None:
+    """The public key in a certificate; None where the library does not know it."""
+    try:
+        return parsed.public_key()
+    except (ValueError, UnsupportedAlgorithm):
+        return None
 
-    `algorithm` is the dotted identifier of the signature algorithm. One that belongs to another kind of key is a
-    signature that this key did not make.
+
+def verifies(
+    issuer: x509.Certificate, signed: bytes, parsed: x509.Certificate | x509.CertificateRevocationList
+) -> bool | None:
+    """Whether the key of `issuer` made the signature of a certificate or revocation list over its part `signed`.
+
+    Weak digests included; None where the library cannot tell. One by an algorithm that belongs to another kind of key
+    is a signature that this key did not make.
     """
-    name = SIGNATURE_ALGORITHMS.get(algorithm)
+    key, name = public_half(issuer), SIGNATURE_ALGORITHMS.get(parsed.signature_algorithm_oid.dotted_string)
     if name is None or not isinstance(key, _VERIFYING):  # DSA, keys that sign nothing: no run time was measured
+        return None
+    if issuer.public_key_algorithm_oid == PublicKeyAlgorithmOID.RSASSA_PSS:  # such a key restricts what it signs
+        return None
+    try:
+        parameters, digest = parsed.signature_algorithm_parameters, parsed.signature_hash_algorithm
+    except (ValueError, UnsupportedAlgorithm):
         return None
     if is_of_another_kind(name, kind(key)):
         return False
@@ -133,7 +138,9 @@ def verifies(
         return None
     # The library hands out no parameters where it would not sign itself: MD5, SHA-1.
     scheme = parameters if isinstance(parameters, padding.PSS) else padding.PKCS1v15()
-    return _made(key, signature, data, None if name == "rsassaPss" and scheme is not parameters else scheme, digest)
+    if name == "rsassaPss" and scheme is not parameters:
+        return None
+    return _made(key, parsed.signature, signed, scheme, digest)
 
 
 def _made(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from types import TracebackType
 from typing import Any, Final
 from urllib.parse import unquote_to_bytes
@@ -60,11 +60,8 @@ class Root:
         self._reals: dict[bytes, Place] = {b"": ()}
         self._entered: set[bytes] = set()
         self._readings: dict[tuple[int, int], File] = {}
-        self._files: dict[bytes, File] = {}
-        self._sealed: dict[bytes, File] = {}
-        self._secrets: dict[str, bytes] = {}
-        self._messages: dict[str, bytes] = {}
-        self._certificates: dict[str, bytes] = {}
+        self._met: dict[bytes, File] = {}
+        self._contents: dict[str, bytes] = {}
         self._entries: dict[bytes, Entry] = {}
         self._listings: dict[bytes, Listing] = {}
         self._entries_left = MAX_ENTRIES
@@ -107,53 +104,54 @@ class Root:
     def file(self, relative: bytes | str) -> File:
         """Read what is at `relative`. Never raises: a File that is not PRESENT says why."""
         key = os.fsencode(relative)
-        return self._files.get(key) or self._files.setdefault(key, self._file(key, keep=True))
+        found = self._met.get(key)
+        if found is None or (found.status is Status.PRESENT and found.content is None):
+            found = self._met[key] = self._file(key, needed=True)
+            if found.content is not None and found.sha256 is not None:
+                self._contents.setdefault(found.sha256, found.content)
+        return found
 
     def sealed(self, relative: bytes | str) -> File:
-        """Read and hash like `file`, but keep and hand out no content: for what nobody parses."""
+        """Read and hash like `file`, but hand out no content: for what nobody parses, and for private keys."""
         key = os.fsencode(relative)
-        found = self._sealed.get(key)
-        if found is None:
-            read = self._files.get(key) or self._file(key, keep=False, needed=False)
-            found = self._sealed[key] = read.holding(None)
-        return found
-
-    def secret(self, relative: bytes | str) -> File:
-        """Read like `sealed`, with the content held back here for `unsealed`: private keys."""
-        key = os.fsencode(relative)
-        file = self._file(key, keep=False)
-        if file.content is not None and file.sha256 is not None:
-            self._secrets[file.sha256] = file.content
-        found = self._sealed[key] = file.holding(None)
-        return found
+        if key not in self._met:
+            self._met[key] = self._file(key, needed=False).holding(None)
+        return self._met[key].holding(None)
 
     def unsealed(self, file: File) -> File:
         """Hand out the content of a sealed file: the bytes that were hashed, or none where others are there now."""
-        content = self._secrets.get(file.sha256 or "")
+        content = self._contents.get(file.sha256 or "")
         if content is not None:
             return file.holding(content)
-        again = self._file(unquote_to_bytes(file.path), keep=False)
+        again = self._file(unquote_to_bytes(file.path), needed=True)
         if again.sha256 == file.sha256:
             return again
         return replace(file, status=Status.UNREADABLE, detail="was replaced by something else while it was read")
 
     def fingerprint(self, relative: bytes) -> str:
         """Return the SHA-256 of the file at `relative` in hexadecimal, its status where it was not hashed."""
-        file = self._files.get(relative) or self.sealed(relative)
+        file = self.sealed(relative)
         return file.sha256 or file.status.value
 
     def holding_private_keys(self) -> tuple[File, ...]:
         """The files read so far in which a private key is, each once, by place and without content."""
-        found = {file.place: file.holding(None) for file in self._met() if file.holds_private_key}
+        found = {file.place: file.holding(None) for file in self._met.values() if file.holds_private_key}
         return tuple(found[place] for place in sorted(found))
 
     def messages(self) -> tuple[File, ...]:
         """The files read so far that may be S/MIME messages, by place, each content once, and with it."""
-        return _each_once(self._met(), self._messages)
+        return self._each_once(file for file in self._met.values() if file.may_be_message)
 
     def certificates(self) -> tuple[File, ...]:
         """The files read so far in which certificates may be, as `messages`."""
-        return _each_once(self._met(), self._certificates)
+        return self._each_once(file for file in self._met.values() if file.holds_certificates)
+
+    def _each_once(self, files: Iterable[File]) -> tuple[File, ...]:
+        distinct: dict[str | None, File] = {}
+        for file in sorted(files, key=lambda file: file.place):
+            if file.status is Status.PRESENT:
+                distinct.setdefault(file.sha256, file)
+        return tuple(file.holding(self._contents.get(sha256 or "")) for sha256, file in distinct.items())
 
     def passed(self) -> frozenset[str]:
         """The paths of the directories so far in which stand links that other links led over."""
@@ -161,11 +159,8 @@ class Root:
 
     def unread(self) -> tuple[File, ...]:
         """The entries met so far in which a robot might read something that we did not, by path."""
-        found = {file.path: file for file in self._met() if file.status.unknown}
+        found = {file.path: file for file in self._met.values() if file.status.unknown}
         return tuple(found[path] for path in sorted(found))
-
-    def _met(self) -> tuple[File, ...]:
-        return (*self._files.values(), *self._sealed.values())
 
     def entries(self, relative: bytes | str) -> Listing:
         """List the directory at `relative` (`b""`: the root itself), links not followed. Never raises."""
@@ -213,8 +208,8 @@ class Root:
         """Whether a link is a way to what it leads to."""
         return relative in self._entered
 
-    def _file(self, relative: bytes, *, keep: bool, needed: bool = True) -> File:
-        """Read a file; its content is None unless it is `needed`, and kept for others if `keep`."""
+    def _file(self, relative: bytes, *, needed: bool) -> File:
+        """Read a file; its content may be None unless it is `needed`."""
         place: Place = ()
         link: str | None = None
         leaves: tuple[str, str] | None = None
@@ -230,7 +225,7 @@ class Root:
                 if left is not None:
                     leaves = (display(b"/".join(left[0])), display(left[1])) if left[0] else (path, link)
                 refuse_unless_file(found, f"links to {link}: ")
-            reading = self._read(place, found, keep=keep, needed=needed)
+            reading = self._read(place, found, needed=needed)
         except (OSError, ValueError) as error:
             reading = _refused(path, refusal(error, "cannot be read", missing=missing))
         except Refusal as refused:
@@ -258,39 +253,34 @@ class Root:
         listing = self._listings.get(directory)
         return listing is not None and listing.directory.status is Status.DIRECTORY
 
-    def _read(self, place: Place, found: os.stat_result | None, *, keep: bool, needed: bool) -> File:
+    def _read(self, place: Place, found: os.stat_result | None, *, needed: bool) -> File:
         """Return what the inode at `place` held when it was read first, without a path."""
-        inode: tuple[int, int] | None = None
-        if found is not None:
-            inode = (found.st_dev, found.st_ino)
-            known = self._known(inode, needed=needed)
-            if known is not None:
-                return known
+        known = None if found is None else self._known(found, needed=needed)
+        if known is not None:
+            return known
         try:
             descriptor = self._descent.open(place, _READ_FLAGS)
         except (FileNotFoundError, NotADirectoryError):
             raise Refusal(Status.UNREADABLE, "was there, and gone when it was to be read") from None
         try:
-            return self._read_descriptor(descriptor, inode, keep=keep, needed=needed)
+            opened = os.fstat(descriptor)
+            swapped = found is not None and (found.st_dev, found.st_ino) != (opened.st_dev, opened.st_ino)
+            if not stat.S_ISREG(opened.st_mode) or swapped:
+                raise Refusal(Status.UNREADABLE, "was replaced by something else when it was to be read")
+            reading = self._known(opened, needed=needed)
+            if reading is None:
+                reading = self._content(descriptor, opened)
+                self._readings[opened.st_dev, opened.st_ino] = reading.holding(None)
+            return reading
         finally:
             os.close(descriptor)
 
-    def _known(self, inode: tuple[int, int], *, needed: bool) -> File | None:
-        known = self._readings.get(inode)
-        if known is None or (needed and known.status is Status.PRESENT and known.content is None):
-            return None
-        return known
-
-    def _read_descriptor(self, descriptor: int, expected: tuple[int, int] | None, *, keep: bool, needed: bool) -> File:
-        found = os.fstat(descriptor)
-        inode = (found.st_dev, found.st_ino)
-        if not stat.S_ISREG(found.st_mode) or expected not in (None, inode):
-            raise Refusal(Status.UNREADABLE, "was replaced by something else when it was to be read")
-        reading = self._known(inode, needed=needed)
-        if reading is None:
-            reading = self._content(descriptor, found)
-            self._readings[inode] = reading if keep else replace(reading, content=None)
-        return reading
+    def _known(self, found: os.stat_result, *, needed: bool) -> File | None:
+        known = self._readings.get((found.st_dev, found.st_ino))
+        if known is None or known.status is not Status.PRESENT:
+            return known
+        content = self._contents.get(known.sha256 or "")
+        return known.holding(content) if content is not None or not needed else None
 
     def _content(self, descriptor: int, found: os.stat_result) -> File:
         size, too_large, content = found.st_size, "", b""
@@ -308,13 +298,8 @@ class Root:
             self._hashed_left -= min(hashed, self._hashed_left)
         else:
             traces = look(content)
-            for held, kept in (
-                (traces.message, self._messages),
-                (traces.certificate, self._certificates),
-                (traces.private_key, self._secrets),
-            ):
-                if held and traces.sha256 is not None:
-                    kept.setdefault(traces.sha256, content)
+            if (traces.message or traces.certificate or traces.private_key) and traces.sha256 is not None:
+                self._contents.setdefault(traces.sha256, content)
         return _there(
             found,
             status=Status.TOO_LARGE if too_large else Status.PRESENT,
@@ -384,13 +369,3 @@ def _there(found: os.stat_result, *, path: str = "", **more: Any) -> File:
 
 def _refused(path: str, refused: Refusal) -> File:
     return File(path=path, resolved=None, status=refused.status, detail=refused.detail)
-
-
-def _each_once(files: Iterable[File], contents: Mapping[str, bytes]) -> tuple[File, ...]:
-    """Those whose content is among `contents`, by place, each content once, and with it."""
-    found: dict[str, File] = {}
-    read = (file for file in files if file.status is Status.PRESENT and file.sha256 in contents)
-    for file in sorted(read, key=lambda file: file.place):
-        if file.sha256 is not None and file.sha256 not in found:
-            found[file.sha256] = file.holding(contents[file.sha256])
-    return tuple(found.values())

@@ -15,8 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from keystore_audit.keystore.crl import CrlFile, crl_signed_by, read_crl
+from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.issuer import crl_signed_by
 from tests.keystore import libcrypto
 from tests.keystore.builder import END, START, Signed, authority, certificate, crl, evidence, present
 from tests.keystore.test_certificate import MUTATIONS, mutated, pem

@@ -209,11 +209,10 @@ def test_more_named_keys_than_can_be_tried_leave_the_signer_open(monkeypatch: py
 def test_candidates_are_found_by_name_and_by_key() -> None:
     ca, leaf, renewed = (evidence(signed) for signed in (CA, LEAF, certificate("sros2CA", ca=True, key=CA.key)))
     candidates = Candidates([ca, leaf, ca, renewed])
-    assert list(candidates) == [ca, leaf, renewed]
-    assert (candidates[0], candidates[1:], len(candidates)) == (ca, (leaf, renewed), 3)
-    assert candidates.named(leaf.issuer_der, leaf.serial) == [leaf]
-    assert candidates.with_key(ca.key) == [ca, renewed]
-    assert list(candidates.one_per_key()) == [ca, leaf]
+    assert list(candidates.by_digest.values()) == [ca, leaf, renewed]
+    assert candidates.by_name[leaf.issuer_der, leaf.serial] == [leaf]
+    assert candidates.by_key[ca.key] == [ca, renewed]
+    assert [each[0] for each in candidates.by_key.values()] == [ca, leaf]
 
 
 # --- only what is signed counts

@@ -10,8 +10,8 @@ import pytest
 from asn1crypto import crl, x509  # type: ignore[import-untyped]
 
 from keystore_audit.keystore.certificate import Certificate, read_certificates
-from keystore_audit.keystore.crl import RevocationList, crl_signed_by, read_crl
-from keystore_audit.keystore.issuer import Issue, issued_by
+from keystore_audit.keystore.crl import RevocationList, read_crl
+from keystore_audit.keystore.issuer import Issue, crl_signed_by, issued_by
 from tests.keystore.builder import present
 from tests.oracles.pkits import paths, suite
 
