@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
-from keystore_audit.engine.alloy.facts import write_model
+from keystore_audit.engine.alloy.export import write_model
 from keystore_audit.engine.alloy.user_file import UserFile, identifier
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.intent.intent import Intent

@@ -11,8 +11,8 @@ from msgspec import Struct
 
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.engine.agreement import EngineAnswers, combine_claims
-from keystore_audit.engine.conditions import with_conditions
 from keystore_audit.engine.engines import Engines, run_engines
+from keystore_audit.engine.horizon import with_conditions
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles

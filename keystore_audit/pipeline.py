@@ -11,11 +11,15 @@ from msgspec.structs import replace
 
 from keystore_audit import __version__
 from keystore_audit.assumptions import EVERY, Assumption
-from keystore_audit.engine.agreement import EngineAnswers, combine, combine_claims, combine_determinism
-from keystore_audit.engine.conditions import with_conditions, without
+from keystore_audit.engine.agreement import (
+    EngineAnswers,
+    combine,
+    combine_claims,
+    combine_determinism,
+    with_label_answers,
+)
 from keystore_audit.engine.engines import Engines, run_engines
-from keystore_audit.engine.horizon import Horizon, horizon
-from keystore_audit.engine.label_answers import with_label_answers
+from keystore_audit.engine.horizon import Horizon, horizon, with_conditions, without
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.gate import (
     acceptances,
@@ -208,7 +212,7 @@ def _told(
     results = combine(native.systems, answers, names)
     if not any(result.status is Status.VIOLATED for result in results):
         return results
-    from keystore_audit.engine.property_breaches import with_places  # good keystores have none
+    from keystore_audit.engine.breaches import with_places  # good keystores have none
 
     return with_places(results, keystore, native.systems, native.answers)
 

@@ -1,27 +1,26 @@
-"""Brings the answers of engines, readings and kinds of implementation together, failing closed."""
+"""Brings the answers of engines, readings, kinds of implementation and labels together, failing closed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.assumptions import WORLD
+from keystore_audit.engine.case import plainest
 from keystore_audit.engine.counterexample import describe
-from keystore_audit.engine.counterexample_case import plainest
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
 from keystore_audit.engine.shorter_subjects import shorter_subjects
 from keystore_audit.model.claims.forwards import Determinism
-from keystore_audit.model.claims.stated import Claim
+from keystore_audit.model.claims.stated import Claim, LabelPair
 from keystore_audit.model.formal.claim import ClaimKind
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from keystore_audit.properties.counterexample import Counterexample
 from keystore_audit.properties.property import Property
-from keystore_audit.properties.result import ANYBODY, AssertedResult, ProfileResult, PropertyResult
+from keystore_audit.properties.result import ANYBODY, AssertedResult, LabelResult, ProfileResult, PropertyResult
 
 if TYPE_CHECKING:
     from keystore_audit.engine.kept import KeptFlows
@@ -46,13 +45,11 @@ def combine(
     readings.
     """
     asked = _Asked(systems, engines, profiles)
-    return tuple(
-        PropertyResult(prop=prop, profiles=asked.by_profile(prop, partial(_told, systems, prop))) for prop in PROPERTIES
-    )
 
+    def told(prop: Property) -> Tell:
+        return lambda at, answer: describe(systems[at], prop, plainest(systems[at], answer.witnesses))
 
-def _told(systems: Sequence[System], prop: Property, number: int, answer: Answer) -> Counterexample:
-    return describe(systems[number], prop, plainest(systems[number], answer.witnesses))
+    return tuple(PropertyResult(prop=prop, profiles=asked.by_profile(prop.id, told(prop))) for prop in PROPERTIES)
 
 
 def combine_claims(
@@ -61,30 +58,28 @@ def combine_claims(
     """The result of every claim under every profile, as for properties."""
     asked = _Asked(systems, engines, profiles)
     kept: dict[int, KeptFlows] = {}
-    return tuple(_asserted(number, claim, asked, kept) for number, claim in enumerate(claims))
 
+    def combined(number: int, claim: Claim) -> AssertedResult:
+        results = asked.by_profile(
+            claim.id, lambda at, answer: describe_claim(systems[at], systems[at].claims[number], answer)
+        )
+        if claim.kind is ClaimKind.NO_FLOW and claim.until is not None:
+            kinds = {asked.kind(profile): each for profile, each in results.items() if each.status is Status.HOLDS}
+            over = {kind: _over_time(number, kind, result, systems, kept) for kind, result in kinds.items()}
+            results = {profile: over.get(asked.kind(profile), result) for profile, result in results.items()}
+        told = _asserted(claim, claim.attacker.value, results)
+        if claim.kind is not ClaimKind.ONLY_PUBLISH:
+            return told
+        forging = dict.fromkeys(name for system in systems for name in forgers(system, system.claims[number]))
+        also_named: dict[str, str] = {}
+        for system in systems:
+            for text, subject in shorter_subjects(system, system.claims[number]).items():
+                also_named.setdefault(text, subject)
+        last = [ANYBODY] if ANYBODY in forging else []
+        named = (name for name in forging if name != ANYBODY)
+        return replace(told, forgers=(*named, *last), also_named=also_named)
 
-def _asserted(number: int, claim: Claim, asked: _Asked, kept: dict[int, KeptFlows]) -> AssertedResult:
-    systems, prop = asked.systems, _as_property(claim, claim.attacker.value)
-
-    def tell(at: int, answer: Answer) -> Counterexample:
-        return describe_claim(systems[at], systems[at].claims[number], answer)
-
-    only = claim.kind is ClaimKind.ONLY_PUBLISH
-    results = asked.by_profile(prop, tell)
-    if claim.kind is ClaimKind.NO_FLOW and claim.until is not None:
-        kinds = {asked.kind(profile): result for profile, result in results.items() if result.status is Status.HOLDS}
-        over = {kind: _over_time(number, kind, result, asked.systems, kept) for kind, result in kinds.items()}
-        results = {profile: over.get(asked.kind(profile), result) for profile, result in results.items()}
-    return AssertedResult(
-        prop=prop,
-        profiles=results,
-        severity=claim.severity,
-        location=claim.location,
-        meaning=claim.meaning,
-        forgers=_forgers(number, systems) if only else None,
-        also_named=_also_named(number, systems) if only else None,
-    )
+    return tuple(combined(number, claim) for number, claim in enumerate(claims))
 
 
 def _over_time(
@@ -104,59 +99,37 @@ def _over_time(
     return result
 
 
-def _forgers(number: int, systems: Sequence[System]) -> tuple[str, ...]:
-    """Who could forge as some implementation reads the keystore, ANYBODY last."""
-    found = dict.fromkeys(name for system in systems for name in forgers(system, system.claims[number]))
-    return (*(name for name in found if name != ANYBODY), *([ANYBODY] if ANYBODY in found else []))
-
-
-def _also_named(number: int, systems: Sequence[System]) -> Mapping[str, str]:
-    """Whom grants name besides as some implementation compares subjects, by their own."""
-    found: dict[str, str] = {}
-    for system in systems:
-        for text, subject in shorter_subjects(system, system.claims[number]).items():
-            found.setdefault(text, subject)
-    return found
-
-
 def combine_determinism(
     claims: Sequence[Determinism], systems: Sequence[System], engines: Sequence[EngineAnswers], profiles: Sequence[str]
 ) -> tuple[AssertedResult, ...]:
     """The result of every claim of determinism under every profile, as for properties."""
-    asked = _Asked(systems, engines, profiles)
-    return tuple(_deterministic(number, claim, asked) for number, claim in enumerate(claims))
-
-
-def _deterministic(number: int, claim: Determinism, asked: _Asked) -> AssertedResult:
     from keystore_audit.engine.counterexample_determinism import describe_determinism, why_undecided
 
-    systems, prop = asked.systems, _as_property(claim, "nobody")
+    asked = _Asked(systems, engines, profiles)
 
-    def tell(at: int, answer: Answer) -> Counterexample:
-        return describe_determinism(systems[at], systems[at].determinism[number], answer)
+    def combined(number: int, claim: Determinism) -> AssertedResult:
+        results = asked.by_profile(
+            claim.id, lambda at, answer: describe_determinism(systems[at], systems[at].determinism[number], answer)
+        )
+        unknown = (asked.kind(profile) for profile, result in results.items() if result.status is Status.UNKNOWN)
+        undecided = next((systems[kind[0]] for kind in unknown if kind), None)
+        reason = why_undecided(undecided, undecided.determinism[number]) if undecided is not None else ""
+        return replace(_asserted(claim, "nobody", results), reason=reason)
 
-    results = asked.by_profile(prop, tell)
-    unknown = (asked.kind(profile) for profile, result in results.items() if result.status is Status.UNKNOWN)
-    undecided = next((systems[kind[0]] for kind in unknown if kind), None)
-    reason = why_undecided(undecided, undecided.determinism[number]) if undecided is not None else ""
-    return AssertedResult(
-        prop=prop,
-        profiles=results,
-        severity=claim.severity,
-        location=claim.location,
-        meaning=claim.meaning,
-        reason=reason,
-    )
+    return tuple(combined(number, claim) for number, claim in enumerate(claims))
 
 
-def _as_property(claim: Claim | Determinism, attacker: str) -> Property:
-    """What is claimed, as a property."""
-    return Property(
+def _asserted(claim: Claim | Determinism, attacker: str, results: Mapping[str, ProfileResult]) -> AssertedResult:
+    """The result of what is claimed, as of a property."""
+    prop = Property(
         id=claim.id,
         statement=claim.statement,
         attacker=attacker,
         clause=f"asserted in {claim.location.path}",
         roles=(),
+    )
+    return AssertedResult(
+        prop=prop, profiles=results, severity=claim.severity, location=claim.location, meaning=claim.meaning
     )
 
 
@@ -167,26 +140,26 @@ class _Asked(NamedTuple):
     engines: Sequence[EngineAnswers]
     profiles: Sequence[str]
 
-    def by_profile(self, prop: Property, tell: Tell) -> dict[str, ProfileResult]:
+    def by_profile(self, name: str, tell: Tell) -> dict[str, ProfileResult]:
         """The result under each profile; profiles that read the keystore alike have one."""
         kinds = {profile: self.kind(profile) for profile in self.profiles}
-        results = {kind: self._result(prop, kind, tell) for kind in dict.fromkeys(kinds.values())}
+        results = {kind: self._result(name, kind, tell) for kind in dict.fromkeys(kinds.values())}
         return {profile: results[kind] for profile, kind in kinds.items()}
 
     def kind(self, profile: str) -> tuple[int, ...]:
         """The systems that say how `profile` reads the keystore."""
         return tuple(number for number, system in enumerate(self.systems) if profile in system.profiles)
 
-    def _result(self, prop: Property, kind: tuple[int, ...], tell: Tell) -> ProfileResult:
+    def _result(self, name: str, kind: tuple[int, ...], tell: Tell) -> ProfileResult:
         statuses = {
-            engine.engine: _both_readings([_status(engine.answers[number].get(prop.id)) for number in kind])
+            engine.engine: _both_readings([_status(engine.answers[number].get(name)) for number in kind])
             for engine in self.engines
         }
         distinct = set(statuses.values())
         status = distinct.pop() if len(distinct) == 1 else Status.UNKNOWN
-        return ProfileResult(status=status, engines=statuses, counterexample=self._counterexample(prop, kind, tell))
+        return ProfileResult(status=status, engines=statuses, counterexample=self._counterexample(name, kind, tell))
 
-    def _counterexample(self, prop: Property, kind: tuple[int, ...], tell: Tell) -> Counterexample | None:
+    def _counterexample(self, name: str, kind: tuple[int, ...], tell: Tell) -> Counterexample | None:
         """A counterexample in the user's names: from the MUST reading where it has one, since that is certain.
 
         The native engine's comes first, so that a finding tells the same story whichever engines ran.
@@ -196,7 +169,7 @@ class _Asked(NamedTuple):
         certain_first = sorted(told, key=lambda number: self.systems[number].reading is Reading.MAY)
         for number in certain_first:
             for engine in native_first:
-                answer = engine.answers[number].get(prop.id)
+                answer = engine.answers[number].get(name)
                 if answer is not None and answer.witnesses:
                     return tell(number, answer)
         return None
@@ -210,3 +183,54 @@ def _status(answer: Answer | None) -> Status:
 def _both_readings(statuses: Sequence[Status]) -> Status:
     """One status where all readings agree, else unknown; unknown as well where there is none."""
     return statuses[0] if statuses and len(set(statuses)) == 1 else Status.UNKNOWN
+
+
+def with_label_answers(claims: Sequence[Claim], results: Sequence[AssertedResult]) -> tuple[PropertyResult, ...]:
+    """The results, parallel to `claims`, with one in place of all that the same two labels make."""
+    pairs: dict[str, tuple[LabelPair, list[AssertedResult]]] = {}
+    told: list[PropertyResult] = []
+    for claim, result in zip(claims, results, strict=True):
+        if claim.labels is None:
+            told.append(result)
+        else:
+            pairs.setdefault(claim.labels.id, (claim.labels, []))[1].append(result)
+    return (*told, *(_joint(pair, parts) for pair, parts in pairs.values()))
+
+
+def _joint(pair: LabelPair, parts: Sequence[AssertedResult]) -> LabelResult:
+    """Violated if one part is."""
+    first = parts[0]
+    return LabelResult(
+        prop=replace(first.prop, id=pair.id),
+        profiles={name: _worst([part.profiles[name] for part in parts]) for name in first.profiles},
+        source=pair.source,
+        target=pair.target,
+        meaning="\0".join(part.meaning for part in parts),
+        severity=first.severity,
+        location=first.location,
+        breaches=_together([part.breaches for part in parts]),
+    )
+
+
+def _together(parts: Sequence[tuple[str, ...] | None]) -> tuple[str, ...] | None:
+    """What violates them; None where that of one is not known."""
+    if None in parts:
+        return None
+    return tuple(f"{number}: {each}" for number, part in enumerate(parts) for each in part or ())
+
+
+def _worst(parts: Sequence[ProfileResult]) -> ProfileResult:
+    """Of the parts under one profile; where engines contradict each other about one part, that is the answer."""
+    disputed = next((part for part in parts if len(set(part.engines.values())) > 1), None)
+    if disputed is not None:
+        return disputed
+    order = (Status.VIOLATED, Status.UNKNOWN, Status.HOLDS)
+    status = min((part.status for part in parts), key=order.index)
+    alike = [part for part in parts if part.status is status]
+    examples = [part.counterexample for part in alike if part.counterexample is not None]
+    decided = frozenset.intersection(*(frozenset(part.engines) for part in parts)) or {"native"}
+    return ProfileResult(
+        status=status,
+        engines=dict.fromkeys(sorted(decided), status),
+        counterexample=min(examples, key=lambda example: len(example.steps), default=None),
+    )

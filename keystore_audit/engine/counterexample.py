@@ -5,13 +5,11 @@ Both engines' witnesses are told by this module. Names in the texts are raw: who
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
-from keystore_audit.engine import counterexample_identities as identities
-from keystore_audit.engine.counterexample_case import Case
-from keystore_audit.engine.counterexample_rights import beyond_grants
-from keystore_audit.findings import Location
+from keystore_audit.engine.case import Case, step_at
+from keystore_audit.engine.ways import beyond_grants
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.flow import Flows
@@ -20,17 +18,180 @@ from keystore_audit.properties import stated
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Property, Role, Witness
 
+PUBLISH: Final = Operation.PUBLISH
+SUBSCRIBE: Final = Operation.SUBSCRIBE
+
+Told = tuple[str, tuple[Step, ...]]
+"""A text and its steps."""
+
 
 def describe(system: System, prop: Property, witness: Witness) -> Counterexample:
     """Return the counterexample that `witness`, an assignment of `prop.roles` to atoms of `system`, stands for."""
-    return _TELLERS[prop.id](Case(system=system, witness=witness))
+    text, steps = _TELLERS[prop.id](Case(system, witness))
+    return Counterexample(text=text, steps=steps)
 
 
-def _outsider_reads(case: Case) -> Counterexample:
-    return Counterexample(
-        text=f"Anybody on the network can read {case.topic}: {case.kinds()}.",
-        steps=case.governance_steps() + case.user_steps(Operation.PUBLISH),
+# Who may take part.
+
+
+def _anybody_joins(case: Case) -> Told:
+    domain = case.system.domains[case.witness[Role.DOMAIN]].label
+    if case.is_open or case.domain_rule is None:
+        location = None if case.governance is None else case.governance.location
+        why = "the governance document could not be read, so it may allow that"
+    else:
+        location, why = case.domain_rule.location, "allow_unauthenticated_participants is true there"
+    step = step_at(location, "allow_unauthenticated_participants", channel=domain)
+    return f"A participant without any identity may join {domain}: {why}.", (step,)
+
+
+def _identity(case: Case) -> Told:
+    enclave = case.enclave
+    if enclave.opaque or enclave.identity is None:
+        step = step_at(enclave.location, enclave.label, enclave=enclave.label)
+        return f"The identity of {enclave.label} could not be read: it may be anybody.", (step,)
+    text = (
+        f"The identity of {enclave.label} ({case.system.certificates[enclave.identity].label}) is not one that "
+        f"its peers may trust: {_distrust(case, enclave.identity)}."
     )
+    return text, (case.identity_step(enclave),)
+
+
+def _distrust(case: Case, number: int) -> str:
+    """Why an identity is not vouched for, in force and unrevoked."""
+    authorities, certificates = case.trust.identity_ca, case.system.certificates
+    identity = certificates[number]
+    issuers = [certificates[each] for each in identity.issuers & authorities]
+    reasons = (
+        (case.is_unread(authorities), "the identity CA file could not be read"),
+        (not authorities, "there is no certificate of an identity CA"),
+        (not issuers, "no certificate of its identity CA has issued it"),
+        (number in case.trust.revoked, "its identity CA has revoked it"),
+        (not case.in_force(identity), "it is not in force"),
+        (not any(issuer.authority for issuer in issuers), "its issuer may not issue certificates"),
+        (True, "its issuer is not in force"),
+    )
+    return next(why for so, why in reasons if so)
+
+
+def _document(case: Case) -> Told:
+    document, authorities = case.system.documents[case.witness[Role.DOCUMENT]], case.trust.permissions_ca
+    signers = sorted(document.signers)
+    signer = case.system.certificates[signers[0]].label if signers else ""
+    reasons = (
+        (document.opaque, "could not be read, so nobody knows who signed it"),
+        (not document.intact or not signers, "bears no signature that these implementations can verify"),
+        (case.is_unread(authorities), f"is signed by {signer}, and the permissions CA file could not be read"),
+        (not authorities, f"is signed by {signer}, and there is no certificate of a permissions CA"),
+        (case.signed_by_ca(document), f"is signed by {signer}, which is not in force"),
+        (
+            all(map(case.has_authority_key, signers)),
+            f"names {signer} as its signer, which has the permissions CA's key and is another certificate",
+        ),
+        (True, f"is signed by {signer}, not by the permissions CA alone"),
+    )
+    why = next(why for so, why in reasons if so)
+    step = step_at(document.location, document.label, enclave=case.enclave.label)
+    return f"{document.label}, which {case.enclave.label} uses, {why}.", (step,)
+
+
+def _shared_key(case: Case) -> Told:
+    one, other = case.enclave, case.system.enclaves[case.witness[Role.OTHER]]
+    if one.opaque:
+        text = f"The identity of {one.label} could not be read: it may be that of another enclave."
+        return text, (case.identity_step(one),)
+    text = f"{one.label} and {other.label} have the same identity key, so each can pass for the other."
+    return text, (case.identity_step(one), case.identity_step(other))
+
+
+def _grants_itself(case: Case) -> Told:
+    enclave = case.enclave
+    steps = (case.identity_step(enclave),)
+    if enclave.opaque:
+        return f"The identity of {enclave.label} could not be read: it may be one that signs permissions.", steps
+    if case.is_unread(case.trust.permissions_ca):
+        return f"A permissions CA file could not be read: {enclave.label} may be one that signs permissions.", steps
+    if case.has_authority_key(enclave.identity):
+        return f"{enclave.label} can sign itself permissions: its key is that of the permissions CA.", steps
+    if enclave.identity is not None and case.view.self_granting(case.witness[Role.ENCLAVE]):
+        return _signs(case, enclave.identity)
+    if enclave.permissions is None:
+        foreign = f"{enclave.label} has permissions that the permissions CA did not sign and peers accept"
+        return f"{foreign}: {enclave.label}.", steps
+    document = case.system.documents[enclave.permissions]
+    steps = (step_at(document.location, document.label, enclave=enclave.label),)
+    if document.opaque:
+        return (
+            f"{document.label}, which {enclave.label} uses, could not be read: the permissions CA may not have signed "
+            "it, and peers may accept it."
+        ), steps
+    return (
+        f"{enclave.label} has permissions that the permissions CA did not sign and peers accept: {document.label}."
+    ), steps
+
+
+def _signs(case: Case, identity: int) -> Told:
+    """By which certificate an enclave signs: its own, else one of its key, else one that may be anybody's."""
+    certificates, below, enclave = case.system.certificates, case.view.signing_below, case.enclave
+    authorities = case.trust.permissions_ca
+    keys, own = {certificates[number].key for number in authorities}, certificates[identity].key
+    ranked = ((n != identity, certificates[n].key != own, n) for n in below if certificates[n].key not in keys)
+    signing = min(ranked)[-1]
+    signer = certificates[signing]
+    whose = "its identity" if signing == identity else "a certificate of its key"
+    if signer.key != own:
+        whose = "a certificate of whose key nobody knows who has it"
+    issued = "also issued" if signer.issuers & authorities else "is above"
+    above_it = sorted((signer.issuers & below) - authorities - {signing})
+    shown = [certificates[number] for number in (*([signing] if signing != identity else []), *above_it)]
+    text = (
+        f"{enclave.label} can sign itself permissions: the permissions CA {issued} {whose} ({signer.label}), and these "
+        "implementations accept any signer that the CA issued."
+    )
+    steps = (step_at(each.location, each.label, enclave=enclave.label) for each in shown)
+    return text, (case.identity_step(enclave), *steps)
+
+
+def _one_authority(case: Case) -> Told:
+    certificates = case.system.certificates
+    one, other = (certificates[case.witness[role]] for role in (Role.CERTIFICATE, Role.OTHER_CERTIFICATE))
+    if one.opaque:
+        text = "CA files could not be read: identity CA and permissions CA may have one key."
+        return text, (step_at(one.location, one.label),)
+    alike = f"{one.label} is" if one is other else f"{one.label} and {other.label} have one key: it is"
+    text = (
+        f"{alike} identity CA and permissions CA, so whoever has an identity of it passes for a signer of "
+        "permissions wherever the signer is not pinned."
+    )
+    return text, tuple(dict.fromkeys(step_at(each.location, each.label) for each in (one, other)))
+
+
+def _shared_subject(case: Case) -> Told:
+    one, other = case.enclave, case.system.enclaves[case.witness[Role.OTHER]]
+    if one.opaque:
+        step = step_at(one.location, one.label, enclave=one.label)
+        return f"The identity of {one.label} could not be read: grants for others may name it too.", (step,)
+    grants = [grant.location for grant in case.system.grants if {one.identity, other.identity} <= grant.names]
+    if not grants and (document := case.opaque_document()):
+        text = f"{document.label} could not be read: a grant in it may name {one.label} and {other.label} alike."
+        return text, (step_at(document.location, document.label),)
+    named = (step_at(place, one.label) for place in grants[:1])
+    text = f"A grant names {one.label} and {other.label} alike: each has the rights of both."
+    return text, (*named, case.identity_step(one), case.identity_step(other))
+
+
+# What somebody without any key can do, and what grants do not bind.
+
+
+def _outsider(does: str, *touched: Operation, door: bool = False) -> Callable[[Case], Told]:
+    """Anybody can do something, since the kinds that apply do not keep it from that."""
+
+    def tell(case: Case) -> Told:
+        besides = case.open_door() if door else ""
+        text = f"Anybody on the network can {does.format(case.topic)}: {case.kinds()}{besides}."
+        return text, case.governance_steps() + case.user_steps(*touched)
+
+    return tell
 
 
 def _unprotected(case: Case, what: str, otherwise: str) -> str:
@@ -43,134 +204,104 @@ def _unprotected(case: Case, what: str, otherwise: str) -> str:
     return f"{said}, and whole messages are not {otherwise}"
 
 
-def _outsider_learns(case: Case) -> Counterexample:
-    return Counterexample(
-        text=f"Anybody on the network learns of {case.topic}: {_unprotected(case, 'discovery', 'encrypted')}.",
-        steps=case.governance_steps() + case.user_steps(Operation.PUBLISH, Operation.SUBSCRIBE),
-    )
+def _outsider_learns(case: Case) -> Told:
+    text = f"Anybody on the network learns of {case.topic}: {_unprotected(case, 'discovery', 'encrypted')}."
+    return text, case.governance_steps() + case.user_steps(PUBLISH, SUBSCRIBE)
 
 
-def _outsider_injects(case: Case) -> Counterexample:
-    return Counterexample(
-        text=f"Anybody on the network can send samples on {case.topic}: {case.kinds()}{case.open_door()}.",
-        steps=case.governance_steps() + case.user_steps(Operation.SUBSCRIBE),
-    )
-
-
-def _outsider_replays(case: Case) -> Counterexample:
-    return Counterexample(
-        text=f"Anybody on the network can send recorded samples of {case.topic} again, and forge the messages that "
-        f"say what was sent: {case.kinds()}{case.open_door()}.",
-        steps=case.governance_steps() + case.user_steps(Operation.SUBSCRIBE),
-    )
-
-
-def _outsider_asserts(case: Case) -> Counterexample:
+def _outsider_asserts(case: Case) -> Told:
     why = _unprotected(case, "liveliness", "authenticated")
-    return Counterexample(
-        text=f"Anybody on the network can say that a writer of {case.topic} is alive: {why}{case.open_door()}.",
-        steps=case.governance_steps() + case.user_steps(Operation.SUBSCRIBE),
-    )
+    text = f"Anybody on the network can say that a writer of {case.topic} is alive: {why}{case.open_door()}."
+    return text, case.governance_steps() + case.user_steps(SUBSCRIBE)
 
 
-def _unenforced(case: Case) -> Counterexample:
-    flag, step = _switched_off(case)
-    return Counterexample(
-        text=f"The grants on {case.topic} are not asked for: {flag}.",
-        steps=(*step, *case.granted_steps(Operation.PUBLISH, Operation.SUBSCRIBE)),
-    )
-
-
-def _switched_off(case: Case) -> tuple[str, tuple[Step, ...]]:
-    """Say which access control is off: one for which there is a grant to ask for, if all grants could be read."""
+def _unenforced(case: Case) -> Told:
+    """Which access control is off: one for which there is a grant to ask for, if all grants could be read."""
     topic_rule, domain_rule = case.topic_rule, case.domain_rule
     if case.is_open or topic_rule is None or domain_rule is None:
-        return case.kinds(), case.governance_steps()
-    writes, reads = Operation.PUBLISH, Operation.SUBSCRIBE
-    controls: tuple[tuple[str, bool, Location, tuple[Operation, ...]], ...] = (
-        ("write", topic_rule.enable_write_access_control, topic_rule.location, (writes,)),
-        ("read", topic_rule.enable_read_access_control, topic_rule.location, (reads,)),
-        ("join", domain_rule.enable_join_access_control, domain_rule.location, (writes, reads)),
-    )
-    kind, _is_on, place, _operations = min(controls, key=lambda each: (each[1], not case.granted_steps(*each[3])))
-    return f"enable_{kind}_access_control is false", (case.step(place),)
+        why, off = case.kinds(), case.governance_steps()
+    else:
+        controls = (
+            ("write", topic_rule.enable_write_access_control, topic_rule.location, (PUBLISH,)),
+            ("read", topic_rule.enable_read_access_control, topic_rule.location, (SUBSCRIBE,)),
+            ("join", domain_rule.enable_join_access_control, domain_rule.location, (PUBLISH, SUBSCRIBE)),
+        )
+        kind, _is_on, place, _asked = min(controls, key=lambda each: (each[1], not case.granted_steps(*each[3])))
+        why, off = f"enable_{kind}_access_control is false", (case.step(place),)
+    text = f"The grants on {case.topic} are not asked for: {why}."
+    return text, (*off, *case.granted_steps(PUBLISH, SUBSCRIBE))
 
 
-def _insider_writes(case: Case) -> Counterexample:
-    way = beyond_grants(case, Operation.PUBLISH)
-    return Counterexample(
-        text=f"{case.enclave.label} can get its samples taken on {case.topic} without a grant of the permissions CA: "
-        f"{way.why}.",
-        steps=way.steps,
-    )
+def _insider(does: str, operation: Operation) -> Callable[[Case], Told]:
+    def tell(case: Case) -> Told:
+        way = beyond_grants(case, operation)
+        does_it = does.format(case.topic)
+        return f"{case.enclave.label} can {does_it} without a grant of the permissions CA: {way.why}.", way.steps
+
+    return tell
 
 
-def _insider_reads(case: Case) -> Counterexample:
-    way = beyond_grants(case, Operation.SUBSCRIBE)
-    return Counterexample(
-        text=f"{case.enclave.label} can read {case.topic} without a grant of the permissions CA: {way.why}.",
-        steps=way.steps,
-    )
-
-
-def _reader_forges(case: Case) -> Counterexample:
-    right = case.right_steps(case.witness[Role.ENCLAVE], Operation.SUBSCRIBE)
+def _reader_forges(case: Case) -> Told:
+    right = case.right_steps(case.witness[Role.ENCLAVE], SUBSCRIBE)
     only = "may only subscribe to" if right else "may have a right, which could not be read, only to subscribe to"
-    return Counterexample(
-        text=f"{case.enclave.label}, which {only} {case.topic}, can pass for a publisher of it: readers "
-        f"hold the keys of the writer, and no kind tells them apart ({case.kinds()}).",
-        steps=right + case.governance_steps(),
+    text = (
+        f"{case.enclave.label}, which {only} {case.topic}, can pass for a publisher of it: readers "
+        f"hold the keys of the writer, and no kind tells them apart ({case.kinds()})."
     )
+    return text, right + case.governance_steps()
 
 
-def _relay_reads(case: Case) -> Counterexample:
-    return Counterexample(
-        text=f"{case.enclave.label}, which may only relay {case.topic}, can read it: relays hold the keys of "
-        f"submessages, and the payload is not encrypted by itself ({case.kinds()}).",
-        steps=case.right_steps(case.witness[Role.ENCLAVE], Operation.RELAY) + case.governance_steps(),
+def _relay_reads(case: Case) -> Told:
+    text = (
+        f"{case.enclave.label}, which may only relay {case.topic}, can read it: relays hold the keys of "
+        f"submessages, and the payload is not encrypted by itself ({case.kinds()})."
     )
+    return text, case.right_steps(case.witness[Role.ENCLAVE], Operation.RELAY) + case.governance_steps()
 
 
-def _bridge(case: Case) -> Counterexample:
+def _bridge(case: Case) -> Told:
     enclave, channel = case.witness[Role.ENCLAVE], case.witness[Role.OTHER_CHANNEL]
-    realm, writer = _feeding(case.system, case.realm, enclave, channel)
-    there = Case(system=case.system, witness={**case.witness, Role.REALM: realm, Role.CHANNEL: channel})
+    realm, writer = next(_feeding(case, channel), (case.realm, enclave))
+    there = case.at({Role.REALM: realm, Role.CHANNEL: channel})
     other = case.system.enclaves[writer]
     has = "may have" if other.opaque or case.enclave.opaque else "has"
     guise = "" if writer == enclave else f" as {other.label}, whose key it {has}"
-    return Counterexample(
-        text=f"{case.enclave.label} can read {case.topic} and write {there.topic}{guise}: what is said in the one can "
-        "get into the other.",
-        steps=(*_way(case, enclave, Operation.SUBSCRIBE), *_way(there, writer, Operation.PUBLISH)),
+    text = (
+        f"{case.enclave.label} can read {case.topic} and write {there.topic}{guise}: what is said in the one can "
+        "get into the other."
     )
+    reads = case.right_steps(enclave, SUBSCRIBE) or case.governance_steps()
+    return text, (*reads, *(there.right_steps(writer, PUBLISH) or there.governance_steps()))
 
 
-def _feeding(system: System, first: int, enclave: int, channel: int) -> tuple[int, int]:
-    """The realm in which an enclave feeds a channel, the `first` if it does there; and as whom: itself, if it does."""
-    views = realm_views(system)
-    for who in (enclave, *Flows(system, views).acting(enclave)):
-        for realm in (first, *range(len(views))):
+def _feeding(case: Case, channel: int) -> Iterator[tuple[int, int]]:
+    """The realms in which the enclave feeds a channel, its own first; and as whom: itself, if it does."""
+    enclave, views = case.witness[Role.ENCLAVE], realm_views(case.system)
+    for who in (enclave, *Flows(case.system, views).acting(enclave)):
+        for realm in (case.realm, *range(len(views))):
             able = views[realm].abilities(who)
             if (able.may_write | able.forges) >> channel & 1:
-                return realm, who
-    return first, enclave
+                yield realm, who
 
 
-def _way(case: Case, enclave: int, operation: Operation) -> tuple[Step, ...]:
-    """Return the line that gives the right, else those of the governance that leaves it open."""
-    return case.right_steps(enclave, operation) or case.governance_steps()
-
-
-_TELLERS: Final[Mapping[str, Callable[[Case], Counterexample]]] = {
-    **identities.TELLERS,
-    stated.OUTSIDERS_CANNOT_READ.id: _outsider_reads,
+_TELLERS: Final[Mapping[str, Callable[[Case], Told]]] = {
+    stated.ONLY_AUTHENTICATED_JOIN.id: _anybody_joins,
+    stated.IDENTITIES_CHAIN.id: _identity,
+    stated.DOCUMENTS_SIGNED.id: _document,
+    stated.NO_SHARED_IDENTITY.id: _shared_key,
+    stated.NO_SELF_GRANTED_RIGHTS.id: _grants_itself,
+    stated.ONE_CA_FOR_ONE_ROLE.id: _one_authority,
+    stated.NO_SHARED_SUBJECT.id: _shared_subject,
+    stated.OUTSIDERS_CANNOT_READ.id: _outsider("read {}", PUBLISH),
     stated.OUTSIDERS_CANNOT_LEARN_NAMES.id: _outsider_learns,
-    stated.OUTSIDERS_CANNOT_INJECT.id: _outsider_injects,
-    stated.OUTSIDERS_CANNOT_REPLAY.id: _outsider_replays,
+    stated.OUTSIDERS_CANNOT_INJECT.id: _outsider("send samples on {}", SUBSCRIBE, door=True),
+    stated.OUTSIDERS_CANNOT_REPLAY.id: _outsider(
+        "send recorded samples of {} again, and forge the messages that say what was sent", SUBSCRIBE, door=True
+    ),
     stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _outsider_asserts,
     stated.GRANTS_ARE_ENFORCED.id: _unenforced,
-    stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _insider_writes,
-    stated.NOBODY_READS_WITHOUT_A_GRANT.id: _insider_reads,
+    stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _insider("get its samples taken on {}", PUBLISH),
+    stated.NOBODY_READS_WITHOUT_A_GRANT.id: _insider("read {}", SUBSCRIBE),
     stated.READERS_CANNOT_FORGE.id: _reader_forges,
     stated.RELAYS_CANNOT_READ.id: _relay_reads,
     stated.NO_BRIDGES.id: _bridge,

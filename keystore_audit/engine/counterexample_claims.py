@@ -7,10 +7,9 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.engine import causes
-from keystore_audit.engine.counterexample_case import Case, step_at
-from keystore_audit.engine.counterexample_rights import Way, as_anybody, way
-from keystore_audit.engine.native_claims import Claims, claims_at
+from keystore_audit.engine.case import Case, step_at
+from keystore_audit.engine.native_claims import claims_at
+from keystore_audit.engine.ways import Way, as_anybody, way
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims.elsewhere import UNREAD, same_elsewhere
 from keystore_audit.model.formal.attacker import realm_views
@@ -22,7 +21,7 @@ from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import DocumentAtom, System
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.participants.at_large import MAX_SUBJECT
-from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Answer, Hop, Role
 from keystore_audit.properties.result import ANYBODY
 from keystore_audit.text import instant, shorten, some
@@ -33,133 +32,67 @@ UNDER: Final = {
     Attacker.RELAYS: "if some of those named attack",
 }
 
+Told = tuple[str, tuple[Step, ...]]
+"""A text and its steps."""
+
 
 def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Counterexample:
     """The violation of a claim that an engine found, in the user's names."""
     when, system = then_at(system, answer)
+    text, steps = _told(system, claim, answer, when)
+    return Counterexample(text=text, steps=steps)
+
+
+def _told(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Told:
     if claim.kind is ClaimKind.ABLE:
-        return _nothing_gets_there(system, claim, answer, when)
+        return _nothing_gets_there(system, claim, answer, when), ()
     if answer.path:
         ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
         reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(way.why for way in ways if way.why))
         attacker = Attacker.HONEST if by_right(system, claim, answer.path) else claim.attacker
         text = f"{route(system, claim, answer.path)} ({UNDER[attacker]}{when}).{reasons}"
-        return Counterexample(text=text, steps=tuple(dict.fromkeys(step for way in ways for step in way.steps)))
+        return text, tuple(dict.fromkeys(step for way in ways for step in way.steps))
     witness = answer.witnesses[0] if answer.witnesses else {}
     if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
-        return _shared_domain(Case(system=system, witness=witness), claim, when)
+        return _shared_domain(Case(system, witness), claim, when)
     if Role.CHANNEL not in witness:
-        return Counterexample(text=f"It is violated, and no example was given{when}.", steps=())
-    case = Case(system=system, witness=witness)
-    if claim.kind is ClaimKind.ONLY_PUBLISH:
-        return _publisher(case, when)
-    return _reading(case, when)
+        return f"It is violated, and no example was given{when}.", ()
+    return (_publisher if claim.kind is ClaimKind.ONLY_PUBLISH else _reading)(Case(system, witness), when)
 
 
-def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Counterexample:
+def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: str) -> str:
     """Between which places, and what may keep it from them beside rights."""
     moment = 2 * system.now if answer.moment is None else answer.moment
     asked = claims_at(system, moment, Decisions(system))
+    between, numbers = "there", list(asked.cut_off(claim)) if len(claim.pairs) > 1 else []
+    if numbers:
+        one, other = (_told_place(system, place) for place in claim.pairs[numbers[0]])
+        more = f" (nor between {len(numbers) - 1} more of {len(claim.pairs)} pairs)" if len(numbers) > 1 else ""
+        between = f"from {one} to {other}{more}"
     ending = some(sorted(system.enclaves[number].label for number in asked.ending(claim)), 1)
-    but = ""
-    if any(each.refused_writes or each.refused_reads for each in system.at(moment).enclaves):
-        but = ", some of which their own implementations refuse them (`can` says why)"
-    if ending:
-        but += f": {ending} can start now, and not at every instant until then"
-    if len({realm.told for realm in system.realms} - {None}) > 1:
-        but += (
-            "; enclaves refuse each other whose permissions CA files begin with certificates of different names, "
-            "or of which one is signed with RSA"
-        )
-    if any(realm.refuses for realm in system.realms):
-        but += (
-            "; enclaves refuse identities of others, by their revocation lists or by dates and order of the "
-            "authorities in their identity CA files"
-        )
-    text = f"Nothing gets {_cut_off(system, claim, asked)} with the rights that enclaves have{but}{when}."
-    return Counterexample(text=text, steps=())
-
-
-def _reading(case: Case, when: str) -> Counterexample:
-    """Who reads a topic that is not encrypted against it, or (an insider) with the key of somebody who may."""
-    if Role.CERTIFICATE in case.witness:
-        return _stranger_reading(case, case.witness[Role.CERTIFICATE], when)
-    if Role.ENCLAVE not in case.witness:
-        return _anybody_reading(case, when)
-    enclave = case.witness[Role.ENCLAVE]
-    found = Way(why=case.kinds(), steps=case.governance_steps())
-    if not case.view.abilities(enclave).overhears >> case.witness[Role.CHANNEL] & 1:
-        found = way(case, enclave, Operation.SUBSCRIBE, alone=False)
-    text = f"{case.enclave.label}, which may not, can read {case.topic}: {found.why}{when}."
-    return Counterexample(text=text, steps=found.steps)
-
-
-def _anybody_reading(case: Case, when: str) -> Counterexample:
-    """Why anybody reads a topic, or whoever has an identity of the CA, without a grant to."""
-    if case.view.readable >> case.witness[Role.CHANNEL] & 1:
-        text = f"Anybody on the network can read {case.topic}: {case.kinds()}{when}."
-        return Counterexample(text=text, steps=case.governance_steps())
-    if case.view.granted_by_known >> case.witness[Role.CHANNEL] & 1:
-        return _signing_itself(case, f"can read {case.topic}", when)
-    text = (
-        f"{_known(case)} can read {case.topic} without a grant to, robots elsewhere too, "
-        f"since enable_join_access_control is false, and {_read_by(case)}{when}."
+    reasons = (
+        (
+            any(each.refused_writes or each.refused_reads for each in system.at(moment).enclaves),
+            ", some of which their own implementations refuse them (`can` says why)",
+        ),
+        (ending, f": {ending} can start now, and not at every instant until then"),
+        (
+            len({realm.told for realm in system.realms} - {None}) > 1,
+            (
+                "; enclaves refuse each other whose permissions CA files begin with certificates of different names, "
+                "or of which one is signed with RSA"
+            ),
+        ),
+        (
+            any(realm.refuses for realm in system.realms),
+            (
+                "; enclaves refuse identities of others, by their revocation lists or by dates and order of the "
+                "authorities in their identity CA files"
+            ),
+        ),
     )
-    return Counterexample(text=text, steps=case.governance_steps())
-
-
-def _known(case: Case) -> str:
-    """Who joins where join access control is off, as the beginning of a sentence."""
-    grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
-    return f"Whoever has an identity of the CA{grant}"
-
-
-def _signing_itself(case: Case, does: str, when: str) -> Counterexample:
-    """Why whoever has an identity of the CA does something by permissions that it signs itself."""
-    authority = case.system.certificates[min(case.view.issuing_signers)]
-    text = (
-        f"Whoever has an identity of the CA that is fit to sign {does}, robots elsewhere too, by permissions that it "
-        f"signs itself: {shorten(authority.label, MAX_SUBJECT)} stands for identities and for permissions, and these "
-        f"implementations accept any signer that it issued{when}."
-    )
-    return Counterexample(text=text, steps=(case.step(authority.location),))
-
-
-def _read_by(case: Case) -> str:
-    """Why who has joined the domain reads a topic without a grant to: nobody asks, or all have the keys."""
-    channel, protection = case.witness[Role.CHANNEL], case.view.protection
-    return case.kinds() if protection.read_controlled >> channel & 1 else "enable_read_access_control is false"
-
-
-def _stranger_reading(case: Case, identity: int, when: str) -> Counterexample:
-    """Why somebody who has a certificate that no enclave has, or one that was left out, reads a topic."""
-    system, view = case.system, case.view
-    signed = [
-        right.location
-        for right in causes.rights_by(system, identity, Operation.SUBSCRIBE, case.witness[Role.CHANNEL])
-        if any(system.documents[number] is right.document for number in view.accepted - view.genuine)
-    ]
-    unread = None if Permissions(system).admitting(identity, view.accepted) else causes.opaque_document(system)
-    if unread is None:
-        who, place = _who_has(case, identity), system.certificates[identity].location
-    else:
-        who, place = _let_in_by(unread), unread.location
-    why = _read_by(case)
-    able = view.elsewhere[identity]
-    if signed and (able.may_read & view.protection.read_controlled & ~able.overhears) >> case.witness[Role.CHANNEL] & 1:
-        place, why = signed[0], "peers accept a grant that the permissions CA did not sign"
-    text = f"{who} can read {case.topic} without a right to: {why}{when}."
-    return Counterexample(text=text, steps=(case.step(place), *case.governance_steps()))
-
-
-def _cut_off(system: System, claim: ClaimAtom, asked: Claims) -> str:
-    """The first pair of places between which nothing gets, where there are several, and how many more there are."""
-    numbers = list(asked.cut_off(claim)) if len(claim.pairs) > 1 else []
-    if not numbers:
-        return "there"
-    one, other = (_told_place(system, place) for place in claim.pairs[numbers[0]])
-    more = f" (nor between {len(numbers) - 1} more of {len(claim.pairs)} pairs)" if len(numbers) > 1 else ""
-    return f"from {one} to {other}{more}"
+    but = "".join(reason for so, reason in reasons if so)
+    return f"Nothing gets {between} with the rights that enclaves have{but}{when}."
 
 
 def _told_place(system: System, place: ClaimPlace) -> str:
@@ -169,49 +102,107 @@ def _told_place(system: System, place: ClaimPlace) -> str:
     return names[0] if names else "anybody on the network" if place.outsider else "what is not there, or was not read"
 
 
-def _publisher(case: Case, when: str) -> Counterexample:
-    """Who else may publish: an enclave, whoever has a subject that is no enclave's here, or anybody."""
+def _reading(case: Case, when: str) -> Told:
+    """Who reads a topic that is not encrypted against it, or (an insider) with the key of somebody who may."""
+    channel = case.witness[Role.CHANNEL]
+    if Role.CERTIFICATE in case.witness:
+        return _stranger_reading(case, case.witness[Role.CERTIFICATE], when)
     if Role.ENCLAVE in case.witness:
-        return Counterexample(
-            text=f"{case.enclave.label} may publish {case.topic} too{when}.",
-            steps=case.right_steps(case.witness[Role.ENCLAVE], Operation.PUBLISH) or case.governance_steps(),
-        )
+        enclave = case.witness[Role.ENCLAVE]
+        found = Way(why=case.kinds(), steps=case.governance_steps())
+        if not case.view.abilities(enclave).overhears >> channel & 1:
+            found = way(case, enclave, Operation.SUBSCRIBE, alone=False)
+        return f"{case.enclave.label}, which may not, can read {case.topic}: {found.why}{when}.", found.steps
+    if case.view.readable >> channel & 1:
+        return f"Anybody on the network can read {case.topic}: {case.kinds()}{when}.", case.governance_steps()
+    if case.view.granted_by_known >> channel & 1:
+        return _signing_itself(case, f"can read {case.topic}", when)
+    text = (
+        f"{_known(case)} can read {case.topic} without a grant to, robots elsewhere too, "
+        f"since enable_join_access_control is false, and {_read_by(case)}{when}."
+    )
+    return text, case.governance_steps()
+
+
+def _known(case: Case) -> str:
+    """Who joins where join access control is off, as the beginning of a sentence."""
+    grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
+    return f"Whoever has an identity of the CA{grant}"
+
+
+def _signing_itself(case: Case, does: str, when: str) -> Told:
+    """Why whoever has an identity of the CA does something by permissions that it signs itself."""
+    authority = case.system.certificates[min(case.view.issuing_signers)]
+    text = (
+        f"Whoever has an identity of the CA that is fit to sign {does}, robots elsewhere too, by permissions that it "
+        f"signs itself: {shorten(authority.label, MAX_SUBJECT)} stands for identities and for permissions, and these "
+        f"implementations accept any signer that it issued{when}."
+    )
+    return text, (case.step(authority.location),)
+
+
+def _read_by(case: Case) -> str:
+    """Why who has joined the domain reads a topic without a grant to: nobody asks, or all have the keys."""
+    controlled = case.view.protection.read_controlled >> case.witness[Role.CHANNEL] & 1
+    return case.kinds() if controlled else "enable_read_access_control is false"
+
+
+def _stranger_reading(case: Case, identity: int, when: str) -> Told:
+    """Why somebody who has a certificate that no enclave has, or one that was left out, reads a topic."""
+    view, able = case.view, case.view.elsewhere[identity]
+    admitted = Permissions(case.system).admitting(identity, view.accepted)
+    unread = None if admitted else case.opaque_document()
+    if unread is None:
+        who, place = _who_has(case, identity), case.system.certificates[identity].location
+    else:
+        who, place = _let_in_by(unread), unread.location
+    why, foreign = _read_by(case), view.accepted - view.genuine
+    signed = [each.location for each in case.rights_by(identity, Operation.SUBSCRIBE) if each.document in foreign]
+    if signed and (able.may_read & view.protection.read_controlled & ~able.overhears) >> case.witness[Role.CHANNEL] & 1:
+        place, why = signed[0], "peers accept a grant that the permissions CA did not sign"
+    text = f"{who} can read {case.topic} without a right to: {why}{when}."
+    return text, (case.step(place), *case.governance_steps())
+
+
+def _publisher(case: Case, when: str) -> Told:
+    """Who else may publish: an enclave, whoever has a subject that is no enclave's here, or anybody."""
+    channel = case.witness[Role.CHANNEL]
+    if Role.ENCLAVE in case.witness:
+        steps = case.right_steps(case.witness[Role.ENCLAVE], Operation.PUBLISH) or case.governance_steps()
+        return f"{case.enclave.label} may publish {case.topic} too{when}.", steps
     if Role.CERTIFICATE in case.witness:
         return _stranger(case, case.witness[Role.CERTIFICATE], when)
-    if case.view.joining_anybody >> case.witness[Role.CHANNEL] & 1:
+    if case.view.joining_anybody >> channel & 1:
         text = (
             f"Anybody on the network may join without an identity and publish {case.topic}, since "
             f"allow_unauthenticated_participants is true: {case.kinds()}{when}."
         )
-    elif case.view.granted_by_known >> case.witness[Role.CHANNEL] & 1:
+    elif case.view.granted_by_known >> channel & 1:
         return _signing_itself(case, f"may publish {case.topic}", when)
     else:
         text = (
             f"{_known(case)} may publish {case.topic}, robots elsewhere too, since "
             f"enable_join_access_control and enable_write_access_control are false{when}."
         )
-    return Counterexample(text=text, steps=case.governance_steps())
+    return text, case.governance_steps()
 
 
-def _stranger(case: Case, identity: int, when: str) -> Counterexample:
+def _stranger(case: Case, identity: int, when: str) -> Told:
     """By what somebody may publish who has a certificate that no enclave has, or one that was left out."""
-    system = case.system
-    found = causes.rights_by(system, identity, Operation.PUBLISH, case.witness[Role.CHANNEL])
-    accepted = [system.documents[number] for number in case.view.accepted]
-    taken = [each for each in found if any(each.document is document for document in accepted)]
-    unread = None if taken else causes.opaque_document(system)
+    rights = case.rights_by(identity, Operation.PUBLISH)
+    taken = [right.location for right in rights if right.document in case.view.accepted]
+    unread = None if taken else case.opaque_document()
+    place = case.system.certificates[identity].location if unread is None else unread.location
+    steps = (case.step(taken[0]),) if taken else (case.step(place), *case.governance_steps())
     if unread is not None:
-        text = f"{_let_in_by(unread)} may publish {case.topic}{when}."
-        return Counterexample(text=text, steps=(case.step(unread.location), *case.governance_steps()))
-    place = taken[0].location if taken else system.certificates[identity].location
-    steps = (case.step(place), *(() if taken else case.governance_steps()))
-    left_out = _left_out(system, identity)
+        return f"{_let_in_by(unread)} may publish {case.topic}{when}.", steps
+    left_out = _left_out(case.system, identity)
     if left_out is not None:
-        return Counterexample(text=f"{left_out} may publish {case.topic} too{when}.", steps=steps)
-    why = f"peers take the grant in {place} from whoever has that subject"
-    why = why if taken else "nobody asks for such a grant"
-    text = f"{_who_has(case, identity)} may publish {case.topic}{when}: {why}."
-    return Counterexample(text=text, steps=steps)
+        return f"{left_out} may publish {case.topic} too{when}.", steps
+    why = (
+        f"peers take the grant in {taken[0]} from whoever has that subject" if taken else "nobody asks for such a grant"
+    )
+    return f"{_who_has(case, identity)} may publish {case.topic}{when}: {why}.", steps
 
 
 def _let_in_by(unread: DocumentAtom) -> str:
@@ -243,38 +234,29 @@ def then_at(system: System, answer: Answer) -> tuple[str, System]:
     if moment is None:
         moment = 2 * (answer.path[0].instant if answer.path else system.now)
     index, after = divmod(moment, 2)
-    when = instant(system.instants[index])
-    system = system.at(moment)
-    if after:
-        return f", after {when}", _just_after(system, index)
-    return f", from {when} on" if index != system.now else "", replace(system, now=index)
-
-
-def _just_after(system: System, instant: int) -> System:
-    """The system when everything that ends at an instant has ended, and nothing else has changed."""
-    ended = instant - 1
-    return replace(
-        system,
-        now=instant,
-        grants=tuple(replace(each, not_after=ended) if each.not_after == instant else each for each in system.grants),
-        certificates=tuple(
-            replace(each, not_after=ended) if each.not_after == instant else each for each in system.certificates
-        ),
-    )
+    when, then = instant(system.instants[index]), replace(system.at(moment), now=index)
+    if not after:
+        return f", from {when} on" if index != system.now else "", then
+    # Everything has ended that ends at the instant, and nothing else has changed.
+    ended = [
+        tuple(replace(each, not_after=index - 1) if each.not_after == index else each for each in dated)
+        for dated in (then.grants, then.certificates)
+    ]
+    return f", after {when}", replace(then, grants=ended[0], certificates=ended[1])
 
 
 def route(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> str:
     """`/random -> /low_priority -> /multiplexer -> ...`: participants and topics in turn."""
-    words = [] if claim.source.channels else [_who(system, path[0].sender)]
+
+    def who(enclave: int | None) -> str:
+        return "anybody on the network" if enclave is None else system.enclaves[enclave].label
+
+    words = [] if claim.source.channels else [who(path[0].sender)]
     for number, hop in enumerate(path):
         words.append(_case(system, hop).topic)
         if number < len(path) - 1 or not claim.target.channels:
-            words.append(_who(system, hop.receiver))
+            words.append(who(hop.receiver))
     return " -> ".join(words)
-
-
-def _who(system: System, enclave: int | None) -> str:
-    return "anybody on the network" if enclave is None else system.enclaves[enclave].label
 
 
 def _case(system: System, hop: Hop) -> Case:
@@ -282,25 +264,22 @@ def _case(system: System, hop: Hop) -> Case:
     enclave = hop.receiver if hop.receiver is not None else hop.sender
     realm = 0 if enclave is None else system.enclaves[enclave].realm
     witness = {Role.REALM: realm, Role.CHANNEL: hop.channel}
-    return Case(system=system, witness=witness if enclave is None else {**witness, Role.ENCLAVE: enclave})
+    return Case(system, witness if enclave is None else {**witness, Role.ENCLAVE: enclave})
 
 
 def by_right(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> bool:
     """Whether it needs no attack: at each hop, within one realm, who sends may write there and who gets it may read."""
     for number, hop in enumerate(path):
-        view, realms = _case(system, hop).view, set()
-        for enclave, operation, begins_or_ends in (
-            (hop.sender, Operation.PUBLISH, number == 0 and claim.source.channels),
-            (hop.receiver, Operation.SUBSCRIBE, number == len(path) - 1 and claim.target.channels),
-        ):
-            if enclave is None:  # a topic that the claim names, or an outsider
-                if not begins_or_ends:
-                    return False
-                continue
-            able = view.honest(enclave)
-            if not (able.may_write if operation == Operation.PUBLISH else able.may_read) >> hop.channel & 1:
-                return False
-            realms.add(system.enclaves[enclave].realm)
+        view = _case(system, hop).view
+        begins = number == 0 and claim.source.channels
+        ends = number == len(path) - 1 and claim.target.channels
+        if (hop.sender is None and not begins) or (hop.receiver is None and not ends):
+            return False  # an outsider, and no topic that the claim names
+        if hop.sender is not None and not view.honest(hop.sender).may_write >> hop.channel & 1:
+            return False
+        if hop.receiver is not None and not view.honest(hop.receiver).may_read >> hop.channel & 1:
+            return False
+        realms = {system.enclaves[each].realm for each in (hop.sender, hop.receiver) if each is not None}
         if len(realms) != 1:
             return False
     return True
@@ -336,10 +315,9 @@ def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
     return claim.attacker is Attacker.RELAYS and not case.view.abilities(hop.sender).forges >> hop.channel & 1
 
 
-def _shared_domain(case: Case, claim: ClaimAtom, when: str) -> Counterexample:
+def _shared_domain(case: Case, claim: ClaimAtom, when: str) -> Told:
     asked, views = case.witness[Role.DOMAIN], realm_views(case.system)
-    domain = case.system.domains[asked].label
-    rule = causes.domain_rule(case.system, case.realm, asked)
+    domain, rule = case.system.domains[asked].label, case.domain_rule
     step = step_at(None if rule is None else rule.location, domain, channel=domain)
     both = [case.witness[role] for role in (Role.ENCLAVE, Role.OTHER)]
     joining, here = (
@@ -360,7 +338,7 @@ def _shared_domain(case: Case, claim: ClaimAtom, when: str) -> Counterexample:
         if views[case.realm].protection.unauthenticated >> asked & 1:
             how = ", where anybody is let in without an identity"
         text = f"{names[0]} and {names[1]} can both join {domain}{when}{how}."
-    return Counterexample(text=text, steps=(step,))
+    return text, (step,)
 
 
 def _with_its_key(system: System, enclave: int, among: frozenset[int]) -> str:
@@ -368,11 +346,10 @@ def _with_its_key(system: System, enclave: int, among: frozenset[int]) -> str:
     atom, key = system.enclaves[enclave], system.key_of(enclave)
     if atom.opaque:
         return f"{atom.label}, whose identity could not be read,"
-    if key is None:
-        return atom.label
     others = [system.enclaves[each].label for each in sorted(among - {enclave}) if system.key_of(each) == key]
-    have = "have" if len(others) > 1 else "has"
-    return f"{atom.label}, whose key {some(others, 1)} {have} too," if others else atom.label
+    if key is None or not others:
+        return atom.label
+    return f"{atom.label}, whose key {some(others, 1)} {'have' if len(others) > 1 else 'has'} too,"
 
 
 def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:

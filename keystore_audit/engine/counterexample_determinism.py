@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from keystore_audit.engine.counterexample_case import Case, step_at
+from keystore_audit.engine.case import Case, step_at
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom
 from keystore_audit.model.formal.system import System
@@ -110,7 +110,7 @@ class _Telling:
             name = self._behaviour.topics[topic]
             for number, channel in enumerate(self._system.channels):
                 if channel.topic == name and channel.domain == self._behaviour.domain:
-                    case = Case(system=self._system, witness={Role.ENCLAVE: enclave, Role.CHANNEL: number})
+                    case = Case(self._system, {Role.ENCLAVE: enclave, Role.CHANNEL: number})
                     found = case.right_steps(enclave, Operation.PUBLISH)
                     if found:
                         yield found[0]

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from itertools import islice
+from itertools import islice, permutations, product
 
-from keystore_audit.engine.native_identities import shared_identities, shared_subjects
+from keystore_audit.assumptions import DOCUMENTS
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal import outsiders
 from keystore_audit.model.formal.abilities import Abilities
@@ -19,15 +19,7 @@ from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, System
-from keystore_audit.properties import (
-    PROPERTIES,
-    Answer,
-    Role,
-    Status,
-    Witness,
-    stated,
-)
-from keystore_audit.properties.property import Property
+from keystore_audit.properties import BY_ID, PROPERTIES, Answer, Property, Role, Status, Witness, stated
 
 MAX_WITNESSES = 1000
 """Witnesses kept for each property.
@@ -109,7 +101,7 @@ class _Questions:
     """The properties as questions about one system at one moment."""
 
     def __init__(self, system: System, moment: int | None, decisions: Decisions) -> None:
-        self._system = system
+        self.system = system
         self._moment = 2 * system.now if moment is None else moment
         self._decisions = decisions
         self._permissions = Permissions(system, moment, decisions)
@@ -120,48 +112,62 @@ class _Questions:
         return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims() | self.determinism()
 
     def checked(self, told: Mapping[str, Answer]) -> dict[str, Answer]:
-        """The answers of another engine, where what they show is so."""
-        shown = {name: answer for name, answer in told.items() if answer.witnesses or answer.path}
-        wrong = {name for name in shown.keys() & _QUESTIONS.keys() if not self._confirms(name, shown[name])}
-        if any(claim.id in shown for claim in self._system.claims):
-            from keystore_audit.engine.native_claims import claims_at
+        """The answers of another engine, where what they show is so; a flow that it shows no path of is found here."""
+        confirmed = {name: self._confirmed(name, answer) for name, answer in told.items() if name in BY_ID}
+        if self.system.claims:
+            from keystore_audit.engine.native_claims import claims_at  # most audits have none
 
-            for claim in self._system.claims:
-                answer = shown.get(claim.id)
-                moment = self._moment if answer is None or answer.moment is None else answer.moment
-                if answer is not None and not claims_at(self._system, moment, self._decisions).confirms(claim, answer):
-                    wrong.add(claim.id)
-        return {name: Answer(status=Status.UNKNOWN) if name in wrong else answer for name, answer in told.items()}
+            for claim in self.system.claims:
+                answer = told[claim.id]
+                moment = self._moment if answer.moment is None else answer.moment
+                if answer.status is Status.VIOLATED:
+                    answer = claims_at(self.system, moment, self._decisions).confirmed(claim, answer, moment)
+                confirmed[claim.id] = answer
+        return {**told, **confirmed}
 
-    def _confirms(self, name: str, told: Answer) -> bool:
-        return all(any(each == found for found in _QUESTIONS[name](self)) for each in told.witnesses)
+    def _confirmed(self, name: str, told: Answer) -> Answer:
+        so = all(any(each == found for found in self.witnesses(name)) for each in told.witnesses)
+        return told if so else Answer(status=Status.UNKNOWN)
 
     def statuses(self) -> dict[str, Status]:
-        found = {prop.id: _status(next(_QUESTIONS[prop.id](self), None)) for prop in PROPERTIES}
+        found = {prop.id: _status(next(self.witnesses(prop.id), None)) for prop in PROPERTIES}
         return found | {claim: answer.status for claim, answer in self.claims().items()}
 
     def claims(self) -> dict[str, Answer]:
         """The answers about users' claims from the moment on."""
-        if not self._system.claims:
+        if not self.system.claims:
             return {}
         from keystore_audit.engine.native_claims import Claims, answer  # most audits have none
 
-        now = Claims(self._system, self._realms)
+        now = Claims(self.system, self._realms)
         return {
-            claim.id: answer(self._system, claim, now, self._moment, self._decisions) for claim in self._system.claims
+            claim.id: answer(self.system, claim, now, self._moment, self._decisions) for claim in self.system.claims
         }
 
     def determinism(self) -> dict[str, Answer]:
         """The answers about declared behaviour."""
-        if not self._system.determinism:
+        if not self.system.determinism:
             return {}
         from keystore_audit.engine.native_determinism import answer  # most audits have none
 
-        return {asked.id: answer(asked) for asked in self._system.determinism}
+        return {asked.id: answer(asked) for asked in self.system.determinism}
 
     def _answer(self, prop: Property) -> Answer:
-        witnesses = tuple(islice(_QUESTIONS[prop.id](self), MAX_WITNESSES))
+        witnesses = tuple(islice(self.witnesses(prop.id), MAX_WITNESSES))
         return Answer(status=_status(next(iter(witnesses), None)), witnesses=witnesses)
+
+    def witnesses(self, name: str) -> Iterator[Witness]:
+        """All that violates the property of this id."""
+        if name in _OF_CHANNELS:
+            for realm, view in self.used:
+                yield from _channels(realm, _OF_CHANNELS[name](view))
+        elif name in _OF_ENCLAVES:
+            for realm, view in self.used:
+                written = union(able.may_write for able in view.everybody())
+                for enclave, able in enumerate(view.everybody()):
+                    yield from _channels(realm, _OF_ENCLAVES[name](view, enclave, able, written), enclave)
+        else:
+            yield from _OTHERS[name](self)
 
     def unauthenticated_joins(self) -> Iterator[Witness]:
         """Domains that an unauthenticated participant can join."""
@@ -171,64 +177,47 @@ class _Questions:
 
     def unvouched_identities(self) -> Iterator[Witness]:
         """Enclaves whose identity nobody vouches for now."""
-        for enclave, atom in enumerate(self._system.enclaves):
+        for enclave, atom in enumerate(self.system.enclaves):
             known = atom.identity is None or self._realms[atom.realm].introduced(enclave, in_force=True)
-            if self._system.anybody(enclave) or not (known or atom.at_large):
+            if self.system.anybody(enclave) or not (known or atom.at_large):
                 yield {Role.ENCLAVE: enclave}
 
     def unsigned_documents(self) -> Iterator[Witness]:
         """Documents in use that the permissions CA did not sign, or is not in force to."""
-        for enclave, atom in enumerate(self._system.enclaves):
+        for enclave, atom in enumerate(self.system.enclaves):
             view = self._realms[atom.realm]
-            governance = self._system.realms[atom.realm].governance
-            used = {atom.permissions, governance} - {None} if not atom.at_large else ()
+            used = {atom.permissions, self.system.realms[atom.realm].governance} if not atom.at_large else ()
             for document in sorted(number for number in used if number is not None):
-                signers = [self._system.certificates[s] for s in self._system.documents[document].signers]
+                signers = [self.system.certificates[s] for s in self.system.documents[document].signers]
                 if document not in view.genuine or not all(
                     self._permissions.in_force(s.not_before, s.not_after) for s in signers
                 ):
                     yield {Role.ENCLAVE: enclave, Role.DOCUMENT: document}
 
-    def shared_identities(self) -> Iterator[Witness]:
-        """Pairs of enclaves with one identity key."""
-        return shared_identities(self._system)
-
     def self_granted_rights(self) -> Iterator[Witness]:
         """Enclaves that peers take permissions from which the permissions CA did not sign."""
         for realm, view in self.used:
             foreign = view.accepted - view.genuine
-            for enclave, atom in enumerate(self._system.enclaves):
+            for enclave, atom in enumerate(self.system.enclaves):
                 if atom.permissions in foreign or view.self_granting(enclave):
                     yield {Role.REALM: realm, Role.ENCLAVE: enclave}
 
     def double_authorities(self) -> Iterator[Witness]:
         """Pairs of identity CA and permissions CA with one key; a certificate that is both is a pair with itself."""
-        certificates = self._system.certificates
+        certificates = self.system.certificates
         for realm, _view in self.used:
-            atom = self._system.realms[realm]
-            for one in sorted(atom.identity_ca):
-                for other in sorted(atom.permissions_ca):
-                    if certificates[one].key == certificates[other].key:
-                        yield {Role.REALM: realm, Role.CERTIFICATE: one, Role.OTHER_CERTIFICATE: other}
-
-    def shared_subjects(self) -> Iterator[Witness]:
-        """Pairs of enclaves that one grant names."""
-        return shared_subjects(self._system)
-
-    def _each_enclave(self) -> Iterator[tuple[int, RealmView, int, Abilities]]:
-        """In each realm, what each enclave can do."""
-        for realm, view in self.used:
-            for enclave, able in enumerate(view.everybody()):
-                yield realm, view, enclave, able
+            atom = self.system.realms[realm]
+            for one, other in product(sorted(atom.identity_ca), sorted(atom.permissions_ca)):
+                if certificates[one].key == certificates[other].key:
+                    yield {Role.REALM: realm, Role.CERTIFICATE: one, Role.OTHER_CERTIFICATE: other}
 
     def unenforced_grants(self) -> Iterator[Witness]:
         """Channels with a grant that the governance does not make peers ask for."""
+        everybody = range(len(self.system.enclaves))
         for realm, view in self.used:
             p = view.protection
-            published, subscribed = 0, 0
-            for enclave in range(len(self._system.enclaves)):
-                published |= view.may_be_granted(enclave, Operation.PUBLISH)
-                subscribed |= view.may_be_granted(enclave, Operation.SUBSCRIBE)
+            published = union(view.may_be_granted(enclave, Operation.PUBLISH) for enclave in everybody)
+            subscribed = union(view.may_be_granted(enclave, Operation.SUBSCRIBE) for enclave in everybody)
             joinable = self._permissions.within(members(self._permissions.all_domains & ~p.join_controlled))
             loose = (
                 (published & ~p.write_controlled)
@@ -237,43 +226,17 @@ class _Questions:
             )
             yield from _channels(realm, loose & p.governed)
 
-    def ungranted_writes(self) -> Iterator[Witness]:
-        """Enclaves that write, or forge without being a granted reader, where no grant lets them."""
-        for realm, view, enclave, able in self._each_enclave():
-            forged = able.forges & ~view.granted(enclave, Operation.SUBSCRIBE)
-            without = (able.may_write | forged) & ~view.granted(enclave, Operation.PUBLISH)
-            yield from _channels(realm, without, enclave)
-
-    def ungranted_reads(self) -> Iterator[Witness]:
-        """Enclaves that read where no grant lets them."""
-        for realm, view, enclave, able in self._each_enclave():
-            yield from _channels(realm, able.knows & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
-
-    def forging_readers(self) -> Iterator[Witness]:
-        """Granted readers that can pass for a writer of the topic."""
-        for realm, view in self.used:
-            written = union(able.may_write for able in view.everybody())
-            for enclave, able in enumerate(view.everybody()):
-                forged = able.forges & view.may_be_granted(enclave, Operation.SUBSCRIBE) & written
-                yield from _channels(realm, forged & ~view.granted(enclave, Operation.PUBLISH), enclave)
-
-    def reading_relays(self) -> Iterator[Witness]:
-        """Enclaves that relay a topic, are not granted to read it, and find its payload in clear."""
-        for realm, view, enclave, able in self._each_enclave():
-            relayed = able.may_relay & ~view.protection.data_encrypts
-            yield from _channels(realm, relayed and relayed & ~view.granted(enclave, Operation.SUBSCRIBE), enclave)
-
     def bridges(self) -> Iterator[Witness]:
         """Enclaves that read in one class of domains and write in another, perhaps among peers that trust otherwise.
 
         They write as anybody whose key they have. Who reads as another is one that the other bridges as, too.
         """
-        if len(self._system.domains) < 2:
+        if len(self.system.domains) < 2:
             return
-        fed = [0] * len(self._system.enclaves)
+        fed = [0] * len(self.system.enclaves)
         for _realm, view in self.used:
             fed = [each | able.may_write | able.forges for each, able in zip(fed, view.everybody(), strict=True)]
-        for enclave, written in enumerate(Flows(self._system, self._realms).as_any(fed)):
+        for enclave, written in enumerate(Flows(self.system, self._realms).as_any(fed)):
             for realm, view in self.used:
                 read = view.abilities(enclave).knows
                 for within in self._permissions.channels_in if read and written else ():
@@ -317,32 +280,116 @@ def _channels(realm: int, channels: int, enclave: int | None = None) -> Iterator
         yield witness if enclave is None else {**witness, Role.ENCLAVE: enclave}
 
 
-def _outside(of: Callable[[RealmView], int]) -> Callable[[_Questions], Iterator[Witness]]:
-    """The question on which channels somebody without any key can do something."""
-    return lambda questions: (each for realm, view in questions.used for each in _channels(realm, of(view)))
+_OF_CHANNELS: Mapping[str, Callable[[RealmView], int]] = {
+    stated.OUTSIDERS_CANNOT_READ.id: outsiders.read,
+    stated.OUTSIDERS_CANNOT_LEARN_NAMES.id: outsiders.learn_of,
+    stated.OUTSIDERS_CANNOT_INJECT.id: outsiders.inject_into,
+    stated.OUTSIDERS_CANNOT_REPLAY.id: outsiders.replay,
+    stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: outsiders.assert_liveliness_of,
+}
+"""By property: the channels of a realm on which somebody without any key violates it."""
 
 
-_QUESTIONS: Mapping[str, Callable[[_Questions], Iterator[Witness]]] = {
+def _writes_without_a_grant(view: RealmView, enclave: int, able: Abilities, _written: int) -> int:
+    """It writes, or forges without being a granted reader, where no grant lets it."""
+    forged = able.forges & ~view.granted(enclave, Operation.SUBSCRIBE)
+    return (able.may_write | forged) & ~view.granted(enclave, Operation.PUBLISH)
+
+
+def _reads_without_a_grant(view: RealmView, enclave: int, able: Abilities, _written: int) -> int:
+    return able.knows & ~view.granted(enclave, Operation.SUBSCRIBE)
+
+
+def _forges_as_a_reader(view: RealmView, enclave: int, able: Abilities, written: int) -> int:
+    """It is a granted reader and can pass for a writer of the topic."""
+    forged = able.forges & view.may_be_granted(enclave, Operation.SUBSCRIBE) & written
+    return forged & ~view.granted(enclave, Operation.PUBLISH)
+
+
+def _reads_as_a_relay(view: RealmView, enclave: int, able: Abilities, _written: int) -> int:
+    """It relays a topic, is not granted to read it, and finds its payload in clear."""
+    relayed = able.may_relay & ~view.protection.data_encrypts
+    return relayed and relayed & ~view.granted(enclave, Operation.SUBSCRIBE)
+
+
+_OF_ENCLAVES: Mapping[str, Callable[[RealmView, int, Abilities, int], int]] = {
+    stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _writes_without_a_grant,
+    stated.NOBODY_READS_WITHOUT_A_GRANT.id: _reads_without_a_grant,
+    stated.READERS_CANNOT_FORGE.id: _forges_as_a_reader,
+    stated.RELAYS_CANNOT_READ.id: _reads_as_a_relay,
+}
+"""By property: the channels on which an enclave violates it, of all that somebody writes."""
+
+_OTHERS: Mapping[str, Callable[[_Questions], Iterator[Witness]]] = {
     stated.ONLY_AUTHENTICATED_JOIN.id: _Questions.unauthenticated_joins,
     stated.IDENTITIES_CHAIN.id: _Questions.unvouched_identities,
     stated.DOCUMENTS_SIGNED.id: _Questions.unsigned_documents,
-    stated.NO_SHARED_IDENTITY.id: _Questions.shared_identities,
+    stated.NO_SHARED_IDENTITY.id: lambda questions: shared_identities(questions.system),
     stated.NO_SELF_GRANTED_RIGHTS.id: _Questions.self_granted_rights,
     stated.ONE_CA_FOR_ONE_ROLE.id: _Questions.double_authorities,
-    stated.NO_SHARED_SUBJECT.id: _Questions.shared_subjects,
-    stated.OUTSIDERS_CANNOT_READ.id: _outside(outsiders.read),
-    stated.OUTSIDERS_CANNOT_LEARN_NAMES.id: _outside(outsiders.learn_of),
-    stated.OUTSIDERS_CANNOT_INJECT.id: _outside(outsiders.inject_into),
-    stated.OUTSIDERS_CANNOT_REPLAY.id: _outside(outsiders.replay),
-    stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _outside(outsiders.assert_liveliness_of),
+    stated.NO_SHARED_SUBJECT.id: lambda questions: shared_subjects(questions.system),
     stated.GRANTS_ARE_ENFORCED.id: _Questions.unenforced_grants,
-    stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _Questions.ungranted_writes,
-    stated.NOBODY_READS_WITHOUT_A_GRANT.id: _Questions.ungranted_reads,
-    stated.READERS_CANNOT_FORGE.id: _Questions.forging_readers,
-    stated.RELAYS_CANNOT_READ.id: _Questions.reading_relays,
     stated.NO_BRIDGES.id: _Questions.bridges,
 }
 
 
 def _status(witness: Witness | None) -> Status:
     return Status.HOLDS if witness is None else Status.VIOLATED
+
+
+def shared_identities(system: System) -> Iterator[Witness]:
+    """Pairs of enclaves with one identity key; an opaque enclave may be any other, even one that is not here."""
+    subjects = _subjects(system) if any(enclave.at_large for enclave in system.enclaves) else {}
+    for sharing in system.holders().values():
+        for one, other in permutations(sharing, 2):
+            at_large = system.enclaves[one].at_large, system.enclaves[other].at_large
+            renewed = any(at_large) and subjects[one] == subjects[other]
+            if not (all(at_large) or renewed):
+                yield {Role.ENCLAVE: one, Role.OTHER: other}
+    for one in range(len(system.enclaves)):
+        if system.anybody(one):
+            yield {Role.ENCLAVE: one, Role.OTHER: one}
+
+
+def _subjects(system: System) -> dict[int, tuple[frozenset[int], Sequence[int]]]:
+    """By enclave, who issued its certificate and which grants name it: equal where a certificate was renewed."""
+    naming: dict[int, list[int]] = {}
+    for number, grant in enumerate(system.grants):
+        for certificate in grant.names:
+            naming.setdefault(certificate, []).append(number)
+    return {
+        number: (system.certificates[enclave.identity].issuers, naming.get(enclave.identity, []))
+        for number, enclave in enumerate(system.enclaves)
+        if enclave.identity is not None
+    }
+
+
+def shared_subjects(system: System) -> Iterator[Witness]:
+    """Pairs of enclaves that one grant names; an opaque enclave may have any subject, a document any grant."""
+    governances = {realm.governance for realm in system.realms}
+    opaque = (number for number, document in enumerate(system.documents) if document.opaque)
+    if any(number not in governances for number in opaque) or not system.assumed >= DOCUMENTS:
+        for one, other in permutations(range(len(system.enclaves)), 2):
+            yield {Role.ENCLAVE: one, Role.OTHER: other}
+    by_certificate: dict[int, list[int]] = {}
+    for enclave, atom in enumerate(system.enclaves):
+        if system.anybody(enclave):
+            yield {Role.ENCLAVE: enclave, Role.OTHER: enclave}
+        elif atom.identity is not None:
+            by_certificate.setdefault(atom.identity, []).append(enclave)
+    holders = system.holders()
+    for names in dict.fromkeys(grant.names for grant in system.grants):
+        named = [enclave for certificate in sorted(names) for enclave in by_certificate.get(certificate, ())]
+        for one, other in permutations(named, 2):
+            if _serve_two(system, holders, one, other):
+                yield {Role.ENCLAVE: one, Role.OTHER: other}
+
+
+def _serve_two(system: System, holders: Mapping[int, Sequence[int]], one: int, other: int) -> bool:
+    """Whether two enclaves have these identities: one at large is that of each enclave that has its key."""
+    first, second = sorted((one, other), key=lambda enclave: system.enclaves[enclave].at_large)
+    key = system.key_of(second)
+    if not system.enclaves[second].at_large or key is None:
+        return True
+    sharing = [enclave for enclave in holders[key] if not system.enclaves[enclave].at_large]
+    return not system.enclaves[first].at_large and any(enclave != first for enclave in sharing)

@@ -11,7 +11,7 @@ from keystore_audit.model.formal.abilities import Abilities
 from keystore_audit.model.formal.attacker import RealmView, realm_views
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.flow import Flows, Leg, Search, search_of
+from keystore_audit.model.formal.flow import Flows, Leg, search_of
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Answer, Hop, Role, Status, Witness
@@ -43,34 +43,14 @@ class Claims:
         """All that violates the claim; of a flow, a shortest one alone."""
         return _KINDS[claim.kind](self, claim)
 
-    def confirms(self, claim: ClaimAtom, told: Answer) -> bool:
-        """Whether what another engine shows violates the claim."""
-        if told.path:
-            return self._is_flow(search_of(claim), told.path)
+    def confirmed(self, claim: ClaimAtom, told: Answer, moment: int) -> Answer:
+        """What another engine says of a claim that it has violated; UNKNOWN if what it shows violates nothing."""
+        if claim.kind is ClaimKind.NO_FLOW:
+            found = self.violation(claim)
+            return _violated(found, moment) if found is not None else Answer(status=Status.UNKNOWN)
         shown = (each.items() for each in told.witnesses)
-        return all(any(each <= found.items() for found, _legs in self.violations(claim)) for each in shown)
-
-    def _is_flow(self, search: Search, path: Sequence[Hop]) -> bool:
-        """Whether the path leads from the source to the target, hop by hop."""
-        flows, source, target = self._flows, search.source, search.target
-        lanes, got, put = flows.lanes(search), flows.getters(search), flows.putters(search)
-        ends = [flows.outsider if each is None else each for hop in path for each in (hop.sender, hop.receiver)]
-        if ends[1:-1:2] != ends[2::2]:
-            return False
-        if not (source.channels or ends[0] in flows.nodes(source)):
-            return False
-        if not (target.channels or ends[-1] in flows.nodes(target)):
-            return False
-        for number, (sender, hop, receiver) in enumerate(zip(ends[::2], path, ends[1::2], strict=True)):
-            if number == 0 and source.channels:
-                possible = hop.channel in source.channels and got[receiver] >> hop.channel & 1
-            elif number == len(path) - 1 and target.channels:
-                possible = hop.channel in target.channels and put[sender] >> hop.channel & 1
-            else:
-                possible = any((lane.puts[sender] & lane.gets[receiver]) >> hop.channel & 1 for lane in lanes)
-            if not possible:
-                return False
-        return True
+        so = all(any(each <= found.items() for found, _legs in self.violations(claim)) for each in shown)
+        return told if so else Answer(status=Status.UNKNOWN)
 
     def flows(self, claim: ClaimAtom) -> Iterator[Found]:
         """A shortest flow from source to target."""
@@ -203,6 +183,12 @@ def claims_at(system: System, moment: int, decisions: Decisions) -> Claims:
     return Claims(system, realm_views(system, Permissions(system, moment, decisions)))
 
 
+def _violated(found: Found, moment: int) -> Answer:
+    witness, legs = found
+    path = tuple(Hop(sender=s, channel=c, receiver=r, instant=moment // 2) for s, c, r in legs)
+    return Answer(status=Status.VIOLATED, witnesses=(witness,), path=path, moment=moment)
+
+
 def answer(system: System, claim: ClaimAtom, now: Claims, moment: int, decisions: Decisions) -> Answer:
     """The answer about the claim from `moment` on, at which `now` stands: violated if it is at any moment until its
     end.
@@ -211,7 +197,5 @@ def answer(system: System, claim: ClaimAtom, now: Claims, moment: int, decisions
     for each in range(moment, max(moment, last) + 1):
         found = (now if each == moment else claims_at(system, each, decisions)).violation(claim)
         if found is not None:
-            witness, legs = found
-            path = tuple(Hop(sender=s, channel=c, receiver=r, instant=each // 2) for s, c, r in legs)
-            return Answer(status=Status.VIOLATED, witnesses=(witness,), path=path, moment=each)
+            return _violated(found, each)
     return Answer(status=Status.HOLDS)

@@ -20,10 +20,10 @@ from msgspec.structs import replace
 
 from keystore_audit import resources
 from keystore_audit.engine.alloy import claims, install
-from keystore_audit.engine.alloy.atoms import Sort
-from keystore_audit.engine.alloy.facts import CONSISTENCY, commands, facts
+from keystore_audit.engine.alloy.atoms import Relations, Sort
+from keystore_audit.engine.alloy.export import commands
+from keystore_audit.engine.alloy.facts import CONSISTENCY, facts
 from keystore_audit.engine.alloy.process import LATE_SECOND_COMPILER
-from keystore_audit.engine.alloy.relations import Relations
 from keystore_audit.errors import EngineMissing
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Status

@@ -9,8 +9,9 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.assumptions import CONDITIONS, EVERY, Assumption
-from keystore_audit.engine.alloy.facts import CONSISTENCY, MAIN, commands, facts
-from keystore_audit.engine.conditions import with_conditions
+from keystore_audit.engine.alloy.export import commands
+from keystore_audit.engine.alloy.facts import CONSISTENCY, MAIN, facts
+from keystore_audit.engine.horizon import with_conditions
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import BY_ID, PROPERTIES, Status

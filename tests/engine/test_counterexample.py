@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
+from msgspec import structs
 from msgspec.structs import replace
 
-from keystore_audit.engine import causes
+from keystore_audit.engine.case import Case, plainest
 from keystore_audit.engine.counterexample import describe
-from keystore_audit.engine.counterexample_case import plainest
 from keystore_audit.engine.counterexample_claims import describe_claim, hop_ways
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
@@ -81,7 +81,7 @@ def test_the_topic_rule_that_decides_is_named_and_not_one_after_it() -> None:
 @pytest.mark.parametrize("fitness", [{"fit_to_sign": True}, {"fit_to_sign": False, "authority": True}])
 def test_an_enclave_that_signs_for_itself_is_told_by_its_certificate(fitness: dict[str, bool]) -> None:
     """Or by a signer whom it issues a certificate."""
-    b = Builder(**{**vars(healthy_builder()), "pins_signer": False})
+    b = Builder(**{**structs.asdict(healthy_builder()), "pins_signer": False})
     b.realms[0] = replace(b.realms[0], permissions_ca=frozenset({IDENTITY_CA}))
     b.certificates[TALKER_IDENTITY] = replace(b.certificates[TALKER_IDENTITY], **fitness)
     told = tell(b.system(), "no-enclave-grants-itself-rights", realm=0, enclave=TALKER)
@@ -200,7 +200,7 @@ def test_a_grant_behind_one_out_of_date_is_shown_where_that_one_is_passed_over(s
     b.grants[0] = replace(b.grants[0], not_after=1)
     behind = b.grant(TALKER_PERMISSIONS, [TALKER_IDENTITY])
     b.rule(behind, [0], publish=[CHATTER])
-    found = causes.rights(b.system(), TALKER, Operation.PUBLISH, CHATTER)
+    found = Case(b.system(), {Role.REALM: 0, Role.CHANNEL: CHATTER}).rights(TALKER, Operation.PUBLISH)
     assert [right.location for right in found] == [b.rules[-1].location] * skips
 
 

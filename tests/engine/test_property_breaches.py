@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from keystore_audit.engine.property_breaches import _Files
+from keystore_audit.engine.breaches import _Files
 from keystore_audit.keystore.keystore import read_keystore
 from tests.model.test_at_large import written
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, commands, facts
+from keystore_audit.engine.alloy.export import commands
+from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, facts
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.process import OUTPUT_DIRECTORY, Analyzer, AnalyzerProcess, Job, Output
 from keystore_audit.properties import PROPERTIES

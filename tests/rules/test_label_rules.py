@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from keystore_audit.engine.label_answers import with_label_answers
+from keystore_audit.engine.agreement import with_label_answers
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.stated import Claim, Labelled, Labelling, LabelPair, chain

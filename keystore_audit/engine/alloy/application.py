@@ -1,11 +1,10 @@
-"""Nodes and their wiring as an Alloy module, and a main file that asks about them: for the window and users' files."""
+"""Nodes with their wiring, and the words that users' files open, as Alloy modules."""
 
 from __future__ import annotations
 
 from typing import Final
 
-from keystore_audit.engine.alloy.atoms import Sort, declare, make_sort, name_atoms
-from keystore_audit.engine.alloy.relations import Relations
+from keystore_audit.engine.alloy.atoms import Relations, Sort, declare, make_sort, name_atoms
 from keystore_audit.model.formal.system import System
 
 MODULE: Final = "application.als"
@@ -14,14 +13,8 @@ MODULE: Final = "application.als"
 NODES: Final = "nodes.als"
 """The generated module of nodes."""
 
-MAIN: Final = "application_audit.als"
-"""The generated main file."""
-
-ASSERTIONS: Final = ("NodesHaveEnclaves", "NodesHaveTheRightsThatTheyNeed", "WiredFlowsArePermitted", "RightsAreUsed")
-"""What is asserted of every application."""
-
-EXERCISED: Final = "WiringIsExercised"
-"""The run that shows that there is something wired."""
+VOCABULARY: Final = "keystore_audit"
+"""The name of the module that users' files open."""
 
 
 def node_sort(system: System) -> Sort:
@@ -56,8 +49,13 @@ def write_nodes(system: System) -> str:
     return "\n".join([*head, declare(nodes), "", *relations.take_private(), *lines]) + "\n"
 
 
-def write_commands() -> str:
-    """Return the main file: that something is wired, then whether it may be."""
-    head = ["/** What nodes are to do, and what they may. */", "module application_audit", "open application", ""]
-    checks = [f"check {name} for 0" for name in ASSERTIONS]
-    return "\n".join([*head, f"run {EXERCISED} for 0", *checks]) + "\n"
+def write_vocabulary(system: System) -> str:
+    """Return the module, with a function for each of the places of `system`."""
+    atoms, relations = name_atoms(system), Relations()
+    lines = []
+    for place in system.places:
+        sort, members = (atoms.enclaves, place.enclaves) if place.channels is None else (atoms.channels, place.channels)
+        lines.append(relations.subset(place.name, sort, members or ()))
+    head = f"/** What files of properties open: docs/alloy-properties.md. */\nmodule {VOCABULARY}\n"
+    head += "open application\n" if system.nodes else "open claims\n"
+    return "\n".join([head, *relations.take_private(), *lines]) + "\n"

@@ -8,11 +8,11 @@ and number alone.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Final
 
-from msgspec import Struct
+from msgspec import Struct, field
 from msgspec.structs import replace
 
 from keystore_audit import text
@@ -25,18 +25,35 @@ MAX_DECORATION: Final = 24
 GROUP: Final = 50
 """Atoms under one abstract sig: 5,000 children of one overflow the translator's stack, groups do not."""
 
-ROLE_LETTERS: Final = {
-    Role.REALM: "R",
-    Role.DOMAIN: "D",
-    Role.ENCLAVE: "E",
-    Role.OTHER: "E",
-    Role.DOCUMENT: "P",
-    Role.CHANNEL: "T",
-    Role.CERTIFICATE: "C",
-    Role.OTHER_CERTIFICATE: "C",
-    Role.OTHER_CHANNEL: "T",
+LETTERS: Final = {
+    "D": "domains",
+    "T": "channels",
+    "I": "instants",
+    "K": "keys",
+    "C": "certificates",
+    "P": "documents",
+    "R": "realms",
+    "E": "enclaves",
+    "DR": "domain_rules",
+    "TR": "topic_rules",
+    "G": "grants",
+    "PR": "rules",
+    "N": "nodes",
 }
-"""The letters of the sig that a role ranges over."""
+"""What the letters of an atom's name say: the sort, as `System` calls it."""
+
+ROLE_SORTS: Final = {
+    Role.REALM: "realms",
+    Role.DOMAIN: "domains",
+    Role.ENCLAVE: "enclaves",
+    Role.OTHER: "enclaves",
+    Role.DOCUMENT: "documents",
+    Role.CHANNEL: "channels",
+    Role.CERTIFICATE: "certificates",
+    Role.OTHER_CERTIFICATE: "certificates",
+    Role.OTHER_CHANNEL: "channels",
+}
+"""The sort that a role ranges over."""
 
 _ANSWER: Final = re.compile(r"(?:[\w$]+/)*([A-Z]{1,2})(\d{1,9})(?:_[A-Za-z0-9_]*)?\$0", re.ASCII)
 
@@ -165,12 +182,16 @@ def _groups(sort: Sort) -> Iterator[tuple[str, tuple[str, ...], Sequence[Atom]]]
             yield parent, (f"private abstract sig {parent} extends {sig} {{}}",), atoms[start : start + GROUP]
 
 
-def index_of(answer: str, role: Role) -> int | None:
-    """Return the index that an atom of the Analyzer's answer has, or None if it cannot play `role`."""
+def atom_of(answer: str) -> tuple[str, int] | None:
+    """The sort and the index of an atom of the Analyzer's answer; None for a word of the model's own."""
     match = _ANSWER.fullmatch(answer)
-    if match is None or match[1] != ROLE_LETTERS[role]:
-        return None
-    return int(match[2])
+    return None if match is None or match[1] not in LETTERS else (LETTERS[match[1]], int(match[2]))
+
+
+def index_of(answer: str, role: Role, system: System) -> int | None:
+    """The index that an atom of the Analyzer's answer has, None if it cannot play `role` in the system."""
+    sort, index = atom_of(answer) or ("", 0)
+    return index if sort == ROLE_SORTS[role] and index < len(getattr(system, sort)) else None
 
 
 def make_sort(sig: str, letters: str, entries: Sequence[tuple[str, str]]) -> Sort:
@@ -203,3 +224,132 @@ def _channel(system: System, channel: ChannelAtom) -> tuple[str, str]:
     partition = f"partition {channel.partition!r}" if channel.partition else "no partition"
     kind = "a ROS name" if channel.ros else "DDS only"
     return channel.topic, f"{partition}, {system.domains[channel.domain].label}, {kind}"
+
+
+NAMED_SET: Final = 40
+"""Atoms up to which a union stands in the row itself; a larger one is a function of its own, shared by all rows."""
+
+TYPE_BUDGET: Final = 200
+"""Tuples of one union's type; what goes beyond is cut into private functions."""
+
+RUN: Final = 8
+"""Terms of a union without parentheses; a longer one is a balanced tree."""
+
+LINES: Final = "\n\t+ "
+"""Rows stand on lines of their own, so that two models can be compared line by line."""
+
+
+class Row(Struct, frozen=True, kw_only=True):
+    """Some tuples of a relation, `left -> right`; `weight`: how many its type has."""
+
+    expression: str
+    weight: int
+
+
+class Relations(Struct):
+    """Writes functions. `private`: the helper functions that were needed so far and are not taken yet."""
+
+    private: list[str] = field(default_factory=list)
+    _named: dict[tuple[str, tuple[int, ...]], str] = field(default_factory=dict)
+
+    def take_private(self) -> list[str]:
+        """Return the helper functions written since the last call."""
+        taken, self.private = self.private, []
+        return taken
+
+    def atoms(self, sort: Sort, members: Iterable[int]) -> str:
+        """Return the function body for the atoms of `sort` with these indices."""
+        which = tuple(sorted(members))
+        return self._atoms(sort, which) if which else "none"
+
+    def subset(self, name: str, sort: Sort, members: Iterable[int]) -> str:
+        """Return the function `name` that is these atoms of `sort`."""
+        return function(name, f"set {sort.sig}", self.atoms(sort, members))
+
+    def rows(self, left: Sort, right: Sort, rows: Sequence[Iterable[int]]) -> list[Row]:
+        """Return the relation that takes atom i of `left` to the atoms `rows[i]` of `right`."""
+        by_right: dict[tuple[int, ...], list[int]] = {}
+        for index, row in enumerate(rows):
+            if key := tuple(sorted(row)):
+                by_right.setdefault(key, []).append(index)
+        return [self._row(left, tuple(which), right, key) for key, which in by_right.items()]
+
+    def constant_rows(self, left: Sort, values: Sequence[str]) -> list[Row]:
+        """Return the relation that takes atom i of `left` to the atom called `values[i]`."""
+        holders: dict[str, list[int]] = {}
+        for index, value in enumerate(values):
+            holders.setdefault(value, []).append(index)
+        return [
+            Row(expression=f"{self._atoms(left, tuple(which))} -> {value}", weight=_weight(which))
+            for value, which in sorted(holders.items())
+        ]
+
+    def relation(self, name: str, declared: str, rows: Sequence[Row]) -> str:
+        """Return the function `name` that is the union of `rows`."""
+        unions = [union([row.expression for row in block], LINES) for block in _blocks(rows)]
+        if len(unions) > 1:
+            unions = [self._help(f"{name}_{number}", declared, body) for number, body in enumerate(unions)]
+        return function(name, declared, union(unions, LINES) or "none -> none")
+
+    def _row(self, left: Sort, which: tuple[int, ...], right: Sort, key: tuple[int, ...]) -> Row:
+        expression = f"{self._atoms(left, which)} -> {self._atoms(right, key)}"
+        return Row(expression=expression, weight=_weight(which) * _weight(key))
+
+    def _atoms(self, sort: Sort, which: tuple[int, ...]) -> str:
+        """Return an expression for some atoms of a sort: one, the sig for all, a union, a named set for many."""
+        if len(which) == 1:
+            return sort.name(which[0])
+        if len(which) == len(sort.atoms):
+            return sort.sig
+        if len(which) <= NAMED_SET:
+            return f"({union([sort.name(index) for index in which])})"
+        if (sort.sig, which) not in self._named:
+            self._named[sort.sig, which] = self._name_set(sort, which)
+        return self._named[sort.sig, which]
+
+    def _name_set(self, sort: Sort, which: tuple[int, ...]) -> str:
+        name = f"some_{sort.sig}_{len(self._named)}"
+        parts = [which[start : start + TYPE_BUDGET] for start in range(0, len(which), TYPE_BUDGET)]
+        unions = [union([sort.name(index) for index in part]) for part in parts]
+        if len(unions) > 1:
+            declared = f"set {sort.sig}"
+            unions = [self._help(f"{name}_{number}", declared, body) for number, body in enumerate(unions)]
+        return self._help(name, f"set {sort.sig}", union(unions))
+
+    def _help(self, name: str, declared: str, body: str) -> str:
+        self.private.append("private " + function(name, declared, body))
+        return name
+
+
+def function(name: str, declared: str, body: str) -> str:
+    """Return a function without arguments, on one line if its body is."""
+    if "\n" in body:
+        return f"fun {name}: {declared} {{\n\t{body}\n}}"
+    return f"fun {name}: {declared} {{ {body} }}"
+
+
+def union(terms: Sequence[str], plus: str = " + ") -> str:
+    """Return the union of `terms` as a balanced tree; the empty text for none."""
+    if len(terms) <= RUN:
+        return plus.join(terms)
+    middle = len(terms) // 2
+    return f"({union(terms[:middle], plus)}){plus}({union(terms[middle:], plus)})"
+
+
+def _weight(which: Sequence[int]) -> int:
+    """Return the size of the type of a set: that of its atoms, or 1 where a function declares it."""
+    return len(which) if len(which) <= NAMED_SET else 1
+
+
+def _blocks(rows: Sequence[Row]) -> Iterator[list[Row]]:
+    """Cut rows into blocks within the budget."""
+    block: list[Row] = []
+    size = 0
+    for row in rows:
+        if block and size + row.weight > TYPE_BUDGET:
+            yield block
+            block, size = [], 0
+        block.append(row)
+        size += row.weight
+    if block:
+        yield block

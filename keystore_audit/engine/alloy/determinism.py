@@ -1,7 +1,8 @@
 """Observational determinism as Alloy: a small model of its own for each behaviour (alloy/determinism.als).
 
-The bound of steps is the depth of the native search (`engine.native_determinism`): with more rounds, no new pair of
-states comes. In that bound the engines are not independent; in all else they are.
+The bound of rounds is the depth of the native search (`engine.native_determinism`): with more rounds, no new pair of
+states comes. In that bound the engines are not independent; in all else they are. What behaviours rest on, who hands
+samples to whom, Alloy decides again from the facts of the keystore (alloy/forwarding.als).
 """
 
 from __future__ import annotations
@@ -10,21 +11,19 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from lxml import etree
-from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit import text
-from keystore_audit.engine.alloy.jobs import run
-from keystore_audit.engine.alloy.process import Analyzer, Job
-from keystore_audit.engine.alloy.runner import module_texts
-from keystore_audit.engine.alloy.solution import Command, read_instances
-from keystore_audit.engine.alloy.wiring import CONFIRMED, wiring_job
+from keystore_audit.engine.alloy.atoms import Relations, name_atoms
+from keystore_audit.engine.alloy.claims import MODULES as CLAIM_MODULES
+from keystore_audit.engine.alloy.facts import MODULES, count_atoms, fact_modules, module_texts
+from keystore_audit.engine.alloy.process import Analyzer, Job, run
+from keystore_audit.engine.alloy.solution import Command
 from keystore_audit.engine.native_determinism import explore
-from keystore_audit.errors import EngineFailed
+from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom, Scheduler
 from keystore_audit.model.formal.system import System
-from keystore_audit.properties.property import Acts, Answer, Round, Status
+from keystore_audit.properties.property import Answer, Status
 
 MODULE: Final = "determinism.als"
 """The hand-written module."""
@@ -41,12 +40,14 @@ CERTAIN: Final = "Deterministic"
 PERHAPS: Final = "DeterministicWhateverOthersDo"
 """The check with those that perhaps differ as well."""
 
+WIRING: Final = "wiring.als"
+"""The generated main file about what behaviours rest on."""
 
-class _Case(Struct, frozen=True, kw_only=True):
-    """A behaviour that is small enough to be asked about in `steps` rounds."""
+CONFIRMED: Final = "BehaviourIsOfThisKeystore"
+"""The check that confirms it."""
 
-    behaviour: Behaviour
-    steps: int
+MAX_ATOMS: Final = 3_000
+"""Atoms up to which that is asked: the keystore is not merged here, and takes some 20 s then."""
 
 
 def decide(systems: Sequence[System], analyzer: Analyzer) -> list[dict[str, Answer]]:
@@ -54,32 +55,34 @@ def decide(systems: Sequence[System], analyzer: Analyzer) -> list[dict[str, Answ
 
     Raises an EngineError if the Analyzer does not answer everything that it is asked.
     """
-    behaviours = (b for system in systems for claim in system.determinism for b in claim.behaviours)
-    cases = [case for case in map(_case, dict.fromkeys(behaviours)) if case is not None]
+    every = dict.fromkeys(b for system in systems for claim in system.determinism for b in claim.behaviours)
+    asked = [behaviour for behaviour in every if rounds_of(behaviour) is not None]
+    resting = [system for system in systems if any(claim.meetings for claim in system.determinism)]
     known: dict[Behaviour, Answer] = {}
 
-    def read(job: int, found: Mapping[str, bool], solutions: Path) -> None:
-        if job >= len(cases):
-            _confirm(found)
-        else:
-            known[cases[job].behaviour] = _read(cases[job].behaviour, found, solutions)
+    def read(job: int, found: Mapping[str, bool], _solutions: Path) -> None:
+        if job < len(asked):
+            known[asked[job]] = _answer(asked[job], found)
+        elif found[CONFIRMED]:
+            raise EngineFailed("The Alloy Analyzer does not confirm who hands samples to the forwards declared.")
 
-    resting = [system for system in systems if any(claim.meetings for claim in system.determinism)]
-    run([*map(_job, cases), *map(wiring_job, resting)], analyzer, read)
+    run([*map(_job, asked), *map(_wiring_job, resting)], analyzer, read)
     return [{claim.id: _together(claim, known) for claim in system.determinism} for system in systems]
 
 
-def _confirm(found: Mapping[str, bool]) -> None:
-    """Raises EngineFailed unless Alloy finds that the behaviours are those of the keystore."""
-    if found[CONFIRMED]:
-        raise EngineFailed("The Alloy Analyzer does not confirm who hands samples to the forwards declared.")
-
-
-def _case(behaviour: Behaviour) -> _Case | None:
-    """The behaviour with a bound that is complete; None where there is none that the Analyzer can be asked about."""
+def rounds_of(behaviour: Behaviour) -> int | None:
+    """How many rounds are enough; None where there are too many to ask the Analyzer."""
     certain, free = explore(behaviour, perhaps=False), explore(behaviour, perhaps=True)
-    steps = max(certain.depth, free.depth) + 1
-    return _Case(behaviour=behaviour, steps=steps) if certain.complete and free.complete else None
+    return max(certain.depth, free.depth) + 1 if certain.complete and free.complete else None
+
+
+def _answer(behaviour: Behaviour, found: Mapping[str, bool]) -> Answer:
+    """The answer about one behaviour; a difference is shown by the native engine, and none where it finds none."""
+    rounds = explore(behaviour, perhaps=False).rounds if found[CERTAIN] else ()
+    if rounds:
+        return Answer(status=Status.VIOLATED, witnesses=({},), rounds=rounds)
+    holds = found[SHOWN] and not found[CERTAIN] and not found.get(PERHAPS, False)
+    return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
 
 
 def _together(claim: DeterminismAtom, known: Mapping[Behaviour, Answer]) -> Answer:
@@ -92,10 +95,9 @@ def _together(claim: DeterminismAtom, known: Mapping[Behaviour, Answer]) -> Answ
     return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
 
 
-def _job(case: _Case) -> Job:
-    behaviour = case.behaviour
+def _job(behaviour: Behaviour) -> Job:
     return Job(
-        files={**module_texts((MODULE,)), MAIN: write_behaviour(behaviour, case.steps)},
+        files={**module_texts((MODULE,)), MAIN: write_behaviour(behaviour, rounds_of(behaviour) or 0)},
         main=MAIN,
         commands=commands_of(behaviour),
         atoms=behaviour.writers + len(behaviour.slots),
@@ -150,44 +152,63 @@ def _union(letter: str, numbers: Iterable[int]) -> str:
     return " + ".join(f"{letter}{number}" for number in numbers) or "none"
 
 
-def _read(behaviour: Behaviour, found: Mapping[str, bool], solutions: Path) -> Answer:
-    """The answer about one behaviour; a difference comes with the two runs."""
-    if found[CERTAIN]:
-        rounds = read_rounds(solutions / f"{CERTAIN}-solution-0.xml", behaviour)
-        return Answer(status=Status.VIOLATED, witnesses=({},), rounds=rounds)
-    holds = found[SHOWN] and not found.get(PERHAPS, False)
-    return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
+def _wiring_job(system: System) -> Job:
+    """The process that confirms what the claims of determinism of `system` rest on.
 
-
-def read_rounds(path: Path, behaviour: Behaviour) -> tuple[Round, ...]:
-    """Return the two runs of a counterexample, up to the first difference.
-
-    Raises EngineFailed if they are not there, or show none.
+    Raises EngineOutOfScale where the system is too large.
     """
-    rounds = []
-    for state in read_instances(path, CERTAIN):
-        both = Round(one=_acts(state, "Left", behaviour), other=_acts(state, "Right", behaviour))
-        rounds.append(both)
-        if any(both.one.sent[writer] != both.other.sent[writer] for writer in behaviour.seen()):
-            return tuple(rounds)
-    raise EngineFailed(f"The Alloy Analyzer's counterexample to {CERTAIN} shows no difference.")
+    atoms = count_atoms(system)
+    if atoms > MAX_ATOMS:
+        raise EngineOutOfScale(
+            f"The model of this keystore has {atoms} atoms; what forwards rest on is confirmed for up to {MAX_ATOMS}."
+        )
+    return Job(
+        files={
+            **module_texts((*MODULES, CLAIM_MODULES[0], "forwarding.als")),
+            **fact_modules(system),
+            WIRING: write_wiring(system),
+        },
+        main=WIRING,
+        commands=(Command(kind="check", name=CONFIRMED),),
+        atoms=atoms,
+    )
 
 
-def _acts(state: etree._Element, name: str, behaviour: Behaviour) -> Acts:
-    sent: list[int | None] = [None] * behaviour.writers
-    for _run, writer, value in _tuples(state, "sent", name, 3):
-        number = int(writer[1:]) + (len(behaviour.inputs) if writer.startswith("F") else 0)
-        sent[number] = ("One", "Another").index(value)
-    taken = sorted(int(slot[1:]) for _run, slot in _tuples(state, "taken", name, 2))
-    return Acts(sent=tuple(sent), taken=tuple(taken))
+def write_wiring(system: System) -> str:
+    """Return the main file: what is said of `system`, and the check that Alloy says the same."""
+    atoms, relations = name_atoms(system), Relations()
+    lines: list[str] = []
 
+    def channels(name: str, members: frozenset[int]) -> str:
+        lines.append(relations.subset(name, atoms.channels, members))
+        return name
 
-def _tuples(state: etree._Element, label: str, name: str, arity: int) -> Iterator[list[str]]:
-    """The tuples of a field that belong to one run, in the names of this module and its main file."""
-    for field in state.findall(f"./field[@label='{label}']"):
-        for each in field.findall("./tuple"):
-            atoms = [a.get("label", "").rpartition("/")[2].removesuffix("$0") for a in each.findall("./atom")]
-            if len(atoms) != arity:
-                raise EngineFailed(f"The Alloy Analyzer's counterexample to {CERTAIN} cannot be followed.")
-            if atoms[0] == name:
-                yield atoms
+    def enclaves(name: str, members: frozenset[int]) -> str:
+        lines.append(relations.subset(name, atoms.enclaves, members))
+        return name
+
+    def passages(name: str, passed: Iterable[tuple[int, frozenset[int]]]) -> str:
+        rows: list[set[int]] = [set() for _enclave in atoms.enclaves.atoms]
+        for enclave, topics in passed:
+            rows[enclave] |= topics
+        written = relations.rows(atoms.enclaves, atoms.channels, rows)
+        lines.append(relations.relation(name, "Enclave -> Channel", written))
+        return name
+
+    said = []
+    for n, meeting in enumerate(dict.fromkeys(each for claim in system.determinism for each in claim.meetings)):
+        put, among = channels(f"put_{n}", meeting.put), enclaves(f"candidates_{n}", meeting.candidates)
+        senders, whose = enclaves(f"senders_{n}", meeting.senders), f"publishers[{put}]"
+        if meeting.receiver is not None:
+            got = channels(f"got_{n}", meeting.got)
+            whose = f"senders[{put}, {atoms.enclaves.name(meeting.receiver)}, {got}]"
+        said.append(f"{among} & {whose} = {senders}")
+    for n, spread in enumerate(dict.fromkeys(c.spread for c in system.determinism if c.spread is not None)):
+        inside, declared = enclaves(f"inside_{n}", spread.inside), enclaves(f"declared_{n}", spread.declared)
+        first, left_out = channels(f"first_{n}", spread.first), channels(f"left_out_{n}", spread.left_out)
+        passed = passages(f"passed_{n}", ((each.enclave, each.targets) for each in spread.passages if each.reached))
+        closed = passages(f"closed_{n}", ((e.enclave, e.sources) for e in spread.passages if not e.reached))
+        said.append(f"contained[{inside}, {declared}, {passed}, {closed}, {first}, Channel - {left_out}]")
+    head = ["/** Who hands samples to whom, as the other engine has it. */", "module wiring", "open forwarding", ""]
+    check = [f"check {CONFIRMED} {{", *(f"\t{each}" for each in said), "} for 0"]
+    return "\n".join([*head, *relations.take_private(), *lines, "", *check]) + "\n"

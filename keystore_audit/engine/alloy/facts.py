@@ -7,24 +7,15 @@ as fields of sigs, equated in facts, the same keystore costs some hundred times 
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import compress, count
-from pathlib import Path
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit import resources, text
 from keystore_audit.assumptions import EVERY
-from keystore_audit.engine.alloy import application, claims, expiry, paths
-from keystore_audit.engine.alloy.atoms import Sort, declare, declare_apart, name_atoms
-from keystore_audit.engine.alloy.readme import describe_folders, describe_system, folder_names
-from keystore_audit.engine.alloy.relations import Relations, Row, function
-from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
-from keystore_audit.errors import UsageError
-from keystore_audit.model.formal.claim import ClaimKind
-from keystore_audit.model.formal.system import DomainRuleAtom, Reading, System, TopicRuleAtom
-from keystore_audit.properties import PROPERTIES
-from keystore_audit.properties.property import Property
+from keystore_audit.engine.alloy.atoms import Relations, Row, Sort, declare, declare_apart, function, name_atoms
+from keystore_audit.errors import EngineFailed
+from keystore_audit.model.formal.system import Reading, System
 
 MODULES: Final = (
     "dds_security.als",
@@ -47,60 +38,33 @@ KEYSTORE: Final = "keystore.als"
 MAIN: Final = "audit.als"
 """The generated main file: commands only."""
 
-THEME: Final = "keystore_audit.thm"
-"""How the Analyzer's window draws an instance."""
-
-SCENARIOS: Final = "scenarios.als"  # for what is meant to happen, with commands that its reader writes
-
 SPLIT_ATOMS: Final = 400
 """Atoms up to which all stand in `keystore` (`fact_modules`)."""
 
 MODULE_GROUPS: Final = 2  # of up to `atoms.GROUP` atoms in one module, where there are more atoms
-
-TIME: Final = "expiry"
-"""The folder of the model with a moving clock."""
-
-README: Final = "README.md"
-
-_DRAWN: Final = """\
--- for the Analyzer's window, which draws functions without arguments, and those of the main module only
-
-/** Who has which identity. */
-fun has_identity: Enclave -> Certificate { identity }
-/** Who carries which permissions document. */
-fun has_permissions: Enclave -> Document { permissions }
-/** Whose realm has which governance document. */
-fun has_governance: Enclave -> Document { in_realm.governance }
-/** Who signed a document. */
-fun signed_by: Document -> Certificate { signer }
-/** Who issued a certificate; of one that signed itself, nobody else. */
-fun issued_by: Certificate -> Certificate { issuer - iden }
-
-/** Who can write in some realm. */
-fun writes: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_write[r]) } }
-/** Who can read in some realm. */
-fun reads: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_read[r]) } }
-/** Who can write or read in some realm without a grant. */
-fun ungranted: Enclave -> Channel {
-	{ e: Enclave, c: Channel | some r: Realm | c in e.(writes_without_a_grant[r] + reads_without_a_grant[r]) }
-}
-"""
-"""Relations for pictures, in the words of `keystore_audit.thm`."""
 
 _CLOCK: Final = """\
 var one sig Clock in Instant {}
 fun audit_instant: one Instant { Clock }"""
 """What stands for the audit instant where it moves."""
 
+_DEPENDENT: Final = re.compile(
+    r"^fun (?P<name>\w+)\[(?P<realms>realm|sending, receiving): Realm\]: (?P<declared>[^{]+) \{(?P<body>.*?)\}$"
+    r"(?=\s*(?:^(?:/\*\*|--|fun|pred|assert)|\Z))",
+    re.MULTILINE | re.DOTALL,
+)
+"""A function of realms and nothing else, as our modules write it."""
+
+CHILDREN: Final = {
+    "domain_rules": ("domain_rule", "document", "documents"),
+    "topic_rules": ("topic_rule", "domain_rule", "domain_rules"),
+    "grants": ("grant", "document", "documents"),
+    "rules": ("rule", "grant", "grants"),
+}
+"""By sort of entries: the relation from their parents, the field that names the parent, and the sort of that."""
+
 CONSISTENCY: Final = "FactsAreConsistent"
 """The run that must have an instance: no check means anything without it."""
-
-EXERCISED: Final = {
-    "authentication": "AuthenticationIsExercised",
-    "encryption": "EncryptionIsExercised",
-    "access_control": "AccessControlIsExercised",
-}
-"""For each family of properties (modules of `keystore_audit.properties`) the run that shows it has an object."""
 
 
 def facts(system: System, *, moving: bool = False) -> str:
@@ -136,31 +100,52 @@ def fact_modules(system: System) -> dict[str, str]:
     return modules
 
 
-def commands(properties: Sequence[Property], system: System | None = None, *, window: bool = False) -> str:
-    """Return the module `audit`: the runs against vacuity, a check of each of `properties`, the claims of `system`.
+def count_atoms(system: System) -> int:
+    """Return how many atoms the model of `system` has."""
+    sorts: tuple[Collection[object], ...] = (
+        system.instants,
+        {certificate.key for certificate in system.certificates},
+        system.certificates,
+        system.documents,
+        system.realms,
+        system.enclaves,
+        system.domains,
+        system.channels,
+        system.domain_rules,
+        system.topic_rules,
+        system.grants,
+        system.rules,
+    )
+    return sum(map(len, sorts))
 
-    `window`: for the Analyzer's window, with short atom names and relations to draw. Not for the solver alone, since
-    the Analyzer parses a module once for each path of `open` that leads to it, and the facts are the largest.
+
+def module_texts(names: Sequence[str]) -> dict[str, str]:
+    """Return the text of hand-written modules."""
+    folder = resources.alloy()
+    try:
+        return {name: (folder / name).read_text(encoding="ascii") for name in names}
+    except (OSError, UnicodeDecodeError) as error:
+        raise EngineFailed(f"This installation is incomplete: an Alloy module cannot be read ({error}).") from error
+
+
+def with_one_realm(modules: Mapping[str, str]) -> dict[str, str]:
+    """Return the same modules for systems with exactly one realm, so that what depends on it is worked out once.
+
+    The translator works out a function without arguments once, and one with arguments anew wherever it is called.
+    Rights have the realm of a peer as their argument, because a relation of realms, enclaves and channels would have a
+    place for each three atoms. Where there is one realm only, `Realm` is that one: then each such function calls one
+    without arguments, of which it is the name for others. No other text changes.
     """
-    asked = claims.write_claims(system) if system is not None else ""
-    lines = [
-        "/**",
-        " * The audit: every property of `properties`, after the runs that show what they speak of.",
-        " *",
-        " * To read the model, begin with `dds_security`: words, order of the modules, and why `for 0` is a proof.",
-        *([" * The first two are opened again so that the window shows their atoms by short names."] if window else []),
-        " */",
-        "module audit",
-        *(["open dds_security", "open keystore"] if window else []),
-        "open claims" if asked else "open vacuity",
-        "",
-        *(f"run {name} for 0" for name in (CONSISTENCY, *EXERCISED.values())),
-        "",
-        *(f"check {prop.assertion} for 0" for prop in properties),
-        *(["", asked] if asked else []),
-        *(["", _DRAWN] if window else []),
-    ]
-    return "\n".join(lines).rstrip("\n") + "\n"
+    return {name: _DEPENDENT.sub(_named, module) for name, module in modules.items()}
+
+
+def _named(function: re.Match[str]) -> str:
+    name, realms, declared, body = function.group("name", "realms", "declared", "body")
+    only = ", ".join(f"{realm} = Realm" for realm in realms.split(", "))
+    return (
+        f"fun {name}[{realms}: Realm]: {declared} {{ only_{name} }}\n"
+        f"fun only_{name}: {declared} {{\n\tlet {only} | {{{body}}}\n}}"
+    )
 
 
 def _header(system: System) -> str:
@@ -183,59 +168,8 @@ def _header(system: System) -> str:
     return "\n".join(lines)
 
 
-def write_model(systems: Sequence[System], directory: Path, beside: Mapping[str, str] | None = None) -> None:
-    """Write the model of each system for the Alloy Analyzer's window: modules, facts, commands, theme and a README.
-
-    `beside`: files of users (name to text), each of which opens the vocabulary.
-
-    One system goes into `directory` itself, several into a folder each. Raises UsageError if the directory holds
-    anything or cannot be written.
-    """
-    names = folder_names(systems)
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        if any(directory.iterdir()):
-            raise UsageError(f"{directory} is not empty: the model goes into a new or an empty directory.")
-        for system, name in zip(systems, names, strict=True):
-            folder = directory / name if len(systems) > 1 else directory
-            folder.mkdir(exist_ok=True)
-            _write_folder(system, folder)
-            for user, content in (beside or {}).items():
-                (folder / f"{VOCABULARY}.als").write_text(write_vocabulary(system), encoding="ascii")
-                (folder / user).write_text(content, encoding="ascii")
-            _write_time(system, folder / TIME)
-            (folder / README).write_text(describe_system(system), encoding="utf-8")
-        if len(systems) > 1:
-            (directory / README).write_text(describe_folders(systems, names), encoding="utf-8")
-    except OSError as error:
-        raise UsageError(f"The model cannot be written to {directory}: {error.strerror or error}.") from error
-
-
-def _write_folder(system: System, folder: Path) -> None:
-    for module in (*MODULES, *claims.MODULES, *paths.MODULES, SCENARIOS, THEME):
-        shutil.copyfile(resources.alloy() / module, folder / module)
-    (folder / KEYSTORE).write_text(facts(system), encoding="ascii")
-    (folder / MAIN).write_text(commands(PROPERTIES, system, window=True), encoding="ascii")
-    if flows := [number for number, claim in enumerate(system.claims) if claim.kind is ClaimKind.NO_FLOW]:
-        (folder / paths.MAIN).write_text(paths.write_paths(system, flows), encoding="ascii")
-    if system.nodes:
-        shutil.copyfile(resources.alloy() / application.MODULE, folder / application.MODULE)
-        (folder / application.NODES).write_text(application.write_nodes(system), encoding="ascii")
-        (folder / application.MAIN).write_text(application.write_commands(), encoding="ascii")
-
-
-def _write_time(system: System, folder: Path) -> None:
-    """Write the model with a moving clock: its facts differ, so it stands in a folder of its own."""
-    folder.mkdir()
-    for module in (*MODULES, *claims.MODULES, expiry.MODULE):
-        shutil.copyfile(resources.alloy() / module, folder / module)
-    timed = expiry.timed(system)
-    (folder / KEYSTORE).write_text(facts(timed, moving=True), encoding="ascii")
-    (folder / expiry.MAIN).write_text(expiry.write_expiry(timed), encoding="ascii")
-
-
 class _Facts:
-    """Writes the relations of one system, section by section."""
+    """Writes the relations of one system, section by section. Sorts are called as in `System` and `Atoms`."""
 
     def __init__(self, system: System, *, moving: bool) -> None:
         self._system = system
@@ -258,143 +192,135 @@ class _Facts:
             yield "\n".join([f"-- {title}", *self._relations.take_private(), *written])
 
     def _certificates(self) -> Iterator[str]:
-        a, rows, grants = self._atoms, self._system.certificates, self._system.grants
-        yield self._map("issuer", a.certificates, a.certificates, [c.issuers for c in rows])
-        yield self._set("authority", a.certificates, [c.authority for c in rows])
-        yield self._set("fit_to_sign", a.certificates, [c.fit_to_sign for c in rows])
-        yield self._map("public_key", a.certificates, a.keys, [{a.key_index[c.key]} for c in rows])
-        following = [{index + 1} for index in range(len(self._system.instants) - 1)]
-        yield self._map("following", a.instants, a.instants, following)
+        atoms, system = self._atoms, self._system
+        yield from self._maps("certificates", issuer=("issuers", "certificates"))
+        yield from self._flags("certificates", "authority", "fit_to_sign")
+        yield self._map("public_key", "certificates", "keys", [{atoms.key_index[c.key]} for c in system.certificates])
+        yield self._map("following", "instants", "instants", [{n + 1} for n in range(len(system.instants) - 1)])
         if self._moving:
             yield _CLOCK
-        now = a.instants.name(self._system.now)
+        now = atoms.instants.name(system.now)
         yield function("Beginning" if self._moving else "audit_instant", "one Instant", now)
-        yield self._dates("not_before", [c.not_before for c in rows], [g.not_before for g in grants])
-        yield self._dates("not_after", [c.not_after for c in rows], [g.not_after for g in grants])
+        for name in ("not_before", "not_after"):
+            rows = [*self._rows("certificates", name, "instants"), *self._rows("grants", name, "instants")]
+            yield self._relations.relation(name, "(Certificate + Grant) -> Instant", rows)
 
     def _documents(self) -> Iterator[str]:
-        a, documents, enclaves = self._atoms, self._system.documents, self._system.enclaves
-        yield self._set("intact", a.documents, [d.intact for d in documents])
-        yield self._map("signer", a.documents, a.certificates, [d.signers for d in documents])
-        opaque = (
-            self._relations.atoms(a.documents, compress(count(), [d.opaque for d in documents])),
-            self._relations.atoms(a.enclaves, compress(count(), [e.opaque for e in enclaves])),
-            self._relations.atoms(a.certificates, compress(count(), [c.opaque for c in self._system.certificates])),
-        )
-        found = [members for members in opaque if members != "none"]
-        yield function("opaque", "set Document + Enclave + Certificate", " + ".join(found) or "none")
-        assumed = " + ".join(sorted(each.atom for each in self._system.assumed)) or "none"
-        yield function("assumed", "set Assumption", "Assumption" if self._system.assumed == EVERY else assumed)
-        yield function("asks_announced_only", "set Realm", "Realm" if self._system.asks_announced_only else "none")
-        yield function("pins_signer", "set Realm", "Realm" if self._system.pins_signer else "none")
-        yield function("requires_grant", "set Realm", "Realm" if self._system.requires_grant else "none")
+        system = self._system
+        yield from self._flags("documents", "intact")
+        yield from self._maps("documents", signer=("signers", "certificates"))
+        found = [self._members(sort, "opaque") for sort in ("documents", "enclaves", "certificates")]
+        opaque = " + ".join(members for members in found if members != "none") or "none"
+        yield function("opaque", "set Document + Enclave + Certificate", opaque)
+        assumed = " + ".join(sorted(each.atom for each in system.assumed)) or "none"
+        yield function("assumed", "set Assumption", "Assumption" if system.assumed == EVERY else assumed)
+        for name in ("asks_announced_only", "pins_signer", "requires_grant"):
+            yield function(name, "set Realm", "Realm" if getattr(system, name) else "none")
 
     def _enclaves(self) -> Iterator[str]:
-        a, realms, enclaves = self._atoms, self._system.realms, self._system.enclaves
-        yield self._map("identity_ca", a.realms, a.certificates, [r.identity_ca for r in realms])
-        yield self._map("permissions_ca", a.realms, a.certificates, [r.permissions_ca for r in realms])
-        yield self._map("governance", a.realms, a.documents, [_lone(r.governance) for r in realms])
-        yield self._map("revoked", a.realms, a.certificates, [r.revoked for r in realms])
-        yield self._map("refuses", a.realms, a.certificates, [r.refuses for r in realms])
+        realms = self._system.realms
+        yield from self._same("realms", "certificates", "identity_ca", "permissions_ca")
+        yield from self._same("realms", "documents", "governance")
+        yield from self._same("realms", "certificates", "revoked", "refuses")
         refused = [{n for n, other in enumerate(realms) if not r.talks_to(other)} for r in realms]
-        yield self._map("refuses_realm", a.realms, a.realms, refused)
-        yield self._map("in_realm", a.enclaves, a.realms, [{e.realm} for e in enclaves])
-        yield self._map("identity", a.enclaves, a.certificates, [_lone(e.identity) for e in enclaves])
-        yield self._map("permissions", a.enclaves, a.documents, [_lone(e.permissions) for e in enclaves])
-        yield self._map("reads_alone", a.enclaves, a.channels, [e.reads_alone for e in enclaves])
-        yield self._map("writes_alone", a.enclaves, a.channels, [e.writes_alone for e in enclaves])
-        yield self._map("refused_writes", a.enclaves, a.channels, [e.refused_writes for e in enclaves])
-        yield self._map("refused_reads", a.enclaves, a.channels, [e.refused_reads for e in enclaves])
+        yield self._map("refuses_realm", "realms", "realms", refused)
+        yield from self._maps("enclaves", in_realm=("realm", "realms"))
+        yield from self._same("enclaves", "certificates", "identity")
+        yield from self._same("enclaves", "documents", "permissions")
+        yield from self._same("enclaves", "channels", "reads_alone", "writes_alone", "refused_writes", "refused_reads")
 
     def _precedes(self) -> Iterator[str]:
         """Siblings are entries of one sort with one parent, in the order of their indices."""
-        a, system = self._atoms, self._system
-        entries = (
-            (a.domain_rules, [rule.document for rule in system.domain_rules]),
-            (a.topic_rules, [rule.domain_rule for rule in system.topic_rules]),
-            (a.grants, [grant.document for grant in system.grants]),
-            (a.rules, [rule.grant for rule in system.rules]),
-        )
-        rows = [row for sort, parents in entries for row in _next_siblings(sort, parents)]
+        rows: list[Row] = []
+        for sort, (_name, parent, _parents) in CHILDREN.items():
+            entries: Sort = getattr(self._atoms, sort)
+            last: dict[int, int] = {}
+            for index, atom in enumerate(getattr(self._system, sort)):
+                above = getattr(atom, parent)
+                if above in last:
+                    rows.append(Row(expression=f"{entries.name(last[above])} -> {entries.name(index)}", weight=1))
+                last[above] = index
         yield self._relations.relation("precedes", "Entry -> Entry", rows)
 
     def _domain_rules(self) -> Iterator[str]:
-        a, rules = self._atoms, self._system.domain_rules
-        yield self._children("domain_rule", a.documents, a.domain_rules, [r.document for r in rules])
-        covered = self._relations.rows(a.domain_rules, a.domains, [r.domains for r in rules])
-        covered += self._relations.rows(a.rules, a.domains, [r.domains for r in self._system.rules])
+        yield self._children("domain_rules")
+        covered = [*self._rows("domain_rules", "domains", "domains"), *self._rows("rules", "domains", "domains")]
         yield self._relations.relation("domains", "(DomainRule + Rule) -> Domain", covered)
-        for flag in ("allow_unauthenticated_participants", "enable_join_access_control"):
-            yield self._set(flag, a.domain_rules, [getattr(rule, flag) for rule in rules])
-        for kind in ("discovery_protection_kind", "liveliness_protection_kind", "rtps_protection_kind"):
-            yield self._kind(kind, a.domain_rules, rules)
+        yield from self._flags("domain_rules", "allow_unauthenticated_participants", "enable_join_access_control")
+        yield from self._kinds("domain_rules", "discovery", "liveliness", "rtps")
 
     def _topic_rules(self) -> Iterator[str]:
-        a, rules = self._atoms, self._system.topic_rules
-        yield self._children("topic_rule", a.domain_rules, a.topic_rules, [r.domain_rule for r in rules])
-        yield self._map("topic_expression", a.topic_rules, a.channels, [r.channels for r in rules])
-        for flag in (
+        yield self._children("topic_rules")
+        yield from self._maps("topic_rules", topic_expression=("channels", "channels"))
+        yield from self._flags(
+            "topic_rules",
             "enable_discovery_protection",
             "enable_liveliness_protection",
             "enable_read_access_control",
             "enable_write_access_control",
-        ):
-            yield self._set(flag, a.topic_rules, [getattr(rule, flag) for rule in rules])
-        for kind in ("metadata_protection_kind", "data_protection_kind"):
-            yield self._kind(kind, a.topic_rules, rules)
+        )
+        yield from self._kinds("topic_rules", "metadata", "data")
 
     def _permissions(self) -> Iterator[str]:
-        a, grants, rules = self._atoms, self._system.grants, self._system.rules
-        yield self._children("grant", a.documents, a.grants, [g.document for g in grants])
-        yield self._map("subject_name", a.grants, a.certificates, [g.names for g in grants])
-        skipped = "Grant" if self._system.skips_grants_out_of_date and self._system.grants else "none"
-        yield function("skipped_out_of_date", "set Grant", skipped)
-        undated = "Grant" if self._system.joins_out_of_date and self._system.grants else "none"
-        yield function("joins_out_of_date", "set Grant", undated)
-        yield self._set("default_allow", a.grants, [g.default_allow for g in grants])
-        yield self._children("rule", a.grants, a.rules, [r.grant for r in rules])
-        yield self._set("allow_rule", a.rules, [r.allow for r in rules])
-        yield self._map("publish", a.rules, a.channels, [r.publish for r in rules])
-        yield self._map("subscribe", a.rules, a.channels, [r.subscribe for r in rules])
-        yield self._map("relay", a.rules, a.channels, [r.relay for r in rules])
+        system = self._system
+        yield self._children("grants")
+        yield from self._maps("grants", subject_name=("names", "certificates"))
+        for name, of_all in (
+            ("skipped_out_of_date", system.skips_grants_out_of_date),
+            ("joins_out_of_date", system.joins_out_of_date),
+        ):
+            yield function(name, "set Grant", "Grant" if of_all and system.grants else "none")
+        yield from self._flags("grants", "default_allow")
+        yield self._children("rules")
+        yield self._relations.subset("allow_rule", self._atoms.rules, self._those("rules", "allow"))
+        yield from self._same("rules", "channels", "publish", "subscribe", "relay")
 
     def _channels(self) -> Iterator[str]:
-        a = self._atoms
-        yield self._map("in_domain", a.channels, a.domains, [{c.domain} for c in self._system.channels])
-        yield self._map("meets", a.channels, a.channels, self._system.meets)
+        yield from self._maps("channels", in_domain=("domain", "domains"))
+        yield self._map("meets", "channels", "channels", self._system.meets)
 
-    def _set(self, name: str, sort: Sort, members: Sequence[bool]) -> str:
-        return self._relations.subset(name, sort, compress(count(), members))
+    def _those(self, sort: str, flag: str) -> Iterator[int]:
+        """The atoms of which a flag is true."""
+        return (index for index, atom in enumerate(getattr(self._system, sort)) if getattr(atom, flag))
 
-    def _map(self, name: str, left: Sort, right: Sort, rows: Sequence[Iterable[int]]) -> str:
+    def _members(self, sort: str, flag: str) -> str:
+        return self._relations.atoms(getattr(self._atoms, sort), self._those(sort, flag))
+
+    def _flags(self, sort: str, *flags: str) -> Iterator[str]:
+        """A set for each flag, of the same name."""
+        for flag in flags:
+            yield self._relations.subset(flag, getattr(self._atoms, sort), self._those(sort, flag))
+
+    def _kinds(self, sort: str, *protected: str) -> Iterator[str]:
+        atoms: Sort = getattr(self._atoms, sort)
+        for name in (f"{each}_protection_kind" for each in protected):
+            kinds = [getattr(rule, name).value for rule in getattr(self._system, sort)]
+            rows = self._relations.constant_rows(atoms, kinds)
+            yield self._relations.relation(name, f"{atoms.sig} -> ProtectionKind", rows)
+
+    def _same(self, sort: str, to: str, *fields: str) -> Iterator[str]:
+        """A relation for each field, of the same name, to what the field names of the sort `to`."""
+        return self._maps(sort, **{field: (field, to) for field in fields})
+
+    def _maps(self, sort: str, **relations: tuple[str, str]) -> Iterator[str]:
+        """A relation of each name, to what the field names of another sort."""
+        for name, (field, to) in relations.items():
+            declared = f"{getattr(self._atoms, sort).sig} -> {getattr(self._atoms, to).sig}"
+            yield self._relations.relation(name, declared, self._rows(sort, field, to))
+
+    def _map(self, name: str, sort: str, to: str, rows: Sequence[Iterable[int]]) -> str:
+        left, right = getattr(self._atoms, sort), getattr(self._atoms, to)
         return self._relations.relation(name, f"{left.sig} -> {right.sig}", self._relations.rows(left, right, rows))
 
-    def _kind(self, name: str, sort: Sort, rules: Sequence[DomainRuleAtom] | Sequence[TopicRuleAtom]) -> str:
-        kinds = [getattr(rule, name).value for rule in rules]
-        return self._relations.relation(
-            name, f"{sort.sig} -> ProtectionKind", self._relations.constant_rows(sort, kinds)
-        )
+    def _rows(self, sort: str, field: str, to: str) -> list[Row]:
+        """What the field of each atom of a sort names of another: an index, perhaps none, or a set of them."""
+        named = [getattr(atom, field) for atom in getattr(self._system, sort)]
+        members = [() if each is None else (each,) if isinstance(each, int) else each for each in named]
+        return self._relations.rows(getattr(self._atoms, sort), getattr(self._atoms, to), members)
 
-    def _dates(self, name: str, certificates: Sequence[int], grants: Sequence[int]) -> str:
-        a = self._atoms
-        rows = self._relations.rows(a.certificates, a.instants, [{instant} for instant in certificates])
-        rows += self._relations.rows(a.grants, a.instants, [{instant} for instant in grants])
-        return self._relations.relation(name, "(Certificate + Grant) -> Instant", rows)
-
-    def _children(self, name: str, parents: Sort, children: Sort, parent_of: Sequence[int]) -> str:
-        rows: list[set[int]] = [set() for _ in parents.atoms]
-        for child, parent in enumerate(parent_of):
-            rows[parent].add(child)
-        return self._map(name, parents, children, rows)
-
-
-def _next_siblings(sort: Sort, parents: Sequence[int]) -> Iterator[Row]:
-    last: dict[int, int] = {}
-    for index, parent in enumerate(parents):
-        if parent in last:
-            yield Row(expression=f"{sort.name(last[parent])} -> {sort.name(index)}", weight=1)
-        last[parent] = index
-
-
-def _lone(index: int | None) -> set[int]:
-    return set() if index is None else {index}
+    def _children(self, sort: str) -> str:
+        name, field, parents = CHILDREN[sort]
+        rows: list[set[int]] = [set() for _ in getattr(self._system, parents)]
+        for child, atom in enumerate(getattr(self._system, sort)):
+            rows[getattr(atom, field)].add(child)
+        return self._map(name, parents, sort, rows)

@@ -1,4 +1,7 @@
-"""One run of the Alloy Analyzer: a child process in a directory, a process group and an environment of its own."""
+"""Runs of the Alloy Analyzer: a child process each, in a directory, a process group and an environment of its own.
+
+Several stand side by side; each must answer every command that it was given.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,17 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Final
+from typing import Final, TypeVar
 
 from msgspec import Struct
 
 from keystore_audit.engine.alloy.install import checked_copy
-from keystore_audit.engine.alloy.solution import Command
+from keystore_audit.engine.alloy.solution import Command, failure, verdicts
 from keystore_audit.errors import EngineFailed, EngineMissing, EngineTimeout
 
 OUTPUT_DIRECTORY: Final = "solutions"
@@ -47,6 +51,17 @@ time (20 of 44 s at 500 enclaves); of what runs ten times as often less is compi
 
 STACK_MB: Final = 64
 """MiB of stack: the translator recurses along unions."""
+
+PARALLEL: Final = 2
+"""Analyzers side by side: one uses little more than one core."""
+
+_POLL: Final = 0.01
+"""Seconds between looks at a process."""
+
+Result = TypeVar("Result")
+
+Read = Callable[[int, Mapping[str, bool], Path], Result]
+"""Makes a result of a job: its number, which of its commands have an instance, and where the instances are."""
 
 _DIAGNOSTICS: Final = "diagnostics"
 _MESSAGES: Final = "messages"
@@ -218,3 +233,37 @@ def _limit_processor_time(pid: int, timeout: float) -> None:
         prlimit(pid, RLIMIT_CPU, (seconds, seconds))
     except (ProcessLookupError, PermissionError):  # ended already
         return
+
+
+def run(
+    jobs: Sequence[Job],
+    analyzer: Analyzer,
+    read: Read[Result],
+    check: Callable[[Output], Output] | None = None,
+) -> list[Result]:
+    """Return what `read` makes of each job, in their order. `check` sees what the Analyzer wrote first, and may raise.
+
+    Raises an EngineError if one of them was not answered completely; then the others are ended.
+    """
+    results: dict[int, Result] = {}
+    waiting = deque(enumerate(jobs))
+    running: dict[int, AnalyzerProcess] = {}
+    with ExitStack() as cleanup:
+        while waiting or running:
+            while waiting and len(running) < PARALLEL:
+                number, job = waiting.popleft()
+                running[number] = cleanup.enter_context(AnalyzerProcess(job, analyzer))
+            for number, process in tuple(running.items()):
+                output = process.poll(_POLL)
+                if output is not None:
+                    found = _verdicts(jobs[number], check(output) if check else output, analyzer)
+                    results[number] = read(number, found, process.directory / OUTPUT_DIRECTORY)
+                    running.pop(number).close()
+    return [results[number] for number in range(len(jobs))]
+
+
+def _verdicts(job: Job, output: Output, analyzer: Analyzer) -> Mapping[str, bool]:
+    if output.status != 0:
+        said = output.diagnostics + output.messages
+        raise failure(output.status, said, java=analyzer.java, memory_mb=analyzer.memory_mb)
+    return verdicts(output.diagnostics, job.commands)

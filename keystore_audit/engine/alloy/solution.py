@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -12,6 +12,7 @@ from msgspec import Struct
 
 from keystore_audit.engine.alloy.atoms import index_of
 from keystore_audit.errors import EngineFailed
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Role, Witness
 from keystore_audit.text import shorten
 
@@ -52,66 +53,41 @@ def verdicts(diagnostics: str, commands: Sequence[Command]) -> dict[str, bool]:
     return found
 
 
-def witness(directory: Path, command: str, roles: Sequence[Role], sizes: Mapping[Role, int]) -> Witness:
+def witness(directory: Path, command: str, roles: Sequence[Role], system: System) -> Witness:
     """Return the atoms that make the check `command` fail, from the instance that the Analyzer left in `directory`.
 
-    `sizes`: how many atoms may play each role. Raises EngineFailed if the instance is not there, is no XML, or does
-    not name one known atom for each of `roles`.
+    Raises EngineFailed if the instance is not there, is no XML, or does not name one atom of the system for each of
+    `roles`.
     """
-    return _roles(_skolems(directory / f"{command}-solution-0.xml", command), command, roles, sizes)
-
-
-def witnesses(
-    directory: Path, command: str, members: Mapping[str, Sequence[Role]], sizes: Mapping[Role, int]
-) -> dict[str, Witness]:
-    """Return, for checks that `command` stands for, by name, the atoms that make each of them fail. As `witness`.
-
-    Their variables are called `member_role`. A realm that is the only one needs none.
-    """
-    atoms = _skolems(directory / f"{command}-solution-0.xml", command) if members else {}
-    found: dict[str, Witness] = {}
-    for member, roles in members.items():
-        known: Witness = {role: 0 for role in roles if role is Role.REALM and sizes[role] == 1}
-        theirs = {
-            name.removeprefix(f"{member}_"): atom for name, atom in atoms.items() if name.startswith(f"{member}_")
-        }
-        found[member] = {**known, **_roles(theirs, member, [role for role in roles if role not in known], sizes)}
-    return found
-
-
-def _roles(atoms: Mapping[str, str], command: str, roles: Sequence[Role], sizes: Mapping[Role, int]) -> Witness:
+    variables = skolems(directory, command)
     found: dict[Role, int] = {}
     for asked in roles:
-        answer, role = atoms.get(asked.value, ""), asked
+        values, role = variables.get(asked.value, []), asked
+        answer = values[0][0] if len(values) == 1 and len(values[0]) == 1 else ""
         if asked in (Role.PUBLISHER, Role.INSIDER):
             if _OUTSIDER.fullmatch(answer):
                 continue
-            role = Role.ENCLAVE if index_of(answer, Role.CERTIFICATE) is None else Role.CERTIFICATE
-        index = index_of(answer, role)
-        if index is None or index >= sizes[role]:
+            role = Role.ENCLAVE if index_of(answer, Role.CERTIFICATE, system) is None else Role.CERTIFICATE
+        index = index_of(answer, role, system)
+        if index is None:
             raise EngineFailed(f"The Alloy Analyzer's counterexample to {command} names no {asked.value}.")
         found[role] = index
     return found
 
 
-def _skolems(path: Path, assertion: str) -> dict[str, str]:
-    """Return for each quantified variable of `assertion` the atom that the instance gives it."""
-    prefix = f"${assertion}_"
-    found: dict[str, str] = {}
-    for skolem in _read(path, assertion).iterfind("./instance/skolem"):
-        label = skolem.get("label", "")
-        tuples = skolem.findall("./tuple/atom")
-        if label.startswith(prefix) and len(tuples) == 1:
-            found[label.removeprefix(prefix)] = tuples[0].get("label", "")
-    return found
-
-
-def read_instances(path: Path, command: str) -> list[etree._Element]:
-    """Return the states of the trace that `command` found, in order. Raises EngineFailed if it cannot be read."""
-    instances = _read(path, command).findall("./instance")
-    if not instances:
+def skolems(directory: Path, command: str) -> dict[str, list[list[str]]]:
+    """The tuples of atoms that each outermost variable of `command` stands for in the instance that was left of it."""
+    prefix, path = f"${command}_", directory / f"{command}-solution-0.xml"
+    instance = _read(path, command).find("./instance")
+    if instance is None:
         raise EngineFailed(f"The Alloy Analyzer's instance of {command} is not there.")
-    return instances
+    return {
+        skolem.get("label", "").removeprefix(prefix): [
+            [atom.get("label", "") for atom in each.findall("./atom")] for each in skolem.findall("./tuple")
+        ]
+        for skolem in instance.iterfind("./skolem")
+        if skolem.get("label", "").startswith(prefix)
+    }
 
 
 def _read(path: Path, assertion: str) -> etree._Element:

@@ -16,26 +16,36 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.ci import in_ci
-from keystore_audit.engine.alloy import application, claims, install
-from keystore_audit.engine.alloy.facts import MODULES, fact_modules
-from keystore_audit.engine.alloy.jobs import run
-from keystore_audit.engine.alloy.process import Analyzer, Job, Output
-from keystore_audit.engine.alloy.runner import MAX_ATOMS, MEMORY_MB, count_atoms, module_texts
-from keystore_audit.engine.alloy.solution import Command
-from keystore_audit.engine.alloy.user_counterexample import describe_instance
+from keystore_audit.engine.alloy import claims, install
+from keystore_audit.engine.alloy.application import MODULE, NODES, VOCABULARY, write_nodes, write_vocabulary
+from keystore_audit.engine.alloy.atoms import atom_of
+from keystore_audit.engine.alloy.facts import MODULES, count_atoms, fact_modules, module_texts
+from keystore_audit.engine.alloy.process import Analyzer, Job, Output, run
+from keystore_audit.engine.alloy.runner import MAX_ATOMS, MEMORY_MB
+from keystore_audit.engine.alloy.solution import Command, skolems
 from keystore_audit.engine.alloy.user_file import CONSISTENT, Asked, UserFile
-from keystore_audit.engine.alloy.user_ranges import ranges, run_of
-from keystore_audit.engine.alloy.user_vocabulary import VOCABULARY, write_vocabulary
 from keystore_audit.engine.engines import Engines
-from keystore_audit.errors import EngineError, EngineOutOfScale, UsageError
+from keystore_audit.errors import EngineError, EngineFailed, EngineOutOfScale, UsageError
+from keystore_audit.findings import Location
 from keystore_audit.model.formal.system import Reading, System
-from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.model.names import ros_name
+from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Property, Status
 from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus, ProfileResult
-from keystore_audit.text import shorten
+from keystore_audit.text import instant, shorten
 
 MAIN: Final = "user_properties.als"
 """What a user's file is called where the Analyzer reads it."""
+
+MAX_TOLD: Final = 8
+"""Variables of an instance that are told, and tuples of each."""
+
+MAX_NAME: Final = 160
+"""Characters of one name."""
+
+_PLAIN: Final = re.compile(r"[\w\s:,&+\-.()\[\]~^*<>]+", re.ASCII)
+_ENCLOSED: Final = re.compile(r"\([^()\[\]]*\)|\[[^()\[\]]*\]")
+_VARIABLE: Final = re.compile(r"(?:disj\s+)?(\w+)", re.ASCII)
 
 _COMPLAINT: Final = re.compile(
     r"(?:\w+ error in (?:.*[/\\])?user_properties\.als at line (\d+) column (\d+):\s*([^\n]*(?:(?<=:)\n[^\n]*)?))"
@@ -130,7 +140,7 @@ def job(file: UserFile, system: System) -> Job:
     text = f"{file.text}\n{''.join(further.values())}" if further else file.text
     written = {**module_texts((*MODULES, *claims.MODULES)), **fact_modules(system), MAIN: text}
     if system.nodes:
-        written |= {**module_texts((application.MODULE,)), application.NODES: application.write_nodes(system)}
+        written |= {**module_texts((MODULE,)), NODES: write_nodes(system)}
     asked = [Command(kind=asked.kind, name=asked.name) for asked in file.commands]
     spoken_of = [Command(kind="run", name=run_of(asked)) for asked in file.commands if asked.name in further]
     return Job(
@@ -201,3 +211,85 @@ def _result(
         vacuous=any(one.vacuous for one in told),
         reason=next((one.reason for one in told if one.reason), "" if told else "no right was decided"),
     )
+
+
+def describe_instance(system: System, command: str, solutions: Path) -> Counterexample:
+    """The instance that the Analyzer left of `command`, by its outermost variables.
+
+    Raises EngineFailed if it is not there or names what is not in the system.
+    """
+    told: list[str] = []
+    steps: list[Step] = []
+    for variable, tuples in list(skolems(solutions, command).items())[:MAX_TOLD]:
+        words = [
+            " -> ".join(shorten(_meaning(system, each)[0], MAX_NAME) for each in atoms) for atoms in tuples[:MAX_TOLD]
+        ]
+        told.append(f"{variable}: {', '.join(words) or 'nothing'}{', ...' if len(tuples) > MAX_TOLD else ''}")
+        for atom in (atom for atoms in tuples[:MAX_TOLD] for atom in atoms):
+            name, place = _meaning(system, atom)
+            if place is not None:
+                enclave = name if (atom_of(atom) or ("",))[0] == "enclaves" else None
+                steps.append(Step(enclave=enclave, channel=None, witness=name, path=place.path, line=place.line))
+    if not told:
+        return Counterexample(text="An instance has no variables to tell: begin the check with `all`.", steps=())
+    return Counterexample(text=f"With {'; '.join(told)}.", steps=tuple(dict.fromkeys(steps)))
+
+
+def _meaning(system: System, atom: str) -> tuple[str, Location | None]:
+    """An atom's name and place; a word of the model's own stands for itself."""
+    sort, index = atom_of(atom) or ("", 0)
+    try:
+        match sort:
+            case "":
+                return atom.removesuffix("$0").rpartition("/")[2], None
+            case "channels":
+                channel = system.channels[index]
+                name = ros_name(channel.topic)
+                name = f"topics such as {name}" if channel.infinite else name
+                partition = f" in partition {channel.partition!r}" if channel.partition else ""
+                return f"{name}{partition} ({system.domains[channel.domain].label})", None
+            case "realms":
+                members = [enclave.label for enclave in system.enclaves if enclave.realm == index]
+                return f"the trust of {', '.join(members[:3])}{' and others' if len(members) > 3 else ''}", None
+            case "instants":
+                return instant(system.instants[index]), None
+            case "keys":
+                return f"key {index}", None
+            case "domains" | "nodes":
+                return getattr(system, sort)[index].label, None
+            case _:  # a rule or grant is called by its line
+                found = getattr(system, sort)[index]
+                return getattr(found, "label", str(found.location)), found.location
+    except IndexError:
+        raise EngineFailed(f"The Alloy Analyzer's counterexample names {atom!r}, which is not there.") from None
+
+
+def ranges(file: UserFile) -> dict[str, str]:
+    """By command a run, as its name and text, that has an instance where there is something to speak of.
+
+    Of nothing everything is true. Asked is about the `all` that a check, or the assertion of its name, begins with, if
+    it is plainly written.
+    """
+    found = ((asked, _declared(file.text, asked)) for asked in file.commands if asked.kind == "check")
+    return {asked.name: f"run {run_of(asked)} {{ {asks} }} for 0\n" for asked, asks in found if asks}
+
+
+def run_of(asked: Asked) -> str:
+    """The name of that run."""
+    return f"KeystoreAuditRangeOf{asked.name}"
+
+
+def _declared(text: str, asked: Asked) -> str:
+    """That something is what the outermost `all` declares; nothing where it is not plain what that is."""
+    begin = re.search(rf"^[ \t]*(?:assert|check)\s+{asked.name}\s*\{{\s*all\s", text, re.MULTILINE | re.ASCII)
+    if begin is None:
+        return ""
+    declarations = re.split(r"[|{]", text[begin.end() :], maxsplit=1)[0]
+    if "--" in declarations or not _PLAIN.fullmatch(declarations):
+        return ""
+    outside = declarations
+    while _ENCLOSED.search(outside):
+        outside = _ENCLOSED.sub("", outside)
+    names = [_VARIABLE.fullmatch(each.partition(":")[0].strip()) for each in outside.split(",")]
+    told = [f"some {name[1]}" for name in names if name is not None]
+    return f"some {declarations.strip()} | {' and '.join(told)}" if len(told) == len(names) else ""

@@ -9,15 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit import resources
-from keystore_audit.engine.alloy.application import (
-    ASSERTIONS,
-    EXERCISED,
-    MAIN,
-    MODULE,
-    NODES,
-    write_commands,
-    write_nodes,
-)
+from keystore_audit.engine.alloy.application import MODULE, NODES, write_nodes
+from keystore_audit.engine.alloy.export import APPLICATION, WIRED, WIRING, write_wiring_commands
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts
 from keystore_audit.engine.alloy.user_file import CONSISTENT, read_user_file
 from keystore_audit.engine.alloy.user_properties import job
@@ -60,7 +53,7 @@ def told(story: str, intents: list[Intent]) -> tuple[System, Observation]:
 
 def modules(system: System) -> dict[str, str]:
     texts = shipped()
-    return texts | {KEYSTORE: facts(system), NODES: write_nodes(system), MAIN: write_commands()}
+    return texts | {KEYSTORE: facts(system), NODES: write_nodes(system), APPLICATION: write_wiring_commands()}
 
 
 @pytest.mark.parametrize("name", GRAPHS)
@@ -88,9 +81,9 @@ def test_alloy_finds_the_missing_and_the_unused_rights_that_graphs_show(name: st
             pairs = more_write if granted.operation is Operation.PUBLISH else more_read
             unused = {(system.enclaves[e].label, system.channels[c].topic) for e, c in pairs}
             assert (excess.enclave, granted.topic) in unused
-    found = outcomes(tmp_path, texts, MAIN)
+    found = outcomes(tmp_path, texts, APPLICATION)
     assert found == {
-        EXERCISED: True,
+        WIRED: True,
         "NodesHaveEnclaves": False,
         "NodesHaveTheRightsThatTheyNeed": bool(missing),
         "WiredFlowsArePermitted": bool(missing),
@@ -103,8 +96,8 @@ def test_a_policy_wires_what_it_allows(tmp_path: Path) -> None:
     """The keystore was made from it, so that no wire lacks a right."""
     system, _ = told("turtlesim", [read_policy(SAMPLES / "policies" / "turtlesim.policy.xml").intent])
     assert {node.label for node in system.nodes} == {"/multiplexer", "/turtlesim", "/keyboard", "/random"}
-    found = outcomes(tmp_path, modules(system), MAIN)
-    assert found[EXERCISED]
+    found = outcomes(tmp_path, modules(system), APPLICATION)
+    assert found[WIRED]
     assert not found["NodesHaveTheRightsThatTheyNeed"]
     assert not found["WiredFlowsArePermitted"]
 
@@ -161,8 +154,8 @@ def test_users_files_speak_of_nodes_where_there_are_some(tmp_path: Path) -> None
 def test_the_exported_model_has_the_nodes(tmp_path: Path) -> None:
     graph = read_graph(SAMPLES / "graphs" / "vehicle-missing-grant.graph.json")
     export_model(SAMPLES / "healthy" / "vehicle", tmp_path / "m", at=AT, profiles=resolve(("spec",)), intents=[graph])
-    found = outcomes(tmp_path / "m", {}, MAIN)
-    assert [name for name in ASSERTIONS if found[name]] == ["NodesHaveTheRightsThatTheyNeed", "WiredFlowsArePermitted"]
+    found = outcomes(tmp_path / "m", {}, APPLICATION)
+    assert [name for name in WIRING if found[name]] == ["NodesHaveTheRightsThatTheyNeed", "WiredFlowsArePermitted"]
     assert "| `N0_" in (tmp_path / "m" / "README.md").read_text()
 
 
@@ -187,8 +180,8 @@ def test_the_module_opens_and_runs_beside_the_example_of_the_source_tree(tmp_pat
     folder = resources.alloy()
     assert (folder / NODES).read_text() == write_nodes(example())
     texts = {path.name: path.read_text() for path in folder.glob("*.als")}
-    found = outcomes(tmp_path, texts | {MAIN: write_commands()}, MAIN)
-    assert found == {EXERCISED: True} | dict.fromkeys(ASSERTIONS, False)
+    found = outcomes(tmp_path, texts | {APPLICATION: write_wiring_commands()}, APPLICATION)
+    assert found == {WIRED: True} | dict.fromkeys(WIRING, False)
 
 
 def theorems(tmp_path: Path, application: str | None = None) -> dict[str, bool]:

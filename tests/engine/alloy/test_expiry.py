@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from keystore_audit.engine.alloy import expiry
-from keystore_audit.engine.alloy.facts import KEYSTORE, facts, write_model
+from keystore_audit.engine.alloy import export
+from keystore_audit.engine.alloy.export import write_model
+from keystore_audit.engine.alloy.facts import KEYSTORE, facts
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.claim import ClaimAtom, ClaimKind
@@ -40,16 +41,16 @@ LASTING = {"AuthoritiesOutliveIdentities", "NoRightBegins"}
 
 
 def files(system: System) -> dict[str, str]:
-    timed = expiry.timed(system)
+    timed = export.timed(system)
     modules = shipped()
-    return modules | {KEYSTORE: facts(timed, moving=True), expiry.MAIN: expiry.write_expiry(timed)}
+    return modules | {KEYSTORE: facts(timed, moving=True), export.EXPIRY: export.write_expiry(timed)}
 
 
 def failing(system: System, directory: Path) -> set[str]:
     """The commands about time whose answer is bad news: checks with a counterexample, claims without a compartment."""
-    found = outcomes(directory, files(system), expiry.MAIN)
-    assert found[expiry.EXERCISED]
-    return {name for name, instance in found.items() if instance is (name in expiry.ASSERTIONS)}
+    found = outcomes(directory, files(system), export.EXPIRY)
+    assert found[export.TIME_EXERCISED]
+    return {name for name, instance in found.items() if instance is (name in export.TIMED)}
 
 
 def narrow_grant_first(b: Builder) -> None:
@@ -76,8 +77,8 @@ def test_what_time_brings_and_takes(tmp_path: Path) -> None:
     for change in (narrow_grant_first, begins_later, stops_at_grants_out_of_date, authority_ends_first):
         b = healthy_builder()
         change(b)
-        found[change.__name__] = set(expiry.ASSERTIONS) - failing(b.system(), tmp_path)
-    assert failing(healthy_builder().system(), tmp_path) == set(expiry.ASSERTIONS) - LASTING
+        found[change.__name__] = set(export.TIMED) - failing(b.system(), tmp_path)
+    assert failing(healthy_builder().system(), tmp_path) == set(export.TIMED) - LASTING
     assert found == {
         "narrow_grant_first": LASTING - {"NoRightBegins"},
         "begins_later": LASTING - {"NoRightBegins"},
@@ -90,11 +91,11 @@ def test_with_fewer_steps_than_instants_time_is_not_exercised(tmp_path: Path) ->
     b = healthy_builder()
     narrow_grant_first(b)
     modules = files(b.system())
-    steps = re.search(r"(\d+)\.\.\1 steps", modules[expiry.MAIN])
+    steps = re.search(r"(\d+)\.\.\1 steps", modules[export.EXPIRY])
     assert steps is not None
-    modules[expiry.MAIN] = modules[expiry.MAIN].replace(steps[0], f"1..{int(steps[1]) - 1} steps")
-    found = outcomes(tmp_path, modules, expiry.MAIN)
-    assert found == dict.fromkeys([expiry.EXERCISED, *expiry.ASSERTIONS], False)
+    modules[export.EXPIRY] = modules[export.EXPIRY].replace(steps[0], f"1..{int(steps[1]) - 1} steps")
+    found = outcomes(tmp_path, modules, export.EXPIRY)
+    assert found == dict.fromkeys([export.TIME_EXERCISED, *export.TIMED], False)
 
 
 def test_the_moving_clock_agrees_with_each_moment_looked_at_alone(tmp_path: Path) -> None:
@@ -142,8 +143,8 @@ def test_an_exported_model_of_time_runs_as_it_is(tmp_path: Path) -> None:
     narrow_grant_first(b)
     write_model([b.system()], tmp_path / "model")
     folder = tmp_path / "model" / "expiry"
-    found = outcomes(tmp_path, {path.name: path.read_text() for path in folder.iterdir()}, expiry.MAIN)
-    assert (found["NoRightBegins"], found[expiry.EXERCISED]) == (True, True)
+    found = outcomes(tmp_path, {path.name: path.read_text() for path in folder.iterdir()}, export.EXPIRY)
+    assert (found["NoRightBegins"], found[export.TIME_EXERCISED]) == (True, True)
 
 
 def command(b: Builder, directory: Path, wired: str) -> dict[str, bool]:

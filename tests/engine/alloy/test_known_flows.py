@@ -13,8 +13,7 @@ from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.claims import Places
 from keystore_audit.engine.alloy.facts import facts
-from keystore_audit.engine.alloy.known_flows import known_flows, shown
-from keystore_audit.engine.alloy.questions import Sheet
+from keystore_audit.engine.alloy.questions import known_flows, main_file, questions, shown_flow
 from keystore_audit.model.formal.claim import ClaimAtom
 from keystore_audit.model.formal.flow import Leg
 from keystore_audit.model.formal.system import System
@@ -76,10 +75,10 @@ def test_a_flow_that_the_analyzer_agrees_to_leaves_no_compartment(tmp_path: Path
         asked = [f"run Known{number} {{ {text} }} for 0" for number, text in found.items()]
         for number in flows:
             for count, legs in enumerate(ways(system, system.claims[number], chance)):
-                text = shown(system.claims[number], Places.of(number), atoms, legs)
+                text = shown_flow(system.claims[number], Places.of(number), atoms, legs)
                 asked.append(f"run Tried{number}_{count} {{ {text} }} for 0")
-        sheet = Sheet(system, (), (resources.alloy() / "properties.als").read_text())
-        texts = {"keystore.als": facts(system), "audit.als": sheet.one_by_one().text + "\n".join(asked)}
+        text = main_file(system, (), [*questions(system, (), (resources.alloy() / "properties.als").read_text())])[0]
+        texts = {"keystore.als": facts(system), "audit.als": text + "\n".join(asked)}
         answers = outcomes(tmp_path, modules | texts)
         closed = {number for number in flows if answers[f"Claim{number}"]}
         assert set(found) == set(flows) - closed, seed

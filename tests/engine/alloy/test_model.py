@@ -12,7 +12,8 @@ import pytest
 
 from keystore_audit import resources
 from keystore_audit.engine.alloy import claims
-from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, MODULES, commands, facts, write_model
+from keystore_audit.engine.alloy.export import commands, write_model
+from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, MODULES, facts
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.properties import PROPERTIES
 from tests.engine import systems

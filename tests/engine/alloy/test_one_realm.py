@@ -9,9 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.engine.alloy import claims
-from keystore_audit.engine.alloy.facts import MODULES
-from keystore_audit.engine.alloy.one_realm import with_one_realm
-from keystore_audit.engine.alloy.runner import module_texts
+from keystore_audit.engine.alloy.facts import MODULES, module_texts, with_one_realm
 from keystore_audit.model.formal.system import System
 from tests.engine.alloy_batch import as_expected, asking, outcomes, shipped, unlike, values, whole_world
 from tests.engine.systems import lively, random_system, with_claims

@@ -16,14 +16,15 @@ from msgspec.structs import replace
 
 from keystore_audit import resources
 from keystore_audit.engine.alloy import process, runner
+from keystore_audit.engine.alloy.facts import count_atoms
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.merging import merge
-from keystore_audit.engine.alloy.runner import count_atoms, examine
+from keystore_audit.engine.alloy.runner import examine
 from keystore_audit.engine.alloy.solution import Command, verdicts, witness
 from keystore_audit.errors import EngineError, EngineFailed, EngineMissing, EngineOutOfScale, EngineTimeout
 from keystore_audit.properties import BY_ID, PROPERTIES, Status
 from keystore_audit.properties.property import Role
-from tests.engine.systems import CHATTER, LISTENER, healthy, healthy_builder, random_system, stock
+from tests.engine.systems import CHATTER, LISTENER, healthy, random_system, stock
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 
@@ -75,14 +76,6 @@ def test_many_systems_keep_their_order(analyzer: Engine) -> None:
 
 def test_no_systems_need_no_engine() -> None:
     assert examine([], java=Path("/nonexistent"), jar=Path("/nonexistent"), timeout=1) == ()
-
-
-def test_families_with_nothing_to_check_are_named(analyzer: Engine) -> None:
-    builder = healthy_builder()
-    builder.topic_rules[0] = replace(builder.topic_rules[0], channels=frozenset())
-    decisions = examine([builder.system(), healthy()], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
-    assert decisions[0].idle == {"encryption", "access_control"}
-    assert decisions[1].idle == frozenset()
 
 
 def test_java_options_of_the_environment_are_not_inherited(analyzer: Engine, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -161,7 +154,7 @@ def test_a_crash_without_a_word(analyzer: Engine, tmp_path: Path) -> None:
 
 def test_a_run_that_does_nothing(analyzer: Engine, tmp_path: Path) -> None:
     """As the Analyzer itself does where no command matches: status 0, and not a word."""
-    assert f"0 of {4 + len(PROPERTIES)}" in failing(analyzer, EngineFailed, java=java(tmp_path, analyzer, "exit 0"))
+    assert f"0 of {1 + len(PROPERTIES)}" in failing(analyzer, EngineFailed, java=java(tmp_path, analyzer, "exit 0"))
 
 
 @pytest.fixture(scope="module")
@@ -313,4 +306,4 @@ def test_a_counterexample_is_no_place_for_entities(tmp_path: Path) -> None:
     )
     prop = BY_ID["readers-cannot-forge"]
     with pytest.raises(EngineFailed):
-        witness(tmp_path, prop.assertion, prop.roles, {Role.REALM: 1, Role.ENCLAVE: 1, Role.CHANNEL: 1})
+        witness(tmp_path, prop.assertion, prop.roles, healthy())

@@ -7,11 +7,10 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from keystore_audit.engine.alloy.application import EXERCISED as WIRED
-from keystore_audit.engine.alloy.application import MAIN as APPLICATION
-from keystore_audit.engine.alloy.application import NODES, write_commands, write_nodes
+from keystore_audit.engine.alloy.application import NODES, write_nodes
 from keystore_audit.engine.alloy.claims import FLOW_EXERCISED, INHABITED
-from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, commands, facts
+from keystore_audit.engine.alloy.export import APPLICATION, WIRED, commands, write_wiring_commands
+from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, facts
 from keystore_audit.model.formal.claim import ClaimAtom, Place
 from keystore_audit.model.formal.system import NodeAtom, System
 from tests.engine.alloy.flow_builders import at, chain, claim
@@ -47,5 +46,5 @@ def test_wiring_says_whether_anything_is_wired(subscribes: bool, tmp_path: Path)
     listener = NodeAtom(label="/l", location=place, enclave=LISTENER, publishes=frozenset(), subscribes=heard)
     system = replace(system, nodes=(talker, listener))
     texts = shipped()
-    texts |= {KEYSTORE: facts(system), NODES: write_nodes(system), APPLICATION: write_commands()}
+    texts |= {KEYSTORE: facts(system), NODES: write_nodes(system), APPLICATION: write_wiring_commands()}
     assert outcomes(tmp_path, texts, APPLICATION)[WIRED] is subscribes, "to tell itself something is no wire"

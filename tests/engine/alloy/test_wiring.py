@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit import resources
-from keystore_audit.engine.alloy import determinism, wiring
+from keystore_audit.engine.alloy import determinism
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.process import Analyzer
@@ -93,8 +93,8 @@ def system_of(name: str, tmp_path: Path) -> System:
 
 def confirmed(system: System, directory: Path) -> bool:
     modules = shipped()
-    modules |= {KEYSTORE: facts(system), wiring.MAIN: wiring.write_wiring(system)}
-    return not outcomes(directory, modules, wiring.MAIN)[wiring.CONFIRMED]
+    modules |= {KEYSTORE: facts(system), determinism.WIRING: determinism.write_wiring(system)}
+    return not outcomes(directory, modules, determinism.WIRING)[determinism.CONFIRMED]
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -150,13 +150,13 @@ def test_what_is_not_confirmed_is_no_answer(analyzer: Engine, tmp_path: Path, mo
     changed = replace(system, determinism=(next(changes(system.determinism[0])),))
     with pytest.raises(EngineFailed, match="does not confirm"):
         determinism.decide([changed], given)
-    monkeypatch.setattr(wiring, "MAX_ATOMS", 10)
+    monkeypatch.setattr(determinism, "MAX_ATOMS", 10)
     with pytest.raises(EngineOutOfScale, match="up to 10"):
         determinism.decide([system], given)
 
 
 def test_everything_that_is_declared_has_a_comment() -> None:
-    for module in (wiring.MODULE, determinism.MODULE):
+    for module in ("forwarding.als", determinism.MODULE):
         lines = (resources.alloy() / module).read_text().split("\n")
         for before, line in pairwise(lines):
             if line.startswith(("abstract sig", "one sig", "sig", "fun", "pred", "assert", "fact")):

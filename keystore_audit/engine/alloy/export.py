@@ -1,0 +1,327 @@
+"""The model of a keystore for the Alloy Analyzer's window: modules, facts, commands, theme and a README.
+
+What the audit itself never asks stands here: paths of flows, a moving clock (it asks about each later moment with
+static facts, which is cheaper), and whether nodes may do what they are there for.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from msgspec.structs import replace
+
+from keystore_audit import resources, text
+from keystore_audit.engine.alloy import claims, moments
+from keystore_audit.engine.alloy.application import MODULE, NODES, VOCABULARY, node_sort, write_nodes, write_vocabulary
+from keystore_audit.engine.alloy.atoms import Atom, Sort, name_atoms
+from keystore_audit.engine.alloy.claims import Places, attackers, write_places
+from keystore_audit.engine.alloy.facts import CONSISTENCY, KEYSTORE, MAIN, MODULES, facts
+from keystore_audit.errors import UsageError
+from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.properties import PROPERTIES
+from keystore_audit.properties.property import Property
+
+THEME: Final = "keystore_audit.thm"
+"""How the Analyzer's window draws an instance."""
+
+SCENARIOS: Final = "scenarios.als"  # for what is meant to happen, with commands that its reader writes
+
+TIME: Final = "expiry"
+"""The folder of the model with a moving clock."""
+
+README: Final = "README.md"
+
+EXERCISED: Final = ("AuthenticationIsExercised", "EncryptionIsExercised", "AccessControlIsExercised")
+"""For each family of properties the run that shows that it has an object."""
+
+PATHS: Final = "paths.als"
+"""The generated main file that asks for the way that data takes where a claim says that none flows."""
+
+EXPIRY: Final = "expiry_audit.als"
+"""The generated main file about time: what ends and begins with the dates, and which claims hold always."""
+
+TIME_EXERCISED: Final = "TimeIsExercised"
+"""The run that must have an instance: with too few steps there is no trace, and every check holds."""
+
+TIMED: Final = (
+    "AuthoritiesOutliveIdentities",
+    "IdentitiesStayVouchedFor",
+    "SignersStayInForce",
+    "NoRightBegins",
+    "NoRightEnds",
+)
+"""The assertions of `expiry.als`, in its order."""
+
+APPLICATION: Final = "application_audit.als"
+"""The generated main file about nodes."""
+
+WIRED: Final = "WiringIsExercised"
+"""The run that shows that there is something wired."""
+
+WIRING: Final = ("NodesHaveEnclaves", "NodesHaveTheRightsThatTheyNeed", "WiredFlowsArePermitted", "RightsAreUsed")
+"""What is asserted of every application."""
+
+_DRAWN: Final = """\
+-- for the Analyzer's window, which draws functions without arguments, and those of the main module only
+
+/** Who has which identity. */
+fun has_identity: Enclave -> Certificate { identity }
+/** Who carries which permissions document. */
+fun has_permissions: Enclave -> Document { permissions }
+/** Whose realm has which governance document. */
+fun has_governance: Enclave -> Document { in_realm.governance }
+/** Who signed a document. */
+fun signed_by: Document -> Certificate { signer }
+/** Who issued a certificate; of one that signed itself, nobody else. */
+fun issued_by: Certificate -> Certificate { issuer - iden }
+
+/** Who can write in some realm. */
+fun writes: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_write[r]) } }
+/** Who can read in some realm. */
+fun reads: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_read[r]) } }
+/** Who can write or read in some realm without a grant. */
+fun ungranted: Enclave -> Channel {
+	{ e: Enclave, c: Channel | some r: Realm | c in e.(writes_without_a_grant[r] + reads_without_a_grant[r]) }
+}
+"""
+"""Relations for pictures, in the words of `keystore_audit.thm`."""
+
+
+def commands(properties: Sequence[Property], system: System | None = None, *, window: bool = False) -> str:
+    """Return the module `audit`: the runs against vacuity, a check of each of `properties`, the claims of `system`.
+
+    `window`: for the Analyzer's window, with short atom names and relations to draw. Not for the solver alone, since
+    the Analyzer parses a module once for each path of `open` that leads to it, and the facts are the largest.
+    """
+    asked = claims.write_claims(system) if system is not None else ""
+    lines = [
+        "/**",
+        " * The audit: every property of `properties`, after the runs that show what they speak of.",
+        " *",
+        " * To read the model, begin with `dds_security`: words, order of the modules, and why `for 0` is a proof.",
+        *([" * The first two are opened again so that the window shows their atoms by short names."] if window else []),
+        " */",
+        "module audit",
+        *(["open dds_security", "open keystore"] if window else []),
+        "open claims" if asked else "open vacuity",
+        "",
+        *(f"run {name} for 0" for name in (CONSISTENCY, *EXERCISED)),
+        "",
+        *(f"check {prop.assertion} for 0" for prop in properties),
+        *(["", asked] if asked else []),
+        *(["", _DRAWN] if window else []),
+    ]
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def write_model(systems: Sequence[System], directory: Path, beside: Mapping[str, str] | None = None) -> None:
+    """Write the model of each system for the Alloy Analyzer's window: modules, facts, commands, theme and a README.
+
+    `beside`: files of users (name to text), each of which opens the vocabulary.
+
+    One system goes into `directory` itself, several into a folder each. Raises UsageError if the directory holds
+    anything or cannot be written.
+    """
+    names = folder_names(systems)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        if any(directory.iterdir()):
+            raise UsageError(f"{directory} is not empty: the model goes into a new or an empty directory.")
+        for system, name in zip(systems, names, strict=True):
+            folder = directory / name if len(systems) > 1 else directory
+            folder.mkdir(exist_ok=True)
+            _write_folder(system, folder)
+            for user, content in (beside or {}).items():
+                (folder / f"{VOCABULARY}.als").write_text(write_vocabulary(system), encoding="ascii")
+                (folder / user).write_text(content, encoding="ascii")
+            _write_time(system, folder / TIME)
+            (folder / README).write_text(describe_system(system), encoding="utf-8")
+        if len(systems) > 1:
+            (directory / README).write_text(describe_folders(systems, names), encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"The model cannot be written to {directory}: {error.strerror or error}.") from error
+
+
+def _write_folder(system: System, folder: Path) -> None:
+    for module in (*MODULES, *claims.MODULES, "propagation.als", SCENARIOS, THEME):
+        shutil.copyfile(resources.alloy() / module, folder / module)
+    (folder / KEYSTORE).write_text(facts(system), encoding="ascii")
+    (folder / MAIN).write_text(commands(PROPERTIES, system, window=True), encoding="ascii")
+    if flows := [number for number, claim in enumerate(system.claims) if claim.kind is ClaimKind.NO_FLOW]:
+        (folder / PATHS).write_text(write_paths(system, flows), encoding="ascii")
+    if system.nodes:
+        shutil.copyfile(resources.alloy() / MODULE, folder / MODULE)
+        (folder / NODES).write_text(write_nodes(system), encoding="ascii")
+        (folder / APPLICATION).write_text(write_wiring_commands(), encoding="ascii")
+
+
+def _write_time(system: System, folder: Path) -> None:
+    """Write the model with a moving clock: its facts differ, so it stands in a folder of its own."""
+    folder.mkdir()
+    for module in (*MODULES, *claims.MODULES, "expiry.als"):
+        shutil.copyfile(resources.alloy() / module, folder / module)
+    clock = timed(system)
+    (folder / KEYSTORE).write_text(facts(clock, moving=True), encoding="ascii")
+    (folder / EXPIRY).write_text(write_expiry(clock), encoding="ascii")
+
+
+def write_paths(system: System, numbers: Sequence[int]) -> str:
+    """Return the main file that asks for a path for each of the claims of these indices.
+
+    A path visits at most every enclave, the outsider and, where it ends where it began, one of them again.
+    """
+    steps = len(system.enclaves) + 2
+    lines = [
+        "/** For each claim that is violated by a flow, a shortest one. */",
+        "module paths",
+        "open propagation",
+        "",
+        write_places(system, numbers),
+    ]
+    for number in numbers:
+        at = Places.of(number)
+        forgers, eavesdroppers = attackers(system.claims[number], at)
+        places = f"{at.source}, {at.first}, {at.target}, {at.last}, {at.through}, Channel - {at.left_out}"
+        lines.append(
+            f"run Path{number} {{\n\twalk[{places}, {forgers}, {eavesdroppers}]\n}} for 0 but 1..{steps} steps"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def timed(system: System) -> System:
+    """Return what the clock goes through: the system with all moments from the audit on, and its claims about flows."""
+    flows = tuple(claim for claim in system.claims if claim.kind is ClaimKind.NO_FLOW)
+    return replace(moments.every(system), claims=flows)
+
+
+def write_expiry(system: System) -> str:
+    """Return the main file for a system as `timed` gives it; its facts are written with a moving audit instant."""
+    steps = len(system.instants) - system.now
+    lines = ["/** What time makes of the keystore. */", "module expiry_audit", "open expiry", ""]
+    lines += [f"run {TIME_EXERCISED} for 0 but {steps}..{steps} steps", ""]
+    lines += [f"check {name} for 0 but {steps}..{steps} steps" for name in TIMED]
+    lines += ["", claims.write_places(system, range(len(system.claims)))]
+    for number, claim in enumerate(system.claims):
+        condition = claims.compartment(claim, number, "Compartment.inside")
+        lines.append(f"run Claim{number}Always {{\n\talways {condition}\n}} for 0 but {steps}..{steps} steps")
+    return "\n".join(lines).rstrip("\n") + "\n"
+
+
+def write_wiring_commands() -> str:
+    """Return the main file: that something is wired, then whether it may be."""
+    head = ["/** What nodes are to do, and what they may. */", "module application_audit", "open application", ""]
+    checks = [f"check {name} for 0" for name in WIRING]
+    return "\n".join([*head, f"run {WIRED} for 0", *checks]) + "\n"
+
+
+MAX_NAME: Final = 200
+"""Characters of one cell of the table."""
+
+_OPENING: Final = """\
+Open `audit.als` in the Alloy Analyzer (6.2.0) and choose Execute All. A check without counterexample is a property
+that holds: the facts are constants, so it is a proof about this keystore. Where there is a counterexample, show it
+and load the theme `keystore_audit.thm` (Theme, Load Theme): the atoms marked with the names of the check's variables
+are the witness. Without a window: `java -jar JAR exec -f -t text -d 0 -s sat4j -o solutions audit.als` prints each
+command with UNSAT (a check holds, a run finds nothing) or SAT, and puts instances into the folder `solutions`;
+`-c OutsidersCannotRead` before the file is that command alone. `keystore-audit engine` says which `java` and JAR are
+there. Keep `for 0` in commands of your own: a larger scope adds what the keystore does not have.
+"""
+
+_FILES: Final = """\
+`keystore.als` holds the facts and nothing else, `audit.als` the commands; all other modules are the same for every
+keystore. To read them, begin with `dds_security.als`: it explains the words of DDS, SROS2 and certificates, what each
+function of `keystore.als` means, and the order in which to read on. Claims of
+`keystore-audit.toml` stand at the end of `audit.als`, `Claim0` and so on: of a claim about flows an instance is a
+compartment that nothing leaves, so that the claim holds where there is one (of "able": is violated). `paths.als`, where
+it is there, looks for a shortest path of each. The folder `expiry` holds the same model with a clock that moves over
+all dates from the audit on: execute `expiry_audit.als` there. `scenarios.als` has words for what is meant to happen:
+open it in a file of your own, say what is wired, and run `can_arrive` or check `arrives_fairly`, for as many steps as
+there are enclaves, and two.
+"""
+
+_APPLICATION: Final = """\
+`nodes.als` has the nodes and what they are there to do, `application.als` the words for what is wired and what is
+permitted: execute `application_audit.als`. A check without counterexample holds there too.
+"""
+
+_ATOMS: Final = """\
+An atom is called by letters for its kind (D domains, T channel of a topic, I instant, K key, C certificate, P document,
+R realm, E enclave, DR domain rule, TR topic rule, G grant, PR rule, N node), a number, and a piece of its name. A
+channel stands for all topics that no document tells apart, and is called by one of them: `rt/` begins the DDS name of
+a ROS 2 topic, `rq/` and `rr/` those of a service's requests and replies; "DDS only" says that no name of ROS 2 is
+among them.
+"""
+
+_UNNAMED: Final = {"DomainRule": "domain rule", "TopicRule": "topic rule", "Grant": "grant", "Rule": "rule of a grant"}
+"""What atoms without a name of their own are. Of others without one, their place says what they are."""
+
+_READINGS: Final = """\
+Implementations differ in what they accept, and what could not be read may mean anything or nothing. Each folder is
+one way to read the keystore, and a property is reported as holding only where it holds in all.
+"""
+
+
+def folder_names(systems: Sequence[System]) -> tuple[str, ...]:
+    """Return a folder name for each system, all different, from what tells them apart."""
+    doubtful = len({system.reading for system in systems}) > 1
+    names: list[str] = []
+    for system in systems:
+        name = f"{'pinned' if system.pins_signer else 'unpinned'}-signer"
+        name += f"-{system.reading.value}" if doubtful else ""
+        names.append(name if name not in names else f"{name}-{len(names) + 1}")
+    return tuple(names)
+
+
+def describe_system(system: System) -> str:
+    """Return the README of one model: what it models, how to open it, atoms and names."""
+    lines = [
+        "# The Alloy model of a keystore",
+        "",
+        _kind(system) + ".",
+        "",
+        _OPENING,
+        _FILES,
+        *([_APPLICATION] if system.nodes else []),
+        _ATOMS,
+        "| atom | what it is | where |",
+        "|---|---|---|",
+    ]
+    for sort in (*name_atoms(system).sorts(), node_sort(system)):
+        lines += [f"| `{atom.name}` | {' | '.join(map(_cell, _told(sort, atom)))} |" for atom in sort.atoms]
+    return "\n".join(lines) + "\n"
+
+
+def describe_folders(systems: Sequence[System], names: Sequence[str]) -> str:
+    """Return the README above several models."""
+    lines = [
+        "# The Alloy models of a keystore",
+        "",
+        _READINGS,
+        *(f"- `{name}`: {_kind(system)}." for system, name in zip(systems, names, strict=True)),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _told(sort: Sort, atom: Atom) -> tuple[str, str]:
+    """What an atom is, and where."""
+    if what := atom.label or _UNNAMED.get(sort.sig, ""):
+        return what, atom.place
+    return atom.place, ""
+
+
+def _kind(system: System) -> str:
+    signer = (
+        "Documents must be signed by the permissions CA itself"
+        if system.pins_signer
+        else "Documents may be signed by any certificate that the permissions CA issued"
+    )
+    counted = "counts as anything" if system.reading is Reading.MAY else "is left out"
+    return f"{signer}; what could not be read {counted}; as {', '.join(system.profiles)} do"
+
+
+def _cell(name: str) -> str:
+    return text.markdown(text.shorten(name, MAX_NAME))
