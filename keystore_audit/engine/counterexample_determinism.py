@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from typing import NamedTuple
 
 from keystore_audit.engine.case import Case, step_at
 from keystore_audit.keystore.permissions import Operation
@@ -10,7 +11,7 @@ from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import ros_name
 from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.property import Acts, Answer, Role, Round
+from keystore_audit.properties.property import Acts, Answer, Role
 
 VALUES = ("A", "B")
 """What the two values are called."""
@@ -18,10 +19,25 @@ VALUES = ("A", "B")
 
 def describe_determinism(system: System, claim: DeterminismAtom, answer: Answer) -> Counterexample:
     """The two runs that an engine found, in the user's names."""
-    told = _Telling(system, claim.behaviours[answer.behaviour])
-    rounds = "; ".join(filter(None, (told.round(number, each) for number, each in enumerate(answer.rounds, 1))))
-    text = f"Two runs with the same inputs{told.differing()} show different samples: {rounds}."
-    return Counterexample(text=text, steps=tuple(dict.fromkeys(told.steps(answer.rounds))))
+    behaviour = claim.behaviours[answer.behaviour]
+    writers = [*_writers(system, behaviour)]
+    rounds = []
+    for number, both in enumerate(answer.rounds, 1):
+        one, other = (_acts(behaviour, writers, run) for run in (both.one, both.other))
+        if both.one == both.other:
+            rounds += [f"round {number}: {one}"] if one else []
+        else:
+            nothing = "nothing happens"
+            rounds.append(f"round {number}: in one run {one or nothing}, in the other {other or nothing}")
+    free = [writers[number] for number in sorted(behaviour.free(perhaps=False))]
+    named = ", ".join(f"{writer.who} on {_called(writer.topics[0])}" for writer in free)
+    differing = f", but for {named}," if free else ""
+    text = f"Two runs with the same inputs{differing} show different samples: {'; '.join(rounds)}."
+    acting = [
+        n for both in answer.rounds for run in (both.one, both.other) for n, v in enumerate(run.sent) if v is not None
+    ]
+    steps = (step for number in acting for step in _rights(system, behaviour.domain, writers[number]))
+    return Counterexample(text=text, steps=tuple(dict.fromkeys(steps)))
 
 
 def why_undecided(system: System, claim: DeterminismAtom) -> str:
@@ -39,82 +55,49 @@ def why_undecided(system: System, claim: DeterminismAtom) -> str:
     return "the forwards can be in more states than are looked at"
 
 
-class _Telling:
-    """Names for the participants of one behaviour."""
+class _Writer(NamedTuple):
+    """Who publishes, and on which topics; `enclave`: its index."""
 
-    def __init__(self, system: System, behaviour: Behaviour) -> None:
-        self._system = system
-        self._behaviour = behaviour
+    who: str
+    enclave: int | None
+    topics: list[str]
 
-    def differing(self) -> str:
-        """Which inputs may differ."""
-        free = sorted(self._behaviour.free(perhaps=False))
-        named = (f"{self._who(number)} on {self._on(number)}" for number in free)
-        return f", but for {', '.join(named)}," if free else ""
 
-    def round(self, number: int, both: Round) -> str:
-        """What happens in a round, once where both runs do the same."""
-        if both.one == both.other:
-            said = self._acts(both.one)
-            return f"round {number}: {said}" if said else ""
-        one, other = (self._acts(run) or "nothing happens" for run in (both.one, both.other))
-        return f"round {number}: in one run {one}, in the other {other}"
+def _writers(system: System, behaviour: Behaviour) -> Iterator[_Writer]:
+    """The inputs, then the forwards."""
+    for each in behaviour.inputs:
+        who = "somebody" if each.enclave is None else system.enclaves[each.enclave].label
+        yield _Writer(who, each.enclave, [behaviour.topics[each.topic]])
+    for forward in behaviour.forwards:
+        topics = [behaviour.topics[topic] for topic in sorted(forward.targets)]
+        yield _Writer(system.enclaves[forward.enclave].label, forward.enclave, topics)
 
-    def _acts(self, acts: Acts) -> str:
-        told = []
-        for number, value in enumerate(acts.sent):
-            if value is None:
-                continue
-            forward = number - len(self._behaviour.inputs)
-            if forward < 0:
-                told.append(f"{self._who(number)} sends {VALUES[value]} on {self._on(number)}")
-            else:
-                told.append(self._forward(forward, acts.taken, VALUES[value]))
-        return " and ".join(told)
 
-    def _who(self, number: int) -> str:
-        enclave = self._behaviour.inputs[number].enclave
-        return "somebody" if enclave is None else self._system.enclaves[enclave].label
-
-    def _on(self, number: int) -> str:
-        return self._topic(self._behaviour.inputs[number].topic)
-
-    def _forward(self, number: int, taken: Sequence[int], value: str) -> str:
-        forward = self._behaviour.forwards[number]
-        first = next(slot for slot in self._behaviour.slots_of(number) if slot in taken)
-        onto = ", ".join(self._topic(topic) for topic in sorted(forward.targets))
-        who = self._system.enclaves[forward.enclave].label
-        return f"{who} forwards {value} from {self._topic(self._behaviour.slots[first].topic)} to {onto}"
-
-    def _topic(self, number: int) -> str:
-        return ros_name(self._behaviour.topics[number]).removesuffix(" (topic)")
-
-    def steps(self, rounds: Sequence[Round]) -> Iterator[Step]:
-        """The lines that let each one publish what it does."""
-        for both in rounds:
-            for acts in (both.one, both.other):
-                for number, value in enumerate(acts.sent):
-                    if value is not None:
-                        yield from self._right(number)
-
-    def _right(self, writer: int) -> Iterator[Step]:
-        inputs = self._behaviour.inputs
-        if writer < len(inputs):
-            enclave, topics = inputs[writer].enclave, {inputs[writer].topic}
+def _acts(behaviour: Behaviour, writers: list[_Writer], acts: Acts) -> str:
+    told = []
+    for number, value in enumerate(acts.sent):
+        if value is None:
+            continue
+        writer, forward = writers[number], number - len(behaviour.inputs)
+        onto = ", ".join(map(_called, writer.topics))
+        if forward < 0:
+            told.append(f"{writer.who} sends {VALUES[value]} on {onto}")
         else:
-            forward = self._behaviour.forwards[writer - len(inputs)]
-            enclave, topics = forward.enclave, set(forward.targets)
-        if enclave is None:
-            return
-        for topic in sorted(topics):
-            name = self._behaviour.topics[topic]
-            for number, channel in enumerate(self._system.channels):
-                if channel.topic == name and channel.domain == self._behaviour.domain:
-                    case = Case(self._system, {Role.ENCLAVE: enclave, Role.CHANNEL: number})
-                    found = case.right_steps(enclave, Operation.PUBLISH)
-                    if found:
-                        yield found[0]
-                        break
-            else:
-                label = self._system.enclaves[enclave].label
-                yield step_at(None, name, channel=name, enclave=label)
+            first = next(slot for slot in behaviour.slots_of(forward) if slot in acts.taken)
+            taken = _called(behaviour.topics[behaviour.slots[first].topic])
+            told.append(f"{writer.who} forwards {VALUES[value]} from {taken} to {onto}")
+    return " and ".join(told)
+
+
+def _called(topic: str) -> str:
+    return ros_name(topic).removesuffix(" (topic)")
+
+
+def _rights(system: System, domain: int, writer: _Writer) -> Iterator[Step]:
+    """The lines that let somebody publish what it does."""
+    for topic in writer.topics if writer.enclave is not None else ():
+        enclave = writer.enclave or 0
+        channels = [n for n, each in enumerate(system.channels) if each.topic == topic and each.domain == domain]
+        cases = (Case(system, {Role.ENCLAVE: enclave, Role.CHANNEL: number}) for number in channels)
+        found = (case.right_steps(enclave, Operation.PUBLISH) for case in cases)
+        yield next(filter(None, found), (step_at(None, topic, channel=topic, enclave=writer.who),))[0]

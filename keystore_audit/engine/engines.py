@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Final
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -66,14 +67,11 @@ def _alloy(
             stage("asking the Alloy Analyzer")
         expected = None if engines.choice == "alloy" else [_statuses(answers) for answers in native.answers]
         found = examine(native.systems, java=engine.java, jar=engine.jar, timeout=engines.timeout, expected=expected)
-    except EngineMissing as error:
-        return _failed(EngineStatus.MISSING, version, error, required=asked), None
-    except EngineOutOfScale as error:
-        return replace(_failed(EngineStatus.OUT_OF_SCALE, version, error, required=asked), atoms=error.atoms), None
-    except EngineTimeout as error:
-        return _failed(EngineStatus.TIMEOUT, version, error, required=True), None
     except EngineError as error:
-        return _failed(EngineStatus.FAILED, version, error, required=True), None
+        status = _FAILURES.get(type(error), EngineStatus.FAILED)
+        required = asked or status in (EngineStatus.TIMEOUT, EngineStatus.FAILED)
+        run = EngineRun(name="alloy", version=version, status=status, reason=error.message, required=required)
+        return replace(run, atoms=error.atoms) if isinstance(error, EngineOutOfScale) else run, None
     atoms = max((decision.atoms for decision in found), key=lambda sizes: sizes[1], default=None)
     run = EngineRun(name="alloy", version=version, status=EngineStatus.OK, reason="", required=True, atoms=atoms)
     return run, native.checked([decision.answers for decision in found])
@@ -83,8 +81,12 @@ def _statuses(answers: Mapping[str, Answer]) -> dict[str, Status]:
     return {name: answer.status for name, answer in answers.items()}
 
 
-def _failed(status: EngineStatus, version: str | None, error: EngineError, *, required: bool) -> EngineRun:
-    return EngineRun(name="alloy", version=version, status=status, reason=error.message, required=required)
+_FAILURES: Final[dict[type[EngineError], EngineStatus]] = {
+    EngineMissing: EngineStatus.MISSING,
+    EngineOutOfScale: EngineStatus.OUT_OF_SCALE,
+    EngineTimeout: EngineStatus.TIMEOUT,
+}
+"""What became of it; of other errors, it failed."""
 
 
 def _not_run(name: str, reason: str) -> EngineRun:

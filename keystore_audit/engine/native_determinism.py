@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Final
 
 from msgspec import Struct
 
@@ -30,12 +30,14 @@ Content = tuple["int | None", ...]
 """By slot, or by writer."""
 
 
-class _Step(NamedTuple):
-    """What one run does in a round, and the slots after it."""
+_Step = tuple[Acts, Content]
+"""What one run does in a round, and the slots after it."""
 
-    sent: Content
-    taken: frozenset[int]
-    after: Content
+Pair = tuple[Content, Content]
+"""The slots of two runs."""
+
+Before = dict[Pair, "tuple[Pair, Round] | None"]
+"""From which pair of states one comes, and by which round."""
 
 
 class Explored(Struct, frozen=True, kw_only=True):
@@ -92,29 +94,28 @@ class _Search:
             for slot in range(len(behaviour.slots))
         ]
         self._slots = [behaviour.slots_of(forward) for forward in range(len(behaviour.forwards))]
-        self._steps: dict[tuple[Content, Content], tuple[_Step, ...]] = {}
+        self._steps: dict[Pair, tuple[_Step, ...]] = {}
 
     def explored(self) -> Explored:
         """All pairs, layer by layer."""
         empty: Content = (None,) * len(self._behaviour.slots)
-        before: dict[tuple[Content, Content], tuple[tuple[Content, Content], _Step, _Step] | None]
-        before = {(empty, empty): None}
+        before: Before = {(empty, empty): None}
         layer = [(empty, empty)]
         depth, looked, shows = 0, 0, False
         while layer:
-            found: list[tuple[Content, Content]] = []
+            found: list[Pair] = []
             for pair in layer:
-                for left, right in self._next(pair):
+                for (one, left), (other, right) in self._next(pair):
                     looked += 1
-                    told = [left.sent[writer] for writer in self._seen]
+                    told = [one.sent[writer] for writer in self._seen]
                     shows = shows or any(value is not None for value in told)
-                    if told != [right.sent[writer] for writer in self._seen]:
-                        rounds = (*self._rounds(before, pair), _round(left, right))
+                    both = Round(one=one, other=other)
+                    if told != [other.sent[writer] for writer in self._seen]:
+                        rounds = (*self._rounds(before, pair), both)
                         return Explored(rounds=rounds, depth=depth, shows=True, complete=True)
-                    after = (left.after, right.after)
-                    if after not in before:
-                        before[after] = (pair, left, right)
-                        found.append(after)
+                    if (left, right) not in before:
+                        before[left, right] = (pair, both)
+                        found.append((left, right))
                     if looked > MAX_PAIRS:
                         return Explored(rounds=(), depth=depth, shows=shows, complete=False)
             layer = found
@@ -124,19 +125,17 @@ class _Search:
         return Explored(rounds=(), depth=depth, shows=shows, complete=True)
 
     @staticmethod
-    def _rounds(
-        before: dict[tuple[Content, Content], tuple[tuple[Content, Content], _Step, _Step] | None],
-        pair: tuple[Content, Content],
-    ) -> tuple[Round, ...]:
+    @staticmethod
+    def _rounds(before: Before, pair: Pair) -> tuple[Round, ...]:
         """What led to the pair."""
         rounds: list[Round] = []
         come = before[pair]
         while come is not None:
-            rounds.append(_round(come[1], come[2]))
+            rounds.append(come[1])
             come = before[come[0]]
         return tuple(reversed(rounds))
 
-    def _next(self, pair: tuple[Content, Content]) -> Iterator[tuple[_Step, _Step]]:
+    def _next(self, pair: Pair) -> Iterator[tuple[_Step, _Step]]:
         """What two runs in these states can do in one round, with the same inputs but for the free ones."""
         inputs = range(len(self._behaviour.inputs))
         shared = [number for number in inputs if number not in self._free]
@@ -165,7 +164,7 @@ class _Search:
             sent = (*came, *(None if slot is None else waiting[slot] for slot in chosen))
             newest = [self._newest(slot, sent, waiting, taken) for slot in range(len(waiting))]
             for after in product(*newest):
-                yield _Step(sent=sent, taken=taken, after=after)
+                yield Acts(sent=sent, taken=tuple(sorted(taken))), after
 
     def _choices(self, forward: int, waiting: Content) -> list[int | None]:
         """The slots of which the forward may take the sample; None for no sample."""
@@ -179,10 +178,3 @@ class _Search:
         if arrived:
             return sorted(value for value in arrived if value is not None)
         return (None if slot in taken else waiting[slot],)
-
-
-def _round(left: _Step, right: _Step) -> Round:
-    return Round(
-        one=Acts(sent=left.sent, taken=tuple(sorted(left.taken))),
-        other=Acts(sent=right.sent, taken=tuple(sorted(right.taken))),
-    )
