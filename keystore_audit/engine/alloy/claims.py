@@ -29,10 +29,8 @@ FLOW_EXERCISED: Final = "FlowIsExercised"
 """The run that shows that data can flow by right at all."""
 
 INHABITED: Final = "PlacesAreInhabited"
-"""The run that shows that there is something at each place of each claim."""
-
-EXERCISED: Final = {"flows": FLOW_EXERCISED, "places": INHABITED}
-"""As `facts.EXERCISED`. In MUST a place may be empty, where its enclaves are left out; MAY decides then."""
+"""The run that shows that there is something at each place of each claim. In MUST a place may be empty, where its
+enclaves are left out; MAY decides then."""
 
 PARTICIPANTS: Final = "set Enclave + Outsider"
 
@@ -96,14 +94,6 @@ def _parts(claim: ClaimAtom) -> list[Place]:
 def command_of(claim: ClaimAtom, number: int) -> Command:
     """Return the command that decides the claim of this index."""
     return Command(kind="run" if claim.kind in FLOWS else "check", name=f"Claim{number}")
-
-
-def commands_of(claims: Sequence[ClaimAtom]) -> tuple[Command, ...]:
-    """Return all commands of the claims: none for none, else the runs against vacuity first."""
-    if not claims:
-        return ()
-    runs = (Command(kind="run", name=name) for name in EXERCISED.values())
-    return (*runs, *(command_of(claim, number) for number, claim in enumerate(claims)))
 
 
 def status(claim: ClaimAtom, found: bool) -> Status:
@@ -188,18 +178,13 @@ def condition(claim: ClaimAtom, number: int) -> str:
 
 def inhabited(claims: Sequence[ClaimAtom]) -> str:
     """Return the run that shows that there is something at each place of each claim."""
-    return "\n".join([f"run {INHABITED} {{", *(f"\t{place}" for place in inhabited_places(claims)), "} for 0"])
-
-
-def inhabited_places(claims: Sequence[ClaimAtom]) -> list[str]:
-    """Return its conditions, one for each place."""
-    places = []
+    lines = []
     for number, claim in enumerate(claims):
         at = Places.of(number)
         if claim.kind in FLOWS or claim.kind is ClaimKind.SEPARATE_DOMAINS:
-            places.append(f"some {at.source} + {at.first}")
-        places.append(f"some {at.target} + {at.last}")
-    return places
+            lines.append(f"\tsome {at.source} + {at.first}")
+        lines.append(f"\tsome {at.target} + {at.last}")
+    return "\n".join([f"run {INHABITED} {{", *lines, "} for 0"])
 
 
 class _Writer:
