@@ -103,7 +103,7 @@ def combine_determinism(
     claims: Sequence[Determinism], systems: Sequence[System], engines: Sequence[EngineAnswers], profiles: Sequence[str]
 ) -> tuple[AssertedResult, ...]:
     """The result of every claim of determinism under every profile, as for properties."""
-    from keystore_audit.engine.counterexample_determinism import describe_determinism, why_undecided
+    from keystore_audit.engine.native_determinism import describe_determinism, why_undecided
 
     asked = _Asked(systems, engines, profiles)
 

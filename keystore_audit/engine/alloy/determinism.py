@@ -17,8 +17,7 @@ from keystore_audit import text
 from keystore_audit.engine.alloy.atoms import Relations, name_atoms
 from keystore_audit.engine.alloy.claims import MODULES as CLAIM_MODULES
 from keystore_audit.engine.alloy.facts import MODULES, count_atoms, fact_modules, module_texts
-from keystore_audit.engine.alloy.process import Analyzer, Job, run
-from keystore_audit.engine.alloy.solution import Command
+from keystore_audit.engine.alloy.process import Analyzer, Command, Job, run
 from keystore_audit.engine.native_determinism import explore
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom, Scheduler

@@ -17,7 +17,7 @@ from typing import Final
 from msgspec import Struct
 
 from keystore_audit import resources
-from keystore_audit.engine.alloy.application import VOCABULARY
+from keystore_audit.engine.alloy.export import VOCABULARY
 from keystore_audit.engine.alloy.user_tokens import NO_NUMBERS, Token, Wrong, tokens
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity

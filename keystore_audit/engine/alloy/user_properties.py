@@ -17,12 +17,11 @@ from msgspec.structs import replace
 
 from keystore_audit.ci import in_ci
 from keystore_audit.engine.alloy import claims, install
-from keystore_audit.engine.alloy.application import MODULE, NODES, VOCABULARY, write_nodes, write_vocabulary
 from keystore_audit.engine.alloy.atoms import atom_of
+from keystore_audit.engine.alloy.export import MODULE, NODES, VOCABULARY, write_nodes, write_vocabulary
 from keystore_audit.engine.alloy.facts import MODULES, count_atoms, fact_modules, module_texts
-from keystore_audit.engine.alloy.process import Analyzer, Job, Output, run
+from keystore_audit.engine.alloy.process import Analyzer, Command, Job, Output, run, skolems
 from keystore_audit.engine.alloy.runner import MAX_ATOMS, MEMORY_MB
-from keystore_audit.engine.alloy.solution import Command, skolems
 from keystore_audit.engine.alloy.user_file import CONSISTENT, Asked, UserFile
 from keystore_audit.engine.engines import Engines
 from keystore_audit.errors import EngineError, EngineFailed, EngineOutOfScale, UsageError

@@ -9,8 +9,15 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit import resources
-from keystore_audit.engine.alloy.application import MODULE, NODES, write_nodes
-from keystore_audit.engine.alloy.export import APPLICATION, WIRED, WIRING, write_wiring_commands
+from keystore_audit.engine.alloy.export import (
+    APPLICATION,
+    MODULE,
+    NODES,
+    WIRED,
+    WIRING,
+    write_nodes,
+    write_wiring_commands,
+)
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts
 from keystore_audit.engine.alloy.user_file import CONSISTENT, read_user_file
 from keystore_audit.engine.alloy.user_properties import job

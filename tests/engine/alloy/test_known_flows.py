@@ -13,7 +13,7 @@ from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.claims import Places
 from keystore_audit.engine.alloy.facts import facts
-from keystore_audit.engine.alloy.questions import known_flows, main_file, questions, shown_flow
+from keystore_audit.engine.alloy.runner import known_flows, main_file, questions, shown_flow
 from keystore_audit.model.formal.claim import ClaimAtom
 from keystore_audit.model.formal.flow import Leg
 from keystore_audit.model.formal.system import System

@@ -11,8 +11,7 @@ from keystore_audit import resources
 from keystore_audit.engine.alloy.atoms import ROLE_SORTS, name_atoms
 from keystore_audit.engine.alloy.facts import CONSISTENCY, facts
 from keystore_audit.engine.alloy.install import Engine
-from keystore_audit.engine.alloy.questions import AS_EXPECTED, Question, expected_true, main_file, questions
-from keystore_audit.engine.alloy.runner import examine
+from keystore_audit.engine.alloy.runner import AS_EXPECTED, Question, examine, expected_true, main_file, questions
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineFailed
 from keystore_audit.model.formal.system import System

@@ -19,8 +19,8 @@ from keystore_audit.engine.alloy import process, runner
 from keystore_audit.engine.alloy.facts import count_atoms
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.merging import merge
+from keystore_audit.engine.alloy.process import Command, verdicts, witness
 from keystore_audit.engine.alloy.runner import examine
-from keystore_audit.engine.alloy.solution import Command, verdicts, witness
 from keystore_audit.errors import EngineError, EngineFailed, EngineMissing, EngineOutOfScale, EngineTimeout
 from keystore_audit.properties import BY_ID, PROPERTIES, Status
 from keystore_audit.properties.property import Role

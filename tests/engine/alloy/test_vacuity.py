@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from keystore_audit.engine.alloy.application import NODES, write_nodes
 from keystore_audit.engine.alloy.claims import FLOW_EXERCISED, INHABITED
-from keystore_audit.engine.alloy.export import APPLICATION, WIRED, commands, write_wiring_commands
+from keystore_audit.engine.alloy.export import APPLICATION, NODES, WIRED, commands, write_nodes, write_wiring_commands
 from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, facts
 from keystore_audit.model.formal.claim import ClaimAtom, Place
 from keystore_audit.model.formal.system import NodeAtom, System
