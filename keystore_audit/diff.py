@@ -23,7 +23,7 @@ from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.comparison.change import Change, Comparison, Direction, Layer, Unread
 from keystore_audit.model.comparison.compare import compare
-from keystore_audit.model.comparison.kept import with_what_was
+from keystore_audit.model.comparison.sides import with_what_was
 from keystore_audit.model.intended.drift import Drift, drift
 from keystore_audit.model.intended.observed import observe
 from keystore_audit.model.interpret import interpret

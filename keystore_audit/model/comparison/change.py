@@ -50,8 +50,8 @@ ORDER: Final = (Direction.GAINED, Direction.MIXED, Direction.CHANGED, Direction.
 """What is told first."""
 
 
-def direction_of(*, gains: bool, losses: bool) -> Direction:
-    """The direction of something that has gains, losses, both or neither."""
+def direction_of(gains: object, losses: object) -> Direction:
+    """The direction of something that has gains, losses, both or neither: none of them is what is empty."""
     if gains:
         return Direction.MIXED if losses else Direction.GAINED
     return Direction.LOST if losses else Direction.CHANGED
@@ -61,7 +61,7 @@ def joint_direction(aspects: Iterable[Aspect]) -> Direction:
     """The direction of something that has these."""
     directions = {aspect.direction for aspect in aspects}
     losses = not directions.isdisjoint((Direction.LOST, Direction.MIXED))
-    return direction_of(gains=any(each.gains for each in directions), losses=losses)
+    return direction_of(any(each.gains for each in directions), losses)
 
 
 class FailOn(str, Enum):
@@ -114,7 +114,7 @@ class Influenced(Struct, frozen=True, kw_only=True):
     way: tuple[Handover, ...]
 
 
-class Aspect(Struct, frozen=True, kw_only=True):
+class Aspect(Struct, frozen=True):
     """Something that a document says, before and after, in words. None: it said nothing."""
 
     what: str
@@ -154,8 +154,8 @@ class Change(Struct, frozen=True, kw_only=True):
     kind: str
     direction: Direction
     what: str
-    enclaves: tuple[str, ...]
-    profiles: tuple[str, ...]
+    enclaves: tuple[str, ...] = ()
+    profiles: tuple[str, ...] = ()
     operation: str | None = None
     aspects: tuple[Aspect, ...] = ()
     names: Names | None = None

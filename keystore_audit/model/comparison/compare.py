@@ -2,31 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from datetime import datetime
+from functools import cache
+from itertools import chain
 from typing import Final
 from zoneinfo import ZoneInfo
 
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.comparison.again import signed_again
-from keystore_audit.model.comparison.causes import Causes
-from keystore_audit.model.comparison.change import ORDER, Comparison, Layer
-from keystore_audit.model.comparison.drafts import Draft
-from keystore_audit.model.comparison.governance import governance_changes
-from keystore_audit.model.comparison.grants import grant_changes, validity_changes
+from keystore_audit.model.comparison.change import Comparison, Direction, Layer
+from keystore_audit.model.comparison.facts import Causes, Draft, accounted, fact, folded, order, placed
+from keystore_audit.model.comparison.governance import governance_changes, same_protection
+from keystore_audit.model.comparison.grants import LATER, grant_changes, later_changes, validity_changes
 from keystore_audit.model.comparison.influence import influence_changes
-from keystore_audit.model.comparison.labels import ConcernedLabels
-from keystore_audit.model.comparison.later import later_changes
-from keystore_audit.model.comparison.others import OthersGrants, carriers
-from keystore_audit.model.comparison.reach import Reach
-from keystore_audit.model.comparison.sides import Sides
-from keystore_audit.model.comparison.still import Still
-from keystore_audit.model.comparison.trust import AUTHORITY, trust_changes
+from keystore_audit.model.comparison.labels import labelled
+from keystore_audit.model.comparison.others import others_grants, said_grants
+from keystore_audit.model.comparison.reach import PRESENTED, reach_changes
+from keystore_audit.model.comparison.sides import Pair, Sides
+from keystore_audit.model.comparison.trust import FORM, documents, trust_changes
 from keystore_audit.profiles import Profile
 
-_LAYERS: Final = list(Layer)
+_TELLING: Final = frozenset(("protection", "right", "grant-validity", LATER, "signature", "signer", "authority", FORM))
+_SAME: Final = "its documents were signed again, with the same meaning"
+_IDLE: Final = "its documents were signed again; what differs in them counts for nobody, save what is told here"
+"""As grants that are over or that another hides, or documents that every implementation asked about refuses."""
+
+_ELSEWHERE: Final = (Layer.ACCESS, Layer.ATTACKERS, Layer.INFLUENCE)
+"""Layers of changes that may stand in anybody's documents."""
 
 
 def compare(
@@ -50,18 +54,15 @@ def compare(
     labels = labels or {}
     topics = [glob for each in labels.values() for glob in each.topics]
     sides = Sides(old, new, profiles, at, zone, domain, topics, assumed)
-    still = Still(sides)
-    rights = grant_changes(sides, still)
-    dates = validity_changes(sides, rights)
+    rights = list(grant_changes(sides))
+    dates = list(validity_changes(sides, rights))
     later = later_changes(sides, frozenset(path for draft in dates for path in draft.enclaves))
-    drafts = [*trust_changes(sides), *governance_changes(sides), *dates, *later, *rights]
-    causes = Causes(drafts)
-    unaccounted = [*Reach(sides, causes, still).work_out(), *influence_changes(sides, causes, still)]
-    others = OthersGrants(sides)
-    found = [*causes.drafts, *unaccounted, *others.drafts()]
-    found += signed_again(sides, found, carriers(others.places, sides))
-    concerned = ConcernedLabels(sides, labels)
-    changes = [draft.change(sides, concerned.of(draft)) for draft in sorted(found, key=_order)]
+    causes = Causes([*trust_changes(sides), *governance_changes(sides), *dates, *later, *rights])
+    shown = accounted(chain(reach_changes(sides, causes), influence_changes(sides, causes)), sides)
+    others, carriers = others_grants(sides)
+    found = [*causes.drafts, *shown, *others]
+    found += signed_again(sides, found, carriers)
+    having = labelled(sides, labels)
     return Comparison(
         old=old.root,
         new=new.root,
@@ -69,17 +70,48 @@ def compare(
         new_digest=new.digest,
         at=at,
         domain=domain,
-        profiles=tuple(profile.name for profile in profiles),
+        profiles=sides.every,
         common=len(sides.common),
-        changes=tuple(changes),
+        changes=tuple(
+            draft.change(sides, tuple(each.label for each in having if each.concerns(draft)))
+            for draft in sorted(found, key=order)
+        ),
         unknown=sides.unknown,
         labels=tuple(labels),
         assumed=assumed,
     )
 
 
-def _order(draft: Draft) -> tuple[bool, int, int, str, tuple[str, ...], str]:
-    """Other authorities first, on which all rests; else by layer; gains come first, and last what nobody notices."""
-    what = draft.what + "".join(f"{aspect.what} {aspect.old} {aspect.new}" for aspect in draft.aspects)
-    other = draft.kind != AUTHORITY
-    return other, _LAYERS.index(draft.layer), ORDER.index(draft.direction), draft.kind, draft.enclaves, what
+def signed_again(sides: Sides, found: Sequence[Draft], carrying: Set[str]) -> list[Draft]:
+    """Documents with other bytes of which no change tells, all alike in one line. `carrying`: others' rights in them
+    changed.
+    """
+    if any(draft.layer in _ELSEWHERE or draft.kind == PRESENTED for draft in found):
+        return []
+    told = carrying | {path for draft in found for path in draft.enclaves if draft.kind in _TELLING}
+    return list(folded(_signed_again(sides, told), sides))
+
+
+def _signed_again(sides: Sides, told: Set[str]) -> Iterator[Draft]:
+    """One for each enclave, those `told` aside."""
+    said = cache(lambda pair: [said_grants(view, pair, sides, side) for side, view in enumerate((pair.old, pair.new))])
+
+    def alike(path: str, word: str, pair: Pair) -> bool:
+        """Whether the enclave's governance or permissions, as these profiles read them, have the same meaning."""
+        if word == "governance":
+            return same_protection(pair, path)
+        one, other = (view.enclave(path).permissions for view in (pair.old, pair.new))
+        before, after = said(pair)
+        return one is not None and other is not None and before.get(one, []) == after.get(other, [])
+
+    for path in sides.compared:
+        old, new = (by_path[path] for by_path in sides.enclaves)
+        changed = [each for each in documents(old, new) if each[1].signed.file.sha256 != each[2].signed.file.sha256]
+        if path in told or not changed:
+            continue
+        same = []
+        for word, one, other, _places in changed:
+            void = [(pair, {sides.is_void(each, pair.lead) for each in (one, other)}) for pair in sides.pairs]
+            says = [(pair, each) for pair, each in void if each != {True}]  # else nothing, before and after
+            same.append(bool(says) and all(each == {False} and alike(path, word, pair) for pair, each in says))
+        yield from placed([fact("signed-again", Direction.INFO, _SAME if all(same) else _IDLE)], changed[0][3], path)

@@ -1,36 +1,40 @@
-"""What the enclaves' own permissions give, before and after: first match, default, domains and partitions."""
+"""What the enclaves' own permissions give, before and after: first match, default, domains and partitions.
+
+Peers take whatever document is presented to them. Whoever keeps an old document presents it (measured on Fast DDS 2.9.1
+and Cyclone DDS 0.10.2), and whoever keeps an old identity is let in as before. So what is lost is asked of NEW's peers
+once more, with those files beside them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Final, NamedTuple
+
+from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.comparison.change import Aspect, Direction, Layer
-from keystore_audit.model.comparison.drafts import Draft, Folds
-from keystore_audit.model.comparison.facts import Dates, other_dates, spanned
-from keystore_audit.model.comparison.sides import Pair, Sides, View, is_void
-from keystore_audit.model.comparison.still import JOIN, Still, may
-from keystore_audit.model.formal.bit_sets import lowest, members
+from keystore_audit.model.comparison.change import Direction, Layer, direction_of
+from keystore_audit.model.comparison.facts import Dates, Draft, dated, folded, placed
+from keystore_audit.model.comparison.sides import Pair, Sides, View
+from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
 from keystore_audit.model.formal.system import GrantAtom
+from keystore_audit.text import instant
 
-WORDS: Final = {
-    "publish": "publish",
-    "subscribe": "subscribe to",
-    "relay": "relay",
-    JOIN: "join",
-}
+JOIN: Final = "join"
+LATER: Final = "later-rights"
+WORDS: Final = {"publish": "publish", "subscribe": "subscribe to", "relay": "relay", JOIN: "join"}
 """Operations as verbs of what follows."""
 
+PRESENTED_BEFORE: Final = ", unless somebody presents what was signed before,"
+"""What is added to what others can no longer do, or where data can no longer get, where peers of NEW take that."""
 
-class _Moved(NamedTuple):
-    """An enclave whose grant has other dates."""
-
-    path: str
-    aspects: tuple[Aspect, ...]
-    old: Location
-    new: Location
+_LATER_WORDS: Final = {
+    Direction.GAINED: "may do more, once a grant counts that does not yet, on",
+    Direction.LOST: "may do less, once a grant counts that does not yet, on",
+    Direction.MIXED: "may do other things, once a grant counts that does not yet, on",
+    Direction.CHANGED: "has other grants that do not count yet, with the same rights",
+}
 
 
 class Right(NamedTuple):
@@ -39,113 +43,138 @@ class Right(NamedTuple):
     operation: str
     gained: bool
 
+    @property
+    def direction(self) -> Direction:
+        """What became of it."""
+        return Direction.GAINED if self.gained else Direction.LOST
+
 
 class Given(NamedTuple):
     """What a grant gives: channels by operation, and domains that it lets its holder join."""
 
-    publish: int
-    subscribe: int
-    relay: int
-    joined: int
+    publish: int = 0
+    subscribe: int = 0
+    relay: int = 0
+    joined: int = 0
 
-    def of(self, operation: Operation) -> int:
-        """The channels on which the operation is given."""
-        if operation is Operation.PUBLISH:
-            return self.publish
-        return self.subscribe if operation is Operation.SUBSCRIBE else self.relay
-
-
-NOTHING: Final = Given(0, 0, 0, 0)
+    def channels(self, view: View, operation: str) -> int:
+        """Where the operation is given: for joining, all names of the domains."""
+        if operation == JOIN:
+            return view.decisions.within(members(self.joined))
+        return int(getattr(self, operation))
 
 
-def grant_changes(sides: Sides, still: Still) -> list[Draft]:
+NOTHING: Final = Given()
+
+
+def either(several: Collection[Given]) -> Given:
+    """What all of them give together."""
+    return Given(*map(union, zip(*several, strict=True))) if several else NOTHING
+
+
+def given(view: View, grant: int | None) -> Given:
+    """What the grant gives its holder; None: nothing."""
+    if grant is None:
+        return NOTHING
+    publish, subscribe, relay = (view.decisions.allowed(grant, operation) for operation in Operation)
+    return Given(publish, subscribe, relay, view.decisions.joins(grant))
+
+
+def right_drafts(
+    sides: Sides, pair: Pair, path: str, right: Right, channels: int, *, layer: Layer, kind: str, verb: str = ""
+) -> Iterator[Draft]:
+    """The right that the enclave gained or lost there; what it may still do in spite of that, and until when, apart."""
+    parts = [] if right.gained else [*_still(sides, pair, path, right.operation, channels)]
+    still, until = union(part for part, _end in parts), max((end for _part, end in parts), default=None)
+    for part, end in ((still, until), (channels & ~still, None)):
+        if part:
+            yield Draft(
+                layer=layer,
+                kind=kind,
+                direction=right.direction,
+                what=may(f"{verb}{WORDS[right.operation]}", end, gained=right.gained),
+                enclaves=(path,),
+                profiles=pair.profiles,
+                operation=right.operation,
+                until=end,
+                channels=part,
+            )
+
+
+def _still(sides: Sides, pair: Pair, path: str, operation: str, channels: int) -> Iterator[tuple[int, str]]:
+    """What each grant that is not over, begun or not, leaves a participant of that name, and until when at most."""
+    view, enclave = pair.kept, sides.enclaves[0].get(path)
+    system, number = view.system, view.numbers.get(path)
+    subject = enclave.identity.subject if enclave is not None and enclave.identity is not None else ""
+    identities = set(view.named.get(subject, ()))
+    if number in view.let_in and (own := system.enclaves[number].identity) is not None:
+        identities.add(own)
+    for identity in identities:
+        for grant in view.lasting.get(identity, ()):
+            rights = given(view, grant).channels(view, operation)
+            part = channels & (rights if operation == JOIN else view.decisions.met(rights))
+            if part:
+                end = min(system.grants[grant].not_after, system.certificates[identity].not_after)
+                yield part, instant(system.instants[end])
+
+
+def may(verb: str, until: str | None, *, gained: bool) -> str:
+    """What somebody may do, as a verb phrase; never that a right is gone which they still have."""
+    if gained:
+        return f"may {verb}"
+    return f"may no longer {verb}" if until is None else f"may still, until {until}, {verb}"
+
+
+def grant_changes(sides: Sides) -> Iterator[Draft]:
     """One draft for each operation and direction, of all enclaves for which the same names changed."""
-    folds = Folds[tuple[Right, str | None]]()
+    return folded(_rights(sides), sides)
+
+
+def _rights(sides: Sides) -> Iterator[Draft]:
     for pair in sides.pairs:
         for path in sides.compared:
-            for right, channels, old, new in _differences(sides, pair, path):
-                for part, until in still.split(pair, path, right.operation, channels, gained=right.gained):
-                    folds.note((right, until), path, pair, part, old, new)
-    return [
-        fold.draft(
-            layer=Layer.GRANTS,
-            kind="right",
-            gained=right.gained,
-            what=may(WORDS[right.operation], until, gained=right.gained),
-            operation=right.operation,
-            until=until,
-        )
-        for (right, until), fold in folds.folded(sides)
-    ]
-
-
-def _differences(sides: Sides, pair: Pair, path: str) -> Iterator[tuple[Right, int, Location | None, Location | None]]:
-    if is_refused(sides, pair, path):
-        return  # whether it starts says so
-    grants = pair.old.own_grant(path), pair.new.own_grant(path)
-    old, new = given(pair.old, grants[0]), given(pair.new, grants[1])
-    if old == new:
-        return
-    for right, channels in differing(sides, pair, old, new):
-        if right.operation == JOIN:
-            one, other = (whole(view, grant) for view, grant in _both(pair, grants))
-        else:
-            operation = Operation(right.operation)
-            one, other = (deciding(view, grant, operation, channels) for view, grant in _both(pair, grants))
-        yield right, channels, one, other
+            if sides.refused(pair, path, "permissions"):
+                continue  # whether it starts says so
+            grants = [(view, view.own_grant(path)) for view in (pair.old, pair.new)]
+            for right, channels in differing(sides, pair, *(given(view, grant) for view, grant in grants)):
+                places = [deciding(view, grant, right.operation, channels) for view, grant in grants]
+                drafts = right_drafts(sides, pair, path, right, channels, layer=Layer.GRANTS, kind="right")
+                yield from placed(drafts, places, path)
 
 
 def differing(sides: Sides, pair: Pair, old: Given, new: Given) -> Iterator[tuple[Right, int]]:
     """Operations with the channels on which they were gained, or lost; joining where that does not say it already."""
+    if old == new:
+        return
     touched = {True: 0, False: 0}
-    for operation in Operation:
-        before, after = old.of(operation) & sides.mask, new.of(operation) & sides.mask
-        for gained, channels in ((True, after & ~before), (False, before & ~after)):
+    for operation, before, after in zip(WORDS, old, new, strict=True):
+        for gained, part in ((True, after & ~before), (False, before & ~after)):
+            channels = part & sides.mask
+            if operation == JOIN:
+                within = (pair.old.decisions.channels_in[domain] & sides.mask for domain in members(part))
+                channels = union(each for each in within if not each & touched[gained])  # else it goes without saying
+            touched[gained] |= channels
             if channels:
-                touched[gained] |= channels
-                yield Right(operation.value, gained), channels
-    for gained, domains in ((True, new.joined & ~old.joined), (False, old.joined & ~new.joined)):
-        bare = 0
-        for domain in members(domains):
-            channels = pair.old.decisions.channels_in[domain] & sides.mask
-            if not channels & touched[gained]:  # else it goes without saying
-                bare |= channels
-        if bare:
-            yield Right(JOIN, gained), bare
+                yield Right(operation, gained), channels
 
 
-def validity_changes(sides: Sides, rights: list[Draft]) -> list[Draft]:
+def validity_changes(sides: Sides, rights: list[Draft]) -> Iterator[Draft]:
     """The dates of the grants that count, or would: one draft for all enclaves whose dates changed alike.
 
     Not where the new dates take all rights away, or give them: `rights` has that.
     """
     told = {path for draft in rights for path in draft.enclaves}
-    found: dict[tuple[str, Direction], list[_Moved]] = {}
+    return folded(_validities(sides, told), sides)
+
+
+def _validities(sides: Sides, told: set[str]) -> Iterator[Draft]:
     pair = sides.pairs[0]
     for path in sides.compared:
         flips = (pair.old.own_grant(path) is None) != (pair.new.own_grant(path) is None)
         one, other = _naming(pair.old, path), _naming(pair.new, path)
-        if one is None or other is None or (flips and path in told):
-            continue
-        dates = _dates(pair.old, one), _dates(pair.new, other)
-        if dates[0] != dates[1]:
-            words, aspects, direction = other_dates(*dates)
-            found.setdefault((words, direction), []).append(_Moved(path, aspects, one.location, other.location))
-    return [_validity_draft(sides, *words, moved) for words, moved in found.items()]
-
-
-def _validity_draft(sides: Sides, words: str, direction: Direction, moved: list[_Moved]) -> Draft:
-    return Draft(
-        layer=Layer.TRUST,
-        kind="grant-validity",
-        direction=direction,
-        what=f"its grant {words}",
-        enclaves=tuple(each.path for each in moved),
-        profiles=tuple(profile.name for profile in sides.profiles),
-        aspects=spanned([each.aspects for each in moved]),
-        old=moved[0].old,
-        new=moved[0].new,
-    )
+        if one is not None and other is not None and not (flips and path in told):
+            dates = _dates(pair.old, one), _dates(pair.new, other)
+            yield from placed(dated("grant-validity", "its grant", *dates), (one.location, other.location), path)
 
 
 def _dates(view: View, grant: GrantAtom) -> Dates:
@@ -164,41 +193,93 @@ def _naming(view: View, path: str) -> GrantAtom | None:
     return None
 
 
-def _both(pair: Pair, grants: tuple[int | None, int | None]) -> tuple[tuple[View, int | None], ...]:
-    return (pair.old, grants[0]), (pair.new, grants[1])
-
-
-def given(view: View, grant: int | None) -> Given:
-    """What the grant gives its holder; None: nothing."""
-    if grant is None:
-        return NOTHING
-    allowed = view.decisions.allowed
-    publish, subscribe, relay = (allowed(grant, operation) for operation in Operation)
-    return Given(publish, subscribe, relay, view.decisions.joins(grant))
-
-
-def either(one: Given, other: Given) -> Given:
-    """What both give together."""
-    return Given(*(mine | theirs for mine, theirs in zip(one, other, strict=True)))
-
-
-def is_refused(sides: Sides, pair: Pair, path: str) -> bool:
-    """Whether an implementation takes the enclave's permissions, old or new, for none."""
-    return any(is_void(by_path[path].permissions, pair.lead, sides.accesses) for by_path in sides.enclaves)
-
-
-def whole(view: View, grant: int | None) -> Location | None:
-    """Where the grant begins."""
-    return None if grant is None else view.system.grants[grant].location
-
-
-def deciding(view: View, grant: int | None, operation: Operation, channels: int) -> Location | None:
-    """The rule of the grant that decides about the first of the channels; where none does, the grant."""
+def deciding(view: View, grant: int | None, operation: str, channels: int) -> Location | None:
+    """The rule of the grant that decides about the first of the channels; where none does, and to join, the grant."""
     if grant is None:
         return None
-    channel = lowest(channels)
-    domain = view.system.channels[channel].domain
-    for rule in view.decisions.rules[grant]:
-        if domain in rule.domains and channel in rule.named(operation):
-            return view.system.place(rule, operation, channel)
-    return whole(view, grant)
+    if operation != JOIN:
+        channel, act = lowest(channels), Operation(operation)
+        domain = view.system.channels[channel].domain
+        for rule in view.decisions.rules[grant]:
+            if domain in rule.domains and channel in rule.named(act):
+                return view.system.place(rule, act, channel)
+    return view.system.grants[grant].location
+
+
+def later_changes(sides: Sides, told: frozenset[str]) -> Iterator[Draft]:
+    """Rights that begin later: of grants whose dates have not begun at the instant, and of those that come up when one
+    before them ends, where grants out of date are passed over. One draft for all enclaves where they changed alike.
+
+    It is a gain where such a grant gives what none did before, now or later: what begins tomorrow is signed today.
+    `told`: enclaves of which it is said that their grant has other dates.
+    """
+    found: dict[tuple[object, ...], Draft] = {}
+    for draft in (draft for pair in sides.pairs for draft in _later(sides, pair, told)):
+        key = draft.enclaves, draft.direction
+        known = found.get(key)
+        if known is not None:
+            both = known.profiles + draft.profiles
+            found[key] = replace(known, profiles=both, channels=known.channels | draft.channels)
+        else:
+            found[key] = draft
+    return folded(found.values(), sides)
+
+
+def _later(sides: Sides, pair: Pair, told: frozenset[str]) -> Iterator[Draft]:
+    views = pair.old, pair.new
+    begin = [_begin_later(view) for view in views]
+    for path in sides.compared if any(begin) else ():  # nearly never
+        if sides.refused(pair, path, "permissions"):
+            continue
+        one, other = (_beginning(sides, view, later, path) for view, later in zip(views, begin, strict=True))
+        if one.keys() == other.keys():
+            continue
+        soon = [either([gives for _dates, gives in grants]) for grants in (one, other)]
+        ever = [either((each, given(view, view.own_grant(path)))) for each, view in zip(soon, views, strict=True)]
+        gained, lost = (
+            union(channels for _right, channels in differing(sides, pair, had, either((had, gives))))
+            for had, gives in ((ever[0], soon[1]), (ever[1], soon[0]))
+        )
+        direction = direction_of(gained, lost)
+        if direction is not Direction.CHANGED or path not in told:
+            yield Draft(
+                layer=Layer.TRUST,
+                kind=LATER,
+                direction=direction,
+                what=_LATER_WORDS[direction],
+                enclaves=(path,),
+                profiles=pair.profiles,
+                channels=gained | lost,
+                old=next(iter(one.values()), None),
+                new=next(iter(other.values()), None),
+            )
+
+
+def _begin_later(view: View) -> list[int]:
+    system = view.system
+    ends: dict[tuple[int, int], int] = {}  # by document and certificate: when the first of its grants has ended
+    found = []
+    for number, grant in enumerate(system.grants):
+        named = [(grant.document, certificate) for certificate in grant.names]
+        earlier = [ends.get(each, grant.not_after) for each in named]
+        comes_up = system.skips_grants_out_of_date and any(end < grant.not_after for end in earlier)
+        if grant.not_before > system.now or (comes_up and grant.not_after > system.now):
+            found.append(number)
+        ends.update((each, min(end, grant.not_after)) for each, end in zip(named, earlier, strict=True))
+    return found
+
+
+def _beginning(sides: Sides, view: View, later: list[int], path: str) -> dict[tuple[Dates, Given], Location]:
+    """What those of the grants that are the enclave's say, when and what they give; and where that is written."""
+    enclave = view.enclave(path)
+    domains = bits(number for number, channels in enumerate(view.decisions.channels_in) if channels & sides.mask)
+    counting = Given(sides.mask, sides.mask, sides.mask, domains)
+    found: dict[tuple[Dates, Given], Location] = {}
+    for number in later:
+        grant = view.system.grants[number]
+        theirs = grant.document == enclave.permissions or grant.document in view.taken
+        if theirs and enclave.identity in grant.names and grant.not_before <= grant.not_after:
+            gives = Given(*(mine & counts for mine, counts in zip(given(view, number), counting, strict=True)))
+            if any(gives):
+                found.setdefault((_dates(view, grant), gives), grant.location)
+    return found

@@ -8,13 +8,13 @@ from datetime import datetime
 from typing import Final
 
 from msgspec import Struct, field
+from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of
-from keystore_audit.model.comparison.drafts import Draft, in_order
-from keystore_audit.model.comparison.facts import Fact, Placed, place_of, told
+from keystore_audit.model.comparison.change import Aspect, Direction, direction_of
+from keystore_audit.model.comparison.facts import Draft, fact, folded, place_of, placed, told
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import certified_again
 from keystore_audit.model.participants.stray_identity import Takers, admitted
@@ -22,10 +22,11 @@ from keystore_audit.model.validity import SECOND
 from keystore_audit.profiles import Profile
 from keystore_audit.text import some
 
-_Identity = tuple[str, str, str]
-"""Subject and key; and which certificate, where they are too many to ask who takes each."""
-
 _Period = tuple[datetime, datetime]
+
+_Name = tuple[str, ...]
+"""Key, subject and issuer (of identities that are no enclave's, the subject and the key alone); and which certificate,
+where they are too many to ask who takes each."""
 
 MAX_PAIRS: Final = 1_000_000
 """Certificates and enclaves that may take them; beyond it every other certificate is another one."""
@@ -36,18 +37,23 @@ MAX_PATHS: Final = 3
 MAX_PERIODS: Final = 3
 """Of those in which somebody is let in, that are told."""
 
+_LET_IN: Final = {
+    Direction.GAINED: "more peers, or peers for longer, let in",
+    Direction.LOST: "fewer peers, or peers for shorter, let in",
+    Direction.MIXED: "other peers, or peers at other times, let in",
+}
+_CERTIFIED: Final = {
+    Direction.GAINED: "further certificates",
+    Direction.LOST: "fewer further certificates",
+    Direction.MIXED: "other further certificates",
+}
+
 
 class _Taken(Struct, kw_only=True):
     """Certificates that say the same of somebody. `place`: of the first. `periods`: by enclave that takes them."""
 
     place: Location | None
     periods: dict[str, set[_Period]] = field(default_factory=dict)
-
-    def add(self, certificate: Certificate, paths: Iterable[str]) -> None:
-        """One more, which these enclaves take."""
-        period = certificate.not_before, certificate.not_after
-        for path in paths:
-            self.periods.setdefault(path, set()).add(period)
 
     def by(self, paths: Collection[str]) -> str:
         """Which of these enclaves take it, and from when to when."""
@@ -59,13 +65,13 @@ class _Taken(Struct, kw_only=True):
         times = f", and {len(joined) - MAX_PERIODS} times more" if len(joined) > MAX_PERIODS else ""
         return f"by {some(known, MAX_PATHS)}, {' and '.join(words)}{times}"
 
-    def beyond(self, other: _Taken, paths: Collection[str], at: datetime) -> frozenset[str]:
-        """Those of the enclaves that take it, `at` an instant or later, when they do not take the other."""
+    def beyond(self, other: _Taken, sides: Sides) -> frozenset[str]:
+        """Those of the common enclaves that take it, now or later, when they do not take the other."""
         return frozenset(
             path
-            for path in self.periods.keys() & paths
+            for path in self.periods.keys() & sides.both  # what others take is said with them
             if not _within(
-                ((max(begin, at), end) for begin, end in self.periods[path] if end >= at),
+                ((max(begin, sides.at), end) for begin, end in self.periods[path] if end >= sides.at),
                 _joined(other.periods.get(path, ())),
             )
         )
@@ -89,175 +95,104 @@ def _within(periods: Iterable[_Period], others: Sequence[_Period]) -> bool:
     return all(number and end <= others[number - 1][1] for end, number in found)
 
 
+def _takers(sides: Sides, count: int) -> tuple[Takers | None, Takers | None]:
+    """Who takes certificates of either keystore, of which there are at most `count`; None: too many to ask."""
+    pairs = count * max(len(each.enclaves) for each in sides.keystores)
+    old, new = (Takers(keystore, sides.at) if 0 < pairs <= MAX_PAIRS else None for keystore in sides.keystores)
+    return old, new
+
+
+def _note(
+    found: dict[_Name, _Taken], takers: Takers | None, profiles: Sequence[Profile], certificate: Certificate, *name: str
+) -> None:
+    """Add a certificate to those that say the same."""
+    which = certificate.sha256 if takers is None else ""
+    taken = found.setdefault((*name, which), _Taken(place=place_of(certificate)))
+    for path in () if takers is None else takers.of(certificate, profiles):
+        taken.periods.setdefault(path, set()).add((certificate.not_before, certificate.not_after))
+
+
 def identities_let_in(sides: Sides) -> Iterator[Draft]:
-    """Identities of no enclave that peers let in and whose private keys are there (KA668), in one keystore alone.
+    """Identities of no enclave that peers let in and whose private keys are there (KA668), in one keystore alone; or
+    that other peers let in, or from or until another time.
 
     A change of the keystore as a whole: what it may do is what grants give its subject.
     """
-    old, new = (_admitted(keystore, sides) for keystore in sides.keystores)
-    for here, there, direction, verb in (
-        (new, old, Direction.GAINED, "peers let in"),
-        (old, new, Direction.LOST, "peers no longer let in"),
-    ):
-        for identity, by_profile in here.items():
-            profiles = by_profile.keys() - there.get(identity, {}).keys()
-            if profiles:
-                place = next(taken.place for profile, taken in by_profile.items() if profile in profiles)
-                yield _at_large(
-                    identity,
-                    verb,
-                    direction,
-                    in_order(profiles, sides),
-                    old=None if here is new else place,
-                    new=place if here is new else None,
-                )
-    yield from _let_in_otherwise(old, new, sides)
+    count = max(len(each.identities.found) for each in sides.keystores)
+    takers = _takers(sides, count)
+    found: dict[_Name, list[Draft]] = {}
+    for profile in sides.profiles if count else ():  # nearly never
+        old, new = (
+            _admitted(keystore, asked, profile, sides) for keystore, asked in zip(sides.keystores, takers, strict=True)
+        )
+        for name in (*new, *(each for each in old if each not in new)):
+            change = _at_large(name[0], old.get(name), new.get(name), sides)
+            found.setdefault(name, []).extend(replace(each, profiles=(profile.name,)) for each in change)
+    for several in found.values():
+        yield from folded(several, sides)
 
 
-_Admitted = Mapping[_Identity, Mapping[str, _Taken]]
-"""By identity and profile."""
-
-
-def _at_large(
-    identity: _Identity,
-    verb: str,
-    direction: Direction,
-    profiles: tuple[str, ...],
-    aspects: tuple[Aspect, ...] = (),
-    *,
-    old: Location | None,
-    new: Location | None,
-) -> Draft:
-    return Draft(
-        layer=Layer.TRUST,
-        kind="identity-at-large",
-        direction=direction,
-        what=f"{verb} {identity[0]}, an identity of no enclave whose private key lies in the keystore",
-        enclaves=(),
-        profiles=profiles,
-        aspects=aspects,
-        old=old,
-        new=new,
-    )
-
-
-def _let_in_otherwise(old: _Admitted, new: _Admitted, sides: Sides) -> Iterator[Draft]:
-    """Identities that peers let in in both keystores, but other peers, or from or until another time."""
-    both = frozenset(sides.common)  # what others take is said with them
-    for identity, by_profile in new.items():
-        found: dict[tuple[Direction, Aspect], list[str]] = {}
-        before = old.get(identity, {})
-        for profile in (each for each in by_profile if each in before):  # in order: the first one's places are shown
-            one, other = before[profile], by_profile[profile]
-            more, fewer = other.beyond(one, both, sides.at), one.beyond(other, both, sides.at)
-            if more or fewer:
-                direction = direction_of(gains=bool(more), losses=bool(fewer))
-                paths = more | fewer
-                aspect = Aspect(what="let in", old=one.by(paths), new=other.by(paths), direction=direction)
-                found.setdefault((direction, aspect), []).append(profile)
-        for (direction, aspect), profiles in found.items():
-            yield _at_large(
-                identity,
-                _VERBS[direction],
-                direction,
-                in_order(profiles, sides),
-                (aspect,),
-                old=before[profiles[0]].place,
-                new=by_profile[profiles[0]].place,
-            )
-
-
-_VERBS: Final = {
-    Direction.GAINED: "more peers, or peers for longer, let in",
-    Direction.LOST: "fewer peers, or peers for shorter, let in",
-    Direction.MIXED: "other peers, or peers at other times, let in",
-}
-
-
-def _admitted(keystore: Keystore, sides: Sides) -> _Admitted:
-    """By identity and profile, who takes its certificates, and the place of the first."""
-    found: dict[_Identity, dict[str, _Taken]] = {}
-    strays = [len(each.identities.found) for each in sides.keystores]
-    asked = _Asked(keystore, sides, max(strays))
-    if keystore.identities.found:  # nearly never
-        for profile in sides.profiles:
-            for each in admitted(keystore, keystore.identities.found, (profile,), sides.at):
-                certificate = each.certificate
-                by_profile = found.setdefault((certificate.subject, certificate.key, asked.which(certificate)), {})
-                taken = by_profile.setdefault(profile.name, _Taken(place=place_of(certificate)))
-                taken.add(certificate, asked.takers(certificate, (profile,)))
+def _admitted(keystore: Keystore, takers: Takers | None, profile: Profile, sides: Sides) -> dict[_Name, _Taken]:
+    found: dict[_Name, _Taken] = {}
+    for each in admitted(keystore, keystore.identities.found, (profile,), sides.at):
+        _note(found, takers, (profile,), each.certificate, each.certificate.subject, each.certificate.key)
     return found
 
 
-class _Asked:
-    """Who takes certificates of a keystore, where they are at most `count` of either; else nobody is asked."""
+def _at_large(subject: str, old: _Taken | None, new: _Taken | None, sides: Sides) -> Iterator[Draft]:
+    aspects = []
+    if old is not None and new is not None:
+        more, fewer = new.beyond(old, sides), old.beyond(new, sides)
+        if not more and not fewer:
+            return
+        direction = direction_of(more, fewer)
+        verb = _LET_IN[direction]
+        aspects.append(Aspect("let in", old.by(more | fewer), new.by(more | fewer), direction))
+    else:
+        direction = direction_of(new is not None, old is not None)
+        verb = "peers let in" if new is not None else "peers no longer let in"
+    what = f"{verb} {subject}, an identity of no enclave whose private key lies in the keystore"
+    places = (each.place if each is not None else None for each in (old, new))
+    yield from placed([fact("identity-at-large", direction, what, *aspects)], places)
 
-    def __init__(self, keystore: Keystore, sides: Sides, count: int) -> None:
-        enclaves = max(len(each.enclaves) for each in sides.keystores)
-        self._takers = Takers(keystore, sides.at) if 0 < count * enclaves <= MAX_PAIRS else None
 
-    def which(self, certificate: Certificate) -> str:
-        """What tells it from others of its name: nothing where it is known who takes it."""
-        return certificate.sha256 if self._takers is None else ""
-
-    def takers(self, certificate: Certificate, profiles: Sequence[Profile]) -> Iterable[str]:
-        """The enclaves that take it."""
-        return () if self._takers is None else self._takers.of(certificate, profiles)
-
-
-def identities_certified_again(sides: Sides) -> Iterator[tuple[str, Placed]]:
+def identities_certified_again(sides: Sides) -> Iterator[Draft]:
     """The enclaves of either keystore whose identity key has other certificates there than before (KA228).
 
     Or whose further certificates other peers take than before, or from or until another time.
     """
-    old, new = ({enclave.path: others for enclave, others in certified_again(each)} for each in sides.keystores)
-    both = frozenset(sides.common)  # what others take is said with them
-    count = max(sum(map(len, each.values())) for each in (old, new))
-    asked = [_Asked(keystore, sides, count) for keystore in sides.keystores]
-    for path in sorted({*old, *new}):
-        one = _by_name(old.get(path, ()), asked[0], sides.profiles)
-        other = _by_name(new.get(path, ()), asked[1], sides.profiles)
-        gone, come = (_differing(*pair, both, sides.at) for pair in ((one, other), (other, one)))
-        if not gone and not come:
-            continue
-        direction = direction_of(gains=bool(come), losses=bool(gone))
-        names = {*gone, *come}
-        texts = [_words(side, sorted(names & side.keys()), one.keys() & other.keys(), both) for side in (one, other)]
-        aspect = Aspect(what="certified as", old=texts[0] or None, new=texts[1] or None, direction=direction)
-        verb = {Direction.GAINED: "has further certificates", Direction.LOST: "has fewer further certificates"}
-        what = f"its identity key {verb.get(direction, 'has other further certificates')}"
-        # Whom grants name by these subjects, each implementation says in its own way.
-        fact = Fact("identity-certified-again", direction, what, (aspect,), whole=True)
-        places = [found[min(names & found.keys() or found)].place if found else None for found in (one, other)]
-        yield path, (fact, places[0], places[1])
+    again = [{enclave.path: others for enclave, others in certified_again(each)} for each in sides.keystores]
+    takers = _takers(sides, max(sum(map(len, each.values())) for each in again))
+    for path in sorted({*again[0], *again[1]}):
+        tables: tuple[dict[_Name, _Taken], dict[_Name, _Taken]] = {}, {}
+        for found, certificates, asked in zip(tables, again, takers, strict=True):
+            for certificate in certificates.get(path, ()):
+                name = certificate.key, certificate.subject, certificate.issuer
+                _note(found, asked, sides.profiles, certificate, *name)
+        old, new = tables
+        gone, come = (
+            [name for name, taken in one.items() if name not in other or taken.beyond(other[name], sides)]
+            for one, other in ((old, new), (new, old))
+        )
+        if gone or come:
+            direction, names = direction_of(come, gone), {*gone, *come}
+            words = [
+                _words({name: table[name] for name in sorted(names & table.keys())}, old, new, sides)
+                for table in tables
+            ]
+            what = f"its identity key has {_CERTIFIED[direction]}"
+            aspect = Aspect("certified as", words[0] or None, words[1] or None, direction)
+            # Whom grants name by these subjects, each implementation says in its own way.
+            change = replace(fact("identity-certified-again", direction, what, aspect), whole=True)
+            places = (table[min(names & table.keys() or table)].place if table else None for table in tables)
+            yield from placed([change], places, path)
 
 
-_Name = tuple[str, str, str, str]
-"""Key, subject and issuer; and which certificate, as of `_Identity`."""
-
-_ByName = Mapping[_Name, _Taken]
-
-
-def _differing(one: _ByName, other: _ByName, paths: Collection[str], at: datetime) -> list[_Name]:
-    """Names that are in `one` alone, or whose certificates there are taken when they are not in `other`."""
-    return [name for name, taken in one.items() if name not in other or taken.beyond(other[name], paths, at)]
-
-
-def _words(side: _ByName, names: Iterable[_Name], in_both: Collection[_Name], paths: Collection[str]) -> str:
+def _words(
+    table: Mapping[_Name, _Taken], old: Mapping[_Name, _Taken], new: Mapping[_Name, _Taken], sides: Sides
+) -> str:
     """Whom they name, and who issued them; where both keystores have such certificates, also who takes them."""
-    texts = []
-    for name in names:
-        _key, subject, issuer, _which = name
-        taken = f", let in {side[name].by(paths)}" if name in in_both else ""
-        texts.append(f"{subject}, issued by {issuer}{taken}")
-    return ", ".join(texts)
-
-
-def _by_name(certificates: Iterable[Certificate], asked: _Asked, profiles: Sequence[Profile]) -> _ByName:
-    """By name who takes the certificates, and the place of the first."""
-    found: dict[_Name, _Taken] = {}
-    for certificate in certificates:
-        name = certificate.key, certificate.subject, certificate.issuer, asked.which(certificate)
-        taken = found.setdefault(name, _Taken(place=place_of(certificate)))
-        taken.add(certificate, asked.takers(certificate, profiles))
-    return found
+    return ", ".join(
+        f"{name[1]}, issued by {name[2]}" + (f", let in {taken.by(sides.both)}" if name in old and name in new else "")
+        for name, taken in table.items()
+    )

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
-from keystore_audit.model.comparison.causes import Causes
 from keystore_audit.model.comparison.change import Direction, Handover, Influenced, Layer
-from keystore_audit.model.comparison.drafts import Draft, in_order, told_beside
-from keystore_audit.model.comparison.sides import Pair, Sides, View
-from keystore_audit.model.comparison.still import PRESENTED_BEFORE, Still
-from keystore_audit.model.comparison.trust import ADDED, REMOVED
+from keystore_audit.model.comparison.facts import ADDED, REMOVED, Causes, Draft
+from keystore_audit.model.comparison.grants import PRESENTED_BEFORE
+from keystore_audit.model.comparison.sides import Sides, View
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
 from keystore_audit.model.formal.claim import Attacker, Place
 from keystore_audit.model.formal.flow import Flows, Lane, Leg, Search
 from keystore_audit.model.formal.influence import Influence
 from keystore_audit.model.names import AMBIENT
-
-_WORDS: Final = {True: "data can now get", False: "data can no longer get"}
 
 
 class _Side:
@@ -68,43 +64,31 @@ _Pairs = dict[int, int]
 """By participant: those that it reaches on one side alone."""
 
 
-def influence_changes(sides: Sides, causes: Causes, still: Still) -> list[Draft]:
-    """Adds what follows to the changes that account for it; returns what none does."""
-    found: dict[tuple[Draft | None, bool, str, Influenced], list[str]] = {}
+def influence_changes(sides: Sides, causes: Causes) -> Iterator[Draft]:
+    """Flows that came or went, each with its cause if there is one."""
     for pair in sides.pairs:
-        for draft, gained, influenced in _of_pair(sides, causes, pair):
-            what = _WORDS[gained] + ("" if gained or not still.remains(pair) else f", {PRESENTED_BEFORE}")
-            found.setdefault((draft, gained, what, influenced), []).extend(pair.profiles)
-    own = []
-    for (cause, gained, what, influenced), profiles in found.items():
-        shown = Draft(
-            layer=Layer.INFLUENCE,
-            kind="flow",
-            direction=Direction.GAINED if gained else Direction.LOST,
-            what=what,
-            enclaves=(),
-            profiles=in_order(profiles, sides),
-            influenced=influenced,
+        everything, kept = pair.old.decisions.all_channels, sides.mask & ~sides.named(AMBIENT)
+        ordered = [[*sides.compared, *sides.alone(side)] for side in range(2)]
+        old, new = (
+            _Side(view, paths, everything & ~kept, kept)
+            for view, paths in zip((pair.old, pair.new), ordered, strict=True)
         )
-        own += told_beside(cause, shown)
-    return own
-
-
-def _of_pair(sides: Sides, causes: Causes, pair: Pair) -> Iterator[tuple[Draft | None, bool, Influenced]]:
-    views, everything = (pair.old, pair.new), pair.old.decisions.all_channels
-    kept = sides.mask & ~sides.named(AMBIENT)
-    ordered = [[*sides.compared, *sides.alone(side)] for side in range(2)]
-    old, new = (_Side(view, paths, everything & ~kept, kept) for view, paths in zip(views, ordered, strict=True))
-    common = len(sides.compared)
-    if ordered[0] == ordered[1] and old.graph.hops == new.graph.hops:
-        return
-    for gained, side, other in ((False, old, new), (True, new, old)):
-        pairs = _pairs(side, other, common)
-        if not pairs:
+        if ordered[0] == ordered[1] and old.graph.hops == new.graph.hops:
             continue
-        blames = list(_Blamed(sides, causes, side, other, common, gained=gained).hops())
-        for draft, shared in _shared(side, blames, pairs).items():
-            yield draft, gained, _influenced(sides, side, shared, [each for each in blames if each.draft is draft])
+        for gained, side, other in ((False, old, new), (True, new, old)):
+            pairs = _pairs(side, other, len(sides.compared))
+            blames = [*_hops(sides, causes, side, other, gained=gained)] if pairs else []
+            for cause, shared in _shared(side, blames, pairs).items():
+                before = PRESENTED_BEFORE if not gained and pair.kept.keeps else ""
+                yield Draft(
+                    layer=Layer.INFLUENCE,
+                    kind="flow",
+                    direction=Direction.GAINED if gained else Direction.LOST,
+                    what="data can now get" if gained else f"data can no longer get{before}",
+                    profiles=pair.profiles,
+                    influenced=_influenced(sides, side, shared, [each for each in blames if each.draft is cause]),
+                    cause=cause,
+                )
 
 
 def _pairs(side: _Side, other: _Side, common: int) -> _Pairs:
@@ -119,61 +103,45 @@ def _pairs(side: _Side, other: _Side, common: int) -> _Pairs:
     return found
 
 
-class _Blamed:
-    """Which changes account for the hops of one side that the other has not."""
+def _hops(sides: Sides, causes: Causes, side: _Side, other: _Side, *, gained: bool) -> Iterator[_Blame]:
+    """Each hop of one side that the other has not, once, with the change that accounts for it."""
+    number = {path: number for number, path in enumerate(sides.compared)}
+    both = (1 << len(number)) - 1
+    coming = next((each for each in causes.drafts if each.kind == (ADDED if gained else REMOVED)), None)
+    rights = [
+        (draft, bits(number[path] for path in draft.enclaves if path in number)) for draft in causes.grants[gained]
+    ]
+    for sender, receivers in enumerate(side.graph.hops):
+        if sender >= len(number):
+            yield _Blame(coming, sender, receivers)
+            continue
+        hops = receivers & ~(other.graph.hops[sender] & both)
+        if hops & ~both:
+            yield _Blame(coming, sender, hops & ~both)
+        left = hops & both & ~(1 << sender)
+        for draft, part in _from(side, sender, causes, rights, gained=gained) if left else ():
+            if part & left:
+                yield _Blame(draft, sender, part & left)
+                left &= ~part
+        if left:
+            yield _Blame(None, sender, left)
 
-    def __init__(self, sides: Sides, causes: Causes, side: _Side, other: _Side, common: int, *, gained: bool) -> None:
-        self._causes = causes
-        self._side = side
-        self._other = other
-        self._common = common
-        self._gained = gained
-        self._number = {path: number for number, path in enumerate(sides.compared)}
-        self._paths = sides.compared
-        self._coming = next((each for each in causes.drafts if each.kind == (ADDED if gained else REMOVED)), None)
-        self._readers = [
-            (draft, bits(self._number[path] for path in draft.enclaves if path in self._number))
-            for draft in causes.grants[gained]
-        ]
 
-    def hops(self) -> Iterator[_Blame]:
-        """Each hop once."""
-        both = (1 << self._common) - 1
-        for sender, receivers in enumerate(self._side.graph.hops):
-            if sender >= self._common:
-                yield _Blame(self._coming, sender, receivers)
-                continue
-            hops = receivers & ~(self._other.graph.hops[sender] & both)
-            if hops & ~both:
-                yield _Blame(self._coming, sender, hops & ~both)
-            left = hops & both & ~(1 << sender)
-            for draft, part in self._from(sender) if left else ():
-                if part & left:
-                    yield _Blame(draft, sender, part & left)
-                    left &= ~part
-                if not left:
-                    break
-            if left:
-                yield _Blame(None, sender, left)
-
-    def _from(self, sender: int) -> Iterator[tuple[Draft, int]]:
-        """Changes with the receivers that they may account for, the nearest first."""
-        path, receivers = self._paths[sender], self._side.graph.receivers
-        for draft in self._causes.rows[self._gained]:
+def _from(
+    side: _Side, sender: int, causes: Causes, rights: list[tuple[Draft, int]], *, gained: bool
+) -> Iterator[tuple[Draft, int]]:
+    """Changes with the receivers that they may account for, the nearest first; `rights`: with whose they are."""
+    path, receivers = side.paths[sender], side.graph.receivers
+    yield from ((draft, receivers(sender, draft.channels)) for draft in causes.rows[gained])
+    for draft, members_of in rights:
+        if draft.operation == "publish" and path in draft.enclaves:
             yield draft, receivers(sender, draft.channels)
-        for draft, members_of in self._readers:
-            if draft.operation == "publish" and path in draft.enclaves:
-                yield draft, receivers(sender, draft.channels)
-            elif draft.operation == "subscribe" and members_of:
-                yield draft, receivers(sender, draft.channels) & members_of
-        everybody = self._causes.everybody[self._gained]
-        for draft in everybody:
-            if path in draft.enclaves:
-                yield draft, -1
-        for draft in everybody:
-            yield draft, -1
-        for draft, members_of in self._readers:
-            yield draft, -1 if path in draft.enclaves else members_of
+        elif draft.operation == "subscribe" and members_of:
+            yield draft, receivers(sender, draft.channels) & members_of
+    everybody = causes.everybody[gained]
+    yield from ((draft, -1) for draft in everybody if path in draft.enclaves)
+    yield from ((draft, -1) for draft in everybody)
+    yield from ((draft, -1 if path in draft.enclaves else members_of) for draft, members_of in rights)
 
 
 def _shared(side: _Side, blames: list[_Blame], pairs: _Pairs) -> dict[Draft | None, _Pairs]:
@@ -207,7 +175,7 @@ def _influenced(sides: Sides, side: _Side, pairs: _Pairs, blames: list[_Blame]) 
     way = side.way(source, lowest(targets))
     hops = []
     for leg in way:
-        name = sides.names(1 << leg.channel).shown[0]
+        name = sides.witnesses(1 << leg.channel)[0]
         hops.append(Handover(sender=side.label(leg.sender), name=name, receiver=side.label(leg.receiver)))
     ends = union(1 << node | others for node, others in pairs.items())
     return Influenced(

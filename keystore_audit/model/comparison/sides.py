@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
+from typing import Final
 from zoneinfo import ZoneInfo
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.findings import Location
-from keystore_audit.grouped import grouped
-from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.grouped import gathered, grouped
+from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
+from keystore_audit.keystore.permissions import Operation, PermissionsFile, read_permissions
+from keystore_audit.keystore.smime import Candidates
+from keystore_audit.keystore.stray import Stray
+from keystore_audit.keystore.stray_identity import StrayIdentity
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.claims.globs import region_of
 from keystore_audit.model.comparison.change import Name, Names, Unread
-from keystore_audit.model.comparison.kept import with_what_was
 from keystore_audit.model.domains import Interval, contains, merged
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.effective import Peers
@@ -34,8 +38,11 @@ from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.trust.verdicts import Acceptance, envelope
 from keystore_audit.profiles import Profile
 
-MAX_SHOWN = 3
+MAX_SHOWN: Final = 3
 """Names that stand for a change; the rest are counted."""
+
+BEFORE: Final = "old:"
+"""Begins the places of what OLD alone has."""
 
 
 class View(Peers):
@@ -56,6 +63,34 @@ class View(Peers):
     def taken(self) -> frozenset[int]:
         """The documents that some peer takes."""
         return frozenset(document for realm in self.realms for document in realm.accepted)
+
+    @cached_property
+    def let_in(self) -> frozenset[int]:
+        """The enclaves that some peer takes for who they say they are."""
+        known = (number for number, each in enumerate(self.system.enclaves) if each.identity is not None)
+        return frozenset(number for number in known if any(realm.authenticated(number) for realm in self.realms))
+
+    @cached_property
+    def named(self) -> Mapping[str, list[int]]:
+        """By subject, the identities that are let in."""
+        identities = (self.system.enclaves[number].identity for number in sorted(self.let_in))
+        return gathered((self.system.certificates[each].label, each) for each in identities if each is not None)
+
+    @cached_property
+    def lasting(self) -> Mapping[int, list[int]]:
+        """By identity, the grants for it that are not over, begun or not, of documents that some peer takes."""
+        return gathered(
+            (certificate, number)
+            for number, grant in enumerate(self.system.grants)
+            if grant.document in self.taken and grant.not_after >= self.system.now
+            for certificate in grant.names
+        )
+
+    @cached_property
+    def keeps(self) -> bool:
+        """Whether some peer takes anything that OLD alone has."""
+        documents = any(self.system.documents[each].label.startswith(BEFORE) for each in self.taken)
+        return documents or any(self.system.enclaves[n].location.path.startswith(BEFORE) for n in self.let_in)
 
     def own_grant(self, path: str) -> int | None:
         """The grant of the enclave's own document that counts."""
@@ -119,6 +154,7 @@ class Sides:
         )
         self.at = at
         self.profiles = profiles
+        self.every = tuple(profile.name for profile in profiles)
         self.keystores = (old, new)
         documents = (*system_documents(old), *system_documents(new))
         self.accesses = AccessViews(documents, at, zone, assumed)
@@ -194,6 +230,11 @@ class Sides:
         return [path for path in self.enclaves[0] if path in self.enclaves[1]]
 
     @cached_property
+    def both(self) -> frozenset[str]:
+        """The same as a set."""
+        return frozenset(self.common)
+
+    @cached_property
     def compared(self) -> list[str]:
         """Those of which everything could be read on both sides."""
         return [path for path in self.common if path not in self._doubtful]
@@ -205,10 +246,25 @@ class Sides:
         for place, pair in enumerate(self.pairs):
             key = place, pair.old.letting_in(path), pair.new.letting_in(path)
             if key not in self._letting:  # of 10,000 enclaves most are let in by the same
-                both = frozenset(self.common)
-                before, after = pair.old.members(key[1]) & both, pair.new.members(key[2]) & both
+                before, after = pair.old.members(key[1]) & self.both, pair.new.members(key[2]) & self.both
                 self._letting[key] = before - after, after - before
             yield pair, *self._letting[key]
+
+    def is_void(self, document: Typed | None, profile: Profile) -> bool:
+        """Whether an implementation takes the document for none, whoever signed it: then it says nothing."""
+        if document is None:
+            return False
+        refused = self.accesses.read(document, profile.access).refusal is not None
+        return refused or envelope(document.signed).verdict is Acceptance.REFUSED
+
+    def refused(self, pair: Pair, path: str, document: str) -> bool:
+        """Whether the implementations take the enclave's governance or permissions, old or new, for none."""
+        return any(self.is_void(getattr(by_path[path], document), pair.lead) for by_path in self.enclaves)
+
+    def in_order(self, profiles: Iterable[str]) -> tuple[str, ...]:
+        """The profiles in the order in which they were asked for."""
+        wanted = set(profiles)
+        return tuple(name for name in self.every if name in wanted)
 
     def is_read(self, path: str) -> bool:
         """Whether everything of the enclave could be read on both sides."""
@@ -232,32 +288,34 @@ class Sides:
         """The channels of one of the globs that are told apart."""
         return bits(self.channels.regions[region_of((topic,))])
 
-    def names(self, channels: int) -> Names:
-        """The names of a set of channels, by witnesses."""
+    def names(self, channels: int) -> Names | None:
+        """The names of a set of channels, by witnesses; None: there are none."""
+        if not channels:
+            return None
+        found = self.witnesses(channels)
+        domains = self.pairs[0].old.decisions.channels_in
+        within = [number for number, theirs in enumerate(domains) if theirs & channels]
+        return Names(
+            shown=tuple(found[:MAX_SHOWN]),
+            more=max(0, len(found) - MAX_SHOWN),
+            infinite=any(cell.infinite for number in members(channels) for cell in self.channels.cells(number)),
+            domains=self._joined(each for number in within for each in self.channels.domains[number].intervals),
+            every=not any(domains[number] & ~channels for number in within),
+        )
+
+    def witnesses(self, channels: int) -> list[Name]:
+        """A name for each topic in each partition, single ones first, and those last that every node uses."""
         found: dict[tuple[str, str], tuple[list[Interval], list[bool]]] = {}
-        infinite = False
-        within: set[int] = set()
         for number in members(channels):
-            domain = self.channels.channels[number].domain
             for cell in self.channels.cells(number):
                 intervals, several = found.setdefault((cell.topic, cell.partition), ([], []))
-                intervals += self.channels.domains[domain].intervals
+                intervals += self.channels.domains[self.channels.channels[number].domain].intervals
                 several.append(cell.infinite or cell.topic not in self._literals)
-                infinite = infinite or cell.infinite
-            within.add(domain)
         names = [
             Name(topic=topic, partition=partition, domains=self._joined(intervals), several=any(several))
             for (topic, partition), (intervals, several) in found.items()
         ]
-        names.sort(key=lambda name: (name.topic in AMBIENT, name.several, name.partition, name.topic))
-        channels_in = self.pairs[0].old.decisions.channels_in
-        return Names(
-            shown=tuple(names[:MAX_SHOWN]),
-            more=max(0, len(names) - MAX_SHOWN),
-            infinite=infinite,
-            domains=self._joined(each for domain in within for each in self.channels.domains[domain].intervals),
-            every=not any(channels_in[domain] & ~channels for domain in within),
-        )
+        return sorted(names, key=lambda name: (name.topic in AMBIENT, name.several, name.partition, name.topic))
 
     def _joined(self, intervals: Iterable[Interval]) -> tuple[Interval, ...]:
         if self._domain is not None:
@@ -270,14 +328,47 @@ class Sides:
         return frozenset(text for _matcher, region in self.channels.regions for area in region for text in area.topics)
 
 
-def is_void(document: Typed | None, profile: Profile, accesses: AccessViews) -> bool:
-    """Whether an implementation takes the document for none, whoever signed it: then it says nothing."""
-    if document is None:
-        return False
-    refused = accesses.read(document, profile.access).refusal is not None
-    return refused or envelope(document.signed).verdict is Acceptance.REFUSED
-
-
 def _by_path(keystore: Keystore) -> dict[str, Enclave]:
     first = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
     return {path: first[path] for path in sorted(first)}
+
+
+def with_what_was(old: Keystore, new: Keystore) -> Keystore:
+    """NEW, with the documents and the identities beside it that OLD alone has."""
+    known = {e.permissions.signed.file.sha256 for e in new.enclaves if e.permissions is not None}
+    known |= {stray.file.sha256 for stray in new.strays}
+    carried = (enclave.permissions for enclave in old.enclaves)
+    strays = (stray.document for stray in old.strays)
+    files = [file for file in (*carried, *strays) if isinstance(file, PermissionsFile)]
+    gone = {file.signed.file.sha256: file for file in files if file.signed.file.sha256 not in known}
+    # An identity of the same name and authority may do what this one may.
+    named = {(e.identity.subject, e.identity.issuer) for e in new.enclaves if e.identity is not None}
+    owned = [e.identity for e in old.enclaves if e.identity is not None]
+    owned += [each.certificate for each in old.identities.found]
+    identities = {c.sha256: c for c in owned if (c.subject, c.issuer) not in named}
+    if not gone and not identities:
+        return new
+    signers = Candidates(c for k in (new, old) for c in every_certificate(k.enclaves, k.authorities, ()))
+    return replace(
+        new,
+        strays=(
+            *new.strays,
+            *(
+                Stray(
+                    file=replace(file.signed.file, path=BEFORE + file.signed.file.place, resolved=None),
+                    document=read_permissions(file.signed.file, signers),
+                )
+                for file in gone.values()
+            ),
+        ),
+        identities=replace(
+            new.identities,
+            found=(
+                *new.identities.found,
+                *(
+                    StrayIdentity(certificate=replace(each, path=BEFORE + each.path), key=BEFORE)
+                    for each in identities.values()
+                ),
+            ),
+        ),
+    )
