@@ -74,43 +74,50 @@ def compare_keystores(
         _Asked(keystore, intended, profiles, at, AccessViews(system_documents(keystore), at, zone, assumed), domain)
         for keystore in (*keystores, kept)
     )
-    changes = list(found.changes)
-    names = tuple(profile.name for profile in profiles)
-    for (enclave, _right), words in _beyond(after.lacking(), before.lacking()):
-        changes.append(_change("needed", enclave, words, names, found.labels))
-    removed = {path for each in changes if each.kind == "enclave-removed" for path in each.enclaves}
+    needed = [
+        _change("needed", enclave, words, found)
+        for (enclave, _right), words in _beyond(after.lacking(), before.lacking())
+    ]
+    removed = {path for each in found.changes if each.kind == "enclave-removed" for path in each.enclaves}
     unnamed = removed - {each.enclave for each in intended.policy.profiles} if intended.policy is not None else ()
-    forbidden: list[tuple[tuple[str | None, str | None], str]]
-    forbidden = [((path, None), f"the policy says nothing of {path}") for path in unnamed]
-    forbidden += [((key[0], key[1][0]), words) for key, words in _beyond(still.exceeding(), after.exceeding())]
-    for (path, operation), words in forbidden:
-        changes = [
-            replace(each, against=(*each.against, words))
-            if each.until and path in each.enclaves and operation in (None, each.operation)
-            else each
-            for each in changes
-        ]
+    forbidden: list[_Forbidden] = [(path, None, f"the policy says nothing of {path}") for path in unnamed]
+    forbidden += [(path, right[0], words) for (path, right), words in _beyond(still.exceeding(), after.exceeding())]
+    changes = [replace(each, against=tuple(_against(each, forbidden))) for each in found.changes]
     until = max((each.until for each in changes if each.until), default=None)
-    for _key, words in _beyond(still.violated(), after.violated()):
-        change = _change("forbidden", None, f"{words} while what was signed before counts", names, found.labels)
-        changes.append(replace(change, until=until))
-    undecided = [
+    counting = [
+        _change("forbidden", None, f"{words} while what was signed before counts", found, until)
+        for _key, words in _beyond(still.violated(), after.violated())
+    ]
+    undecided = (
         Unread(side=side, enclave=doubt.enclave, location=doubt.location, reason=doubt.reason)
         for side, asked in (("old", before), ("new", after))
         for doubt in (asked.drifts.undecided if asked.drifts else ())
-    ]
-    return replace(found, changes=tuple(changes), unknown=tuple(dict.fromkeys((*found.unknown, *undecided))))
+    )
+    unknown = tuple(dict.fromkeys((*found.unknown, *undecided)))
+    return replace(found, changes=(*changes, *needed, *counting), unknown=unknown)
 
 
-def _change(kind: str, enclave: str | None, words: str, profiles: tuple[str, ...], labels: tuple[str, ...]) -> Change:
+_Forbidden = tuple[str | None, str | None, str]
+"""An enclave, an operation (None: any), and who says so."""
+
+
+def _against(change: Change, forbidden: Iterable[_Forbidden]) -> Iterator[str]:
+    """Why what is lost, and still effective, was not to be there."""
+    for path, operation, words in forbidden if change.until else ():
+        if path in change.enclaves and operation in (None, change.operation):
+            yield words
+
+
+def _change(kind: str, enclave: str | None, words: str, found: Comparison, until: str | None = None) -> Change:
     return Change(
         layer=Layer.ACCESS,
         kind=kind,
         direction=Direction.LOST,
         what=words,
         enclaves=(enclave,) if enclave is not None else (),
-        profiles=profiles,
-        labels=labels,
+        profiles=found.profiles,
+        labels=found.labels,
+        until=until,
         against=(words,),
     )
 

@@ -13,7 +13,7 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.comparison.change import Comparison
+from keystore_audit.model.comparison.change import Aspect, Change, Comparison, Consequence
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.profiles import Profile, resolve
 from tests.keystore.builder import END, Signed, certificate, crl, signed_document
@@ -199,61 +199,44 @@ def compared(
     chosen: tuple[Profile, ...] = tuple(resolve(profiles))
     one, other = read_keystore(old.write(root / "old")), read_keystore(new.write(root / "new"))
     found = compare(one, other, chosen, AT, domain=domain)
-    assert mirrored(found) == shapes(compare(other, one, chosen, AT, domain=domain))
+    assert shapes(found, turned=True) == shapes(compare(other, one, chosen, AT, domain=domain))
     return found
 
 
 Shape = tuple[object, ...]
-_OTHER_WAY = {"gained": "lost", "lost": "gained"}
+_OTHER_WAY = {
+    "gained": "lost",
+    "lost": "gained",
+    "enclave-added": "enclave-removed",
+    "enclave-removed": "enclave-added",
+}
 
 
-def shapes(found: Comparison) -> list[Shape]:
-    """Everything about the changes but their wording, in order."""
-    return sorted(
-        (
-            (
-                change.layer.value,
-                change.kind,
-                change.direction.value,
-                change.enclaves,
-                change.operation or "",
-                repr(change.names),
-                change.profiles,
-                repr((change.old, change.new)),
-                sorted((a.what, a.old or "", a.new or "", a.direction.value) for a in change.aspects),
-                repr(change.influenced),
-                sorted(
-                    (c.direction.value, c.enclaves, repr(c.names), c.profiles, repr(c.influenced))
-                    for c in change.consequences
-                ),
-            )
-            for change in found.changes
-        ),
-        key=repr,
-    )
+def shapes(found: Comparison, *, turned: bool = False) -> list[Shape]:
+    """Everything about the changes but their wording, in order; `turned`: what the other way round has to be found."""
+    words = _OTHER_WAY if turned else {}
 
+    def sides(old: object, new: object) -> tuple[object, object]:
+        return (new, old) if turned else (old, new)
 
-def mirrored(found: Comparison) -> list[Shape]:
-    """What the other way round has to be found."""
-
-    def turned(direction: str) -> str:
-        return _OTHER_WAY.get(direction, direction)
+    def direction(each: Change | Aspect | Consequence) -> str:
+        return words.get(each.direction.value, each.direction.value)
 
     return sorted(
         (
             (
                 change.layer.value,
-                {"enclave-added": "enclave-removed", "enclave-removed": "enclave-added"}.get(change.kind, change.kind),
-                turned(change.direction.value),
+                words.get(change.kind, change.kind),
+                direction(change),
                 change.enclaves,
                 change.operation or "",
                 repr(change.names),
                 change.profiles,
-                repr((change.new, change.old)),
-                sorted((a.what, a.new or "", a.old or "", turned(a.direction.value)) for a in change.aspects),
+                repr(sides(change.old, change.new)),
+                sorted((a.what, *sides(a.old or "", a.new or ""), direction(a)) for a in change.aspects),
                 repr(change.influenced),
                 sorted(
-                    (turned(c.direction.value), c.enclaves, repr(c.names), c.profiles, repr(c.influenced))
+                    (direction(c), c.enclaves, repr(c.names), c.profiles, repr(c.influenced))
                     for c in change.consequences
                 ),
             )

@@ -15,7 +15,7 @@ from keystore_audit.model.comparison.change import Comparison, Direction, FailOn
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.profiles import VARIANTS, resolve
 from tests.keystore.builder import START, crl
-from tests.model.comparing import AT, authority, mirrored, shapes
+from tests.model.comparing import AT, authority, shapes
 from tests.model.single_changes import BASE, EVERYBODY
 
 IDENTITY, STRANGER = authority("identityCA"), authority("stranger")
@@ -66,7 +66,7 @@ def told(old: Lists, new: Lists, root: Path, *profiles: str) -> Comparison:
     one, other = (read_keystore(write(root / name, lists)) for name, lists in (("old", old), ("new", new)))
     chosen = resolve(profiles)
     found = compare(one, other, chosen, AT)
-    assert mirrored(found) == shapes(compare(other, one, chosen, AT))
+    assert shapes(found, turned=True) == shapes(compare(other, one, chosen, AT))
     return found
 
 

@@ -94,15 +94,15 @@ def signed_again(sides: Sides, found: Sequence[Draft], carrying: Set[str]) -> li
 
 def _signed_again(sides: Sides, told: Set[str]) -> Iterator[Draft]:
     """One for each enclave, those `told` aside."""
-    said = cache(lambda pair: [said_grants(view, pair, sides, side) for side, view in enumerate((pair.old, pair.new))])
+    said = cache(said_grants)
 
     def alike(path: str, word: str, pair: Pair) -> bool:
         """Whether the enclave's governance or permissions, as these profiles read them, have the same meaning."""
         if word == "governance":
             return same_protection(pair, path)
-        one, other = (view.enclave(path).permissions for view in (pair.old, pair.new))
-        before, after = said(pair)
-        return one is not None and other is not None and before.get(one, []) == after.get(other, [])
+        documents = [(view, view.enclave(path).permissions) for view in (pair.old, pair.new)]
+        one, other = (said(view).get(each, []) if each is not None else None for view, each in documents)
+        return one is not None and one == other
 
     for path in sides.compared:
         old, new = (by_path[path] for by_path in sides.enclaves)

@@ -143,6 +143,16 @@ def accounted(drafts: Iterable[Draft], sides: Sides) -> list[Draft]:
     return [each for each in found if each.cause is None]
 
 
+def shares(candidates: Iterable[tuple[Draft, int]], left: int) -> Iterator[tuple[Draft | None, int]]:
+    """What of a set each change accounts for, the nearest first; and (None) what none of them does."""
+    for draft, part in candidates if left else ():
+        if part & left:
+            yield draft, part & left
+            left &= ~part
+    if left:
+        yield None, left
+
+
 class Causes:
     """Changes, and by whether something is gained those that may account for it: the other way round come last.
 
@@ -199,6 +209,12 @@ def order(draft: Draft) -> tuple[bool, int, int, str, tuple[str, ...], str]:
 def fact(kind: str, direction: Direction, what: str, *aspects: Aspect) -> Draft:
     """A change in what trust rests on."""
     return Draft(layer=Layer.TRUST, kind=kind, direction=direction, what=what, aspects=aspects)
+
+
+def turned(kind: str, what: str, yes: str, no: str, before: object, after: object) -> Iterator[Draft]:
+    """Something that is so on one side alone: more where it now is."""
+    if bool(before) != bool(after):
+        yield fact(kind, direction_of(after, before), f"{what} {yes if after else no}")
 
 
 def placed(facts: Iterable[Draft], places: Iterable[Location | None], *enclaves: str) -> Iterator[Draft]:

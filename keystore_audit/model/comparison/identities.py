@@ -1,4 +1,6 @@
-"""Identities beside those of the enclaves: in files of no enclave, and further certificates of an enclave's key."""
+"""Identities beside those of the enclaves: in files of no enclave, further certificates of an enclave's key; and keys
+that more than one has: in enclaves' key files, of several identities, and those that anybody can have.
+"""
 
 from __future__ import annotations
 
@@ -11,10 +13,13 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.key_quality import Place, material_of_keystore, weaknesses
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
 from keystore_audit.model.comparison.change import Aspect, Direction, direction_of
-from keystore_audit.model.comparison.facts import Draft, fact, folded, place_of, placed, told
+from keystore_audit.model.comparison.facts import Draft, fact, folded, listing, parted, place_of, placed, told
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import certified_again
 from keystore_audit.model.participants.stray_identity import Takers, admitted
@@ -37,6 +42,13 @@ MAX_PATHS: Final = 3
 MAX_PERIODS: Final = 3
 """Of those in which somebody is let in, that are told."""
 
+_UNREAD: Final = "unread "
+_CAS: Final = (Role.IDENTITY_CA, Role.PERMISSIONS_CA)
+_HOLDS: Final = {
+    Direction.GAINED: "holds a private key that is not its own",
+    Direction.LOST: "no longer holds a private key that is not its own",
+    Direction.MIXED: "holds another private key that is not its own",
+}
 _LET_IN: Final = {
     Direction.GAINED: "more peers, or peers for longer, let in",
     Direction.LOST: "fewer peers, or peers for shorter, let in",
@@ -196,3 +208,100 @@ def _words(
         f"{name[1]}, issued by {name[2]}" + (f", let in {taken.by(sides.both)}" if name in old and name in new else "")
         for name, taken in table.items()
     )
+
+
+def shared_keys(sides: Sides) -> Iterator[Draft]:
+    """Enclaves whose identity has the key of another one: whoever holds it has the rights of both."""
+    holders = [
+        gathered((each.identity.key, path) for path, each in by_path.items() if each.identity is not None)
+        for by_path in sides.enclaves
+    ]
+    for path in sides.common:
+        firsts = [by_path[path].identity for by_path in sides.enclaves]
+        one, other = (
+            {other for other in found[first.key] if other != path} if first is not None else set()
+            for found, first in zip(holders, firsts, strict=True)
+        )
+        if one != other:
+            direction = direction_of(other - one, one - other)
+            word = "another enclave" if direction is not Direction.LOST else "another enclave no longer"
+            aspect = listing("shared with", one, other, direction)
+            found = fact("identity-shared", direction, f"its identity has the key of {word}", aspect)
+            yield from placed([found], map(place_of, firsts), path)
+
+
+def foreign_keys(sides: Sides) -> Iterator[Draft]:
+    """Enclaves in whose key files others' private keys came or went: whoever has such a file is somebody else too."""
+    every = [(path, enclave) for by_path in sides.enclaves for path, enclave in by_path.items()]
+    authorities = {
+        c.key: c.subject for _path, each in reversed(every) for role in _CAS for c in each.trusts(role)[::-1]
+    }
+    owners = gathered((each.identity.key, (path, each.identity.subject)) for path, each in every if each.identity)
+
+    def told(key: str) -> str:
+        if key.startswith(_UNREAD):
+            return "one that could not be read"
+        if key in authorities:
+            return f"the authority {authorities[key]} (key {key[:12]})"
+        return f"{owners[key][0][1] if key in owners else 'nobody here'} (key {key[:12]})"
+
+    for path in sorted({path for path, _enclave in every}):
+        files = [by_path.get(path) for by_path in sides.enclaves]
+        keys = [_foreign(enclave) for enclave in files]
+        gone, come, direction = parted(*({key: key for key in each} for each in keys))
+        if gone or come:
+            aspect = listing("private key", {*map(told, gone)}, {*map(told, come)}, direction)
+            # None where it may open anything: an authority's, or one that nobody here is known to have.
+            whose = [owners.get(key, []) if key not in authorities else [] for key in (*gone, *come)]
+            found = replace(
+                fact("private-key", direction, f"its key file {_HOLDS[direction]}", aspect),
+                touched=tuple(sorted({owner for each in whose for owner, _subject in each})),
+                whole=not all(whose),
+            )
+            yield from placed([found], map(_key_file, files, keys), path)
+
+
+def _foreign(enclave: Enclave | None) -> Mapping[str, int | None]:
+    """By key the line; a key of which it is not known whose it is, by the file."""
+    if enclave is None or enclave.key is None:
+        return {}
+    first = enclave.identity
+    own = first.key if first is not None else enclave.key.key
+    found: dict[str, int | None] = {}
+    if enclave.key.key is not None and enclave.key.key != own:
+        found[enclave.key.key] = None
+    for other in enclave.key.others:
+        if other.key is None or other.key != own:
+            found.setdefault(other.key or f"{_UNREAD}{enclave.key.file.sha256} {other.line}", other.line)
+    return found
+
+
+def _key_file(enclave: Enclave | None, lines: Mapping[str, int | None]) -> Location | None:
+    if enclave is None or enclave.key is None:
+        return None
+    return Location(path=enclave.key.file.place, line=next(iter(lines.values()), None))
+
+
+def weak_keys(sides: Sides) -> Iterator[Draft]:
+    """Keys of which anybody can have the private half: by themselves, beside each other, by what they signed.
+
+    What the two keystores tell together is new: whoever has both finds it. A weak key is gone where nobody has it.
+    """
+    old, new = (material_of_keystore(keystore) for keystore in sides.keystores)
+    before, after, together = (
+        {(each.fact, each.keys): each.places for each in weaknesses(material)} for material in (old, new, old + new)
+    )
+    kept = {each.key for each in new.keys}
+    come = {name: places for name, places in (together | after).items() if name not in before}
+    gone = {name: places for name, places in before.items() if name not in after and kept.isdisjoint(name[1])}
+    for direction, verb, found in (
+        (Direction.GAINED, "a key", come),
+        (Direction.LOST, "no longer: a key", gone),
+    ):
+        for (said, _keys), places in found.items():
+            first = (_first(places, keystore.root) for keystore in sides.keystores)
+            yield from placed([fact("weak-key", direction, f"{verb} {said}")], first)
+
+
+def _first(places: Iterable[Place], root: str) -> Location | None:
+    return next((Location(path=each.path, line=each.line) for each in places if each.root == root), None)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from keystore_audit.model.comparison.change import Direction, Handover, Influenced, Layer
-from keystore_audit.model.comparison.facts import ADDED, REMOVED, Causes, Draft
+from keystore_audit.model.comparison.facts import ADDED, REMOVED, Causes, Draft, shares
 from keystore_audit.model.comparison.grants import PRESENTED_BEFORE
 from keystore_audit.model.comparison.sides import Sides, View
 from keystore_audit.model.formal.attacker import realm_views
@@ -28,14 +28,10 @@ class _Side:
         self._view = view
         self.paths = paths
         lanes = self._flows.lanes(self._search(Place(), Place()))
-        self.lanes = [
-            Lane(
-                puts=[lane.puts[number] & kept for number in self._numbers],
-                gets=[lane.gets[number] & kept for number in self._numbers],
-            )
-            for lane in lanes
-        ]
-        self.graph = Influence(self.lanes, len(paths))
+        ours = (
+            ([part[number] & kept for number in self._numbers] for part in (each.puts, each.gets)) for each in lanes
+        )
+        self.graph = Influence([Lane(puts=puts, gets=gets) for puts, gets in ours], len(paths))
 
     def _search(self, source: Place, target: Place) -> Search:
         return Search(
@@ -119,12 +115,8 @@ def _hops(sides: Sides, causes: Causes, side: _Side, other: _Side, *, gained: bo
         if hops & ~both:
             yield _Blame(coming, sender, hops & ~both)
         left = hops & both & ~(1 << sender)
-        for draft, part in _from(side, sender, causes, rights, gained=gained) if left else ():
-            if part & left:
-                yield _Blame(draft, sender, part & left)
-                left &= ~part
-        if left:
-            yield _Blame(None, sender, left)
+        for draft, part in shares(_from(side, sender, causes, rights, gained=gained), left):
+            yield _Blame(draft, sender, part)
 
 
 def _from(

@@ -15,7 +15,6 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
-from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer
 from keystore_audit.model.comparison.facts import Dates, Draft, folded, told
 from keystore_audit.model.comparison.grants import NOTHING, WORDS, Given, differing, either, given, may
@@ -84,11 +83,9 @@ def _changes(sides: Sides, places: set[str]) -> Iterator[Draft]:
     """One for each subject, difference and pair; adds the `places` of the documents."""
     for pair in sides.pairs:
         views = pair.old, pair.new
-        own = [_own_subjects(view, pair, sides, side) for side, view in enumerate(views)]
-        staying = [_own_subjects(view, pair, sides, side, sides.both) for side, view in enumerate(views)]
-        one, other, kept = (
-            _granted(view, pair, sides, side, own[0] & own[1]) for side, view in enumerate((*views, pair.kept))
-        )
+        own, staying = ([_own_subjects(view, among) for view in views] for among in (None, sides.both))
+        unguarded = _unguarded(pair.old) & _unguarded(pair.new)  # elsewhere the change of protection says so
+        one, other, kept = (_granted(view, unguarded, own[0] & own[1]) for view in (*views, pair.kept))
         for subject in sorted({*one, *other}):
             old, new = (each.get(subject) or _Granted() for each in (one, other))
             for draft in _differences(sides, pair, old, new, kept.get(subject)):
@@ -143,9 +140,7 @@ def _differences(sides: Sides, pair: Pair, old: _Granted, new: _Granted, kept: _
         yield Draft(layer=Layer.GRANTS, kind="grant-of-others", direction=Direction.CHANGED, what=words, channels=names)
 
 
-def _own_subjects(
-    view: View, pair: Pair, sides: Sides, side: int, among: Collection[str] | None = None
-) -> frozenset[str]:
+def _own_subjects(view: View, among: Collection[str] | None) -> frozenset[str]:
     """The subject_names that mean the identity of an enclave: `can` and the changes of enclaves speak of those.
 
     `among`: of enclaves of these paths alone.
@@ -155,38 +150,28 @@ def _own_subjects(
         for enclave in view.system.enclaves
         if enclave.identity is not None
         and (among is None or enclave.label in among)
-        and (evidence := sides.enclaves[side].get(enclave.label)) is not None
+        and (evidence := view.evidence.get(enclave.label)) is not None
         and evidence.identity is not None
     }
     found = {first.subject for first in firsts.values()}
-    for text, number in _texts(view, pair, sides, side):
+    for text, number in view.subjects:
         named = view.system.grants[number].names & firsts.keys() if text not in found else ()
         if any(same_meaning(text, firsts[each]) for each in named):
             found.add(text)
     return frozenset(found)
 
 
-def _texts(view: View, pair: Pair, sides: Sides, side: int) -> Iterator[tuple[str, int]]:
-    """The subject_name of each grant of the system, in order."""
-    numbers = gathered((grant.document, number) for number, grant in enumerate(view.system.grants))
-    for document, grants in numbers.items():
-        file = sides.documents[side][view.system.documents[document].label]
-        if isinstance(file, PermissionsFile):
-            read = sides.accesses.read(file, pair.lead.access).grants or ()
-            for number, each in zip(grants, read, strict=True):
-                yield each.grant.subject_name.text, number
-
-
-def _granted(view: View, pair: Pair, sides: Sides, side: int, skipped: frozenset[str]) -> dict[str, _Granted]:
-    """By subject what documents that some peer takes grant it, those `skipped` aside."""
+def _granted(view: View, unguarded: int, skipped: frozenset[str]) -> dict[str, _Granted]:
+    """By subject what documents that some peer takes grant it, those `skipped` aside; `unguarded`: domains that anybody
+    whom a grant names may join.
+    """
     system = view.system
     by_document = gathered(
         (system.grants[number].document, (text, number))
-        for text, number in _texts(view, pair, sides, side)
+        for text, number in view.subjects
         if system.grants[number].document in view.taken
     )
     found: dict[str, _Granted] = {}
-    unguarded = _unguarded(pair.old) & _unguarded(pair.new)  # elsewhere the change of protection says so
     for document, several in by_document.items():
         theirs = [(text, number) for text, number in several if text not in skipped]
         if not theirs:  # nearly always
@@ -218,10 +203,10 @@ def _unguarded(view: View) -> int:
     return union(each.ruled & ~each.join_controlled for each in protections)
 
 
-def said_grants(view: View, pair: Pair, sides: Sides, side: int) -> dict[int, list[tuple[str, Dates, Given]]]:
+def said_grants(view: View) -> dict[int, list[tuple[str, Dates, Given]]]:
     """By document for whom its grants are, from when to when, and what each gives, as these profiles read it."""
     found: dict[int, list[tuple[str, Dates, Given]]] = {}
-    for text, number in _texts(view, pair, sides, side):
+    for text, number in view.subjects:
         grant = view.system.grants[number]
         dates = view.system.instants[grant.not_before], view.system.instants[grant.not_after]
         found.setdefault(grant.document, []).append((text, dates, given(view, number)))

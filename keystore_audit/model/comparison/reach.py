@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison.change import Direction, Layer
-from keystore_audit.model.comparison.facts import ADDED, REMOVED, Causes, Draft, agreeing
+from keystore_audit.model.comparison.facts import ADDED, REMOVED, Causes, Draft, agreeing, shares
 from keystore_audit.model.comparison.grants import (
     JOIN,
     PRESENTED_BEFORE,
@@ -163,16 +163,12 @@ def _both_ways(sides: Sides, before: int, after: int) -> Iterator[tuple[bool, in
 def _attributed(sides: Sides, causes: Causes, pair: Pair, drafts: Iterable[Draft]) -> Iterator[Draft]:
     """Gives the channels to the changes that account for them, the nearest first."""
     for draft in drafts:
-        left, gained = draft.channels, draft.direction is Direction.GAINED
-        for cause, part in _accounting(sides, causes, draft):
-            if part & left:
-                yield replace(draft, cause=cause, channels=part & left)
-                left &= ~part
-        if left:
-            place = None
-            if draft.enclaves and draft.operation is not None:
-                place = _granting(pair.new if gained else pair.old, draft, left)
-            yield replace(draft, channels=left, old=None if gained else place, new=place if gained else None)
+        for cause, part in shares(_accounting(sides, causes, draft), draft.channels):
+            gained, place = draft.direction is Direction.GAINED, None
+            if cause is None and draft.enclaves and draft.operation is not None:
+                place = _granting(pair.new if gained else pair.old, draft, part)
+            places = (None, place) if gained else (place, None)
+            yield replace(draft, cause=cause, channels=part, old=places[0], new=places[1])
 
 
 def _accounting(sides: Sides, causes: Causes, shown: Draft) -> Iterator[tuple[Draft, int]]:

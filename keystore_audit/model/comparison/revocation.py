@@ -54,10 +54,8 @@ def revocation_facts(old: Enclave, new: Enclave, sides: Sides) -> Iterator[Draft
 
     Of a list that is unknown nothing is said: `diff` lists it as such.
     """
-    files = [(enclave.identity_ca, enclave.crl) for enclave in (old, new)]
-    none = not any(crl or (ca and ca.revocation_lists) for ca, crl in files)  # nearly always
-    if none or len({tuple(file and file.file.sha256 for file in pair) for pair in files}) == 1:
-        return
+    if not any(each.crl or (each.identity_ca and each.identity_ca.revocation_lists) for each in (old, new)):
+        return  # nearly always
     rows = grouped(sides.profiles, lambda profile: (profile.trust.revocation, profile.trust.first_authority_only))
     found = gathered(
         ((each.kind, each.direction, each.what, each.aspects, each.old, each.new), (each, profile.name))

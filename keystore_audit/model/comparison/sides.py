@@ -28,12 +28,13 @@ from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.effective import Peers
 from keystore_audit.model.formal.own_rights import OwnRights
 from keystore_audit.model.formal.permission import Decisions
-from keystore_audit.model.formal.system import Reading
+from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import Typed, documents_of, system_documents
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.participants.doubt import enclave_doubts, keystore_doubts
 from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.profiles import Access
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.trust.verdicts import Acceptance, envelope
 from keystore_audit.profiles import Profile
@@ -46,7 +47,28 @@ BEFORE: Final = "old:"
 
 
 class View(Peers):
-    """One keystore under one system, what could not be read left out."""
+    """One keystore under one system, what could not be read left out. `evidence`: its enclaves by their paths."""
+
+    def __init__(
+        self, system: System, decisions: Decisions, keystore: Keystore, accesses: AccessViews, access: Access
+    ) -> None:
+        super().__init__(system, decisions)
+        self.evidence = _by_path(keystore)
+        self._keystore, self._accesses, self._access = keystore, accesses, access
+
+    @cached_property
+    def subjects(self) -> list[tuple[str, int]]:
+        """The subject_name of each grant of the system, in order."""
+        files = {each.place: each.file for each in documents_of(self._keystore)}
+        numbers = gathered((grant.document, number) for number, grant in enumerate(self.system.grants))
+        found: list[tuple[str, int]] = []
+        for document, grants in numbers.items():
+            file = files[self.system.documents[document].label]
+            if isinstance(file, PermissionsFile):
+                read = self._accesses.read(file, self._access).grants or ()
+                texts = (each.grant.subject_name.text for each in read)
+                found += zip(texts, grants, strict=True)
+        return found
 
     def letting_in(self, path: str) -> tuple[int, ...]:
         """The realms, by their places, that take the enclave for who it says it is, whatever the dates."""
@@ -149,9 +171,6 @@ class Sides:
         assumed: frozenset[Assumption] = EVERY,
     ) -> None:
         self._kept = with_what_was(old, new)
-        self.documents = tuple(
-            {each.place: each.file for each in documents_of(keystore)} for keystore in (old, new, self._kept)
-        )
         self.at = at
         self.profiles = profiles
         self.every = tuple(profile.name for profile in profiles)
@@ -191,12 +210,13 @@ class Sides:
         builder = SystemBuilder(keystore, self.profiles, self.at, self.accesses, channels=self.channels)
         shared: dict[tuple[int, int], Decisions] = {}
         found: dict[str, View] = {}
+        access = {profile.name: profile.access for profile in self.profiles}
         systems = builder.systems()
         for system in sorted(systems, key=lambda each: each.reading is Reading.MUST):
             key = (id(system.grants), id(system.rules))
             if key not in shared:
                 shared[key] = Decisions(system)
-            view = View(system, shared[key])
+            view = View(system, shared[key], keystore, self.accesses, access[system.profiles[0]])
             found.update(dict.fromkeys(system.profiles, view))
         return found
 
@@ -349,26 +369,13 @@ def with_what_was(old: Keystore, new: Keystore) -> Keystore:
     if not gone and not identities:
         return new
     signers = Candidates(c for k in (new, old) for c in every_certificate(k.enclaves, k.authorities, ()))
-    return replace(
-        new,
-        strays=(
-            *new.strays,
-            *(
-                Stray(
-                    file=replace(file.signed.file, path=BEFORE + file.signed.file.place, resolved=None),
-                    document=read_permissions(file.signed.file, signers),
-                )
-                for file in gone.values()
-            ),
-        ),
-        identities=replace(
-            new.identities,
-            found=(
-                *new.identities.found,
-                *(
-                    StrayIdentity(certificate=replace(each, path=BEFORE + each.path), key=BEFORE)
-                    for each in identities.values()
-                ),
-            ),
-        ),
-    )
+    documents = [
+        Stray(
+            file=replace(file.signed.file, path=BEFORE + file.signed.file.place, resolved=None),
+            document=read_permissions(file.signed.file, signers),
+        )
+        for file in gone.values()
+    ]
+    known_by = [StrayIdentity(certificate=replace(c, path=BEFORE + c.path), key=BEFORE) for c in identities.values()]
+    found = replace(new.identities, found=(*new.identities.found, *known_by))
+    return replace(new, strays=(*new.strays, *documents), identities=found)

@@ -31,9 +31,16 @@ from keystore_audit.model.comparison.facts import (
     parted,
     place_of,
     placed,
+    turned,
 )
-from keystore_audit.model.comparison.identities import MAX_PATHS, identities_certified_again, identities_let_in
-from keystore_audit.model.comparison.keys import foreign_keys, shared_keys, weak_keys
+from keystore_audit.model.comparison.identities import (
+    MAX_PATHS,
+    foreign_keys,
+    identities_certified_again,
+    identities_let_in,
+    shared_keys,
+    weak_keys,
+)
 from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import Typed, authorities_of, beside_enclaves, governance_apart
@@ -160,20 +167,25 @@ def _facts(path: str, sides: Sides) -> Iterator[Draft]:
     yield from authorities
     changed = {aspect.what for each in authorities for aspect in each.aspects}
     yield from _identity(old, new, sides, reissued=_AUTHORITIES[Role.IDENTITY_CA] in changed)
-    yield from _signatures(old, new, moved=_AUTHORITIES[Role.PERMISSIONS_CA] in changed)
-    if sides.is_read(path):
-        yield from _forms(old, new)
+    for word, one, other, places in documents(old, new):
+        authority = (
+            _AUTHORITIES[Role.PERMISSIONS_CA] in changed and _by_authority(one, old) and _by_authority(other, new)
+        )
+        found = [
+            *_signature(word, one, other, moved=authority),
+            *(_form(word, one, other) if sides.is_read(path) else ()),
+        ]
+        yield from placed(found, places)
     yield from revocation_facts(old, new, sides)
 
 
 def _presences(old: Enclave, new: Enclave) -> Iterator[Draft]:
     for role, word in _PRESENCE.items():
         files = old.files.files[role], new.files.files[role]
-        before, after = (file.status is Status.PRESENT for file in files)
-        if before != after and not any(file.status.unknown for file in files):
-            what = f"its {word} {'is there' if after else 'is no longer there'}"
-            found = fact(FILE, direction_of(after, before), what)
-            yield from placed([found], (Location(path=file.path) for file in files))
+        if not any(file.status.unknown for file in files):
+            there = (file.status is Status.PRESENT for file in files)
+            found = turned(FILE, f"its {word}", "is there", "is no longer there", *there)
+            yield from placed(found, (Location(path=file.path) for file in files))
 
 
 def _identity(old: Enclave, new: Enclave, sides: Sides, *, reissued: bool) -> Iterator[Draft]:
@@ -194,9 +206,8 @@ def _identity_facts(one: Certificate, other: Certificate) -> Iterator[Draft]:
     if one.subject != other.subject:
         aspect = Aspect("subject", one.subject, other.subject, changed)
         yield fact(SUBJECT, changed, "its identity has another subject", aspect)
-    if bool(one.is_ca) != bool(other.is_ca):
-        word = "is an authority" if other.is_ca else "is no longer an authority"
-        yield fact("identity-authority", direction_of(other.is_ca, one.is_ca), f"its identity {word}")
+    words = "its identity", "is an authority", "is no longer an authority"
+    yield from turned("identity-authority", *words, one.is_ca, other.is_ca)
     yield from _issued_again("identity-validity", "its identity certificate", one, other)
 
 
@@ -274,52 +285,42 @@ def documents(old: Enclave, new: Enclave) -> Iterator[tuple[str, Typed, Typed, t
             yield word, one, other, (Location(path=one.signed.file.place), Location(path=other.signed.file.place))
 
 
-def _signatures(old: Enclave, new: Enclave, *, moved: bool) -> Iterator[Draft]:
-    """Who signed the documents, and whether the signatures hold. `moved`: the permissions CA is another."""
-    for word, one, other, places in documents(old, new):
-        before, after = envelope(one.signed), envelope(other.signed)
-        held, holds = (each.verdict is Acceptance.ACCEPTED for each in (before, after))
-        if held != holds:
-            verb = "holds" if holds else "no longer holds"
-            found = fact("signature", direction_of(holds, held), f"the signature of its {word} {verb}")
-        elif {c.key for c in before.signers} == {c.key for c in after.signers} or (
-            moved and _by_authority(before.signers, old) and _by_authority(after.signers, new)
-        ):
-            continue
-        else:
-            aspect = Aspect("signer", _told(before.signers), _told(after.signers), Direction.MIXED)
-            verb = "were" if word == "permissions" else "was"
-            found = fact("signer", Direction.MIXED, f"its {word} {verb} signed by somebody else", aspect)
-        yield from placed([found], places)
+def _signature(word: str, one: Typed, other: Typed, *, moved: bool) -> Iterator[Draft]:
+    """Whether the signature holds, and who made it. `moved`: the permissions CA did, and is another."""
+    before, after = envelope(one.signed), envelope(other.signed)
+    holds = [each.verdict is Acceptance.ACCEPTED for each in (before, after)]
+    yield from turned("signature", f"the signature of its {word}", "holds", "no longer holds", *holds)
+    if holds[0] == holds[1] and not moved and {c.key for c in before.signers} != {c.key for c in after.signers}:
+        aspect = Aspect("signer", _told(before.signers), _told(after.signers), Direction.MIXED)
+        verb = "were" if word == "permissions" else "was"
+        yield fact("signer", Direction.MIXED, f"its {word} {verb} signed by somebody else", aspect)
 
 
-def _by_authority(signers: Iterable[Certificate], enclave: Enclave) -> bool:
+def _by_authority(document: Typed, enclave: Enclave) -> bool:
     """Whether the enclave's permissions CA signed it."""
     keys = {certificate.key for certificate in enclave.trusts(Role.PERMISSIONS_CA)}
-    return all(signer.key in keys for signer in signers)
+    return all(signer.key in keys for signer in envelope(document.signed).signers)
 
 
-def _forms(old: Enclave, new: Enclave) -> Iterator[Draft]:
-    """Documents that were signed again in another form, where that is not what makes their signatures hold or not.
+def _form(word: str, one: Typed, other: Typed) -> Iterator[Draft]:
+    """A document signed again in another form, where that is not what makes its signature hold or not.
 
     A weak digest is less protection: others may have the signature.
     """
-    for word, one, other, places in documents(old, new):
-        alike = envelope(one.signed).verdict is envelope(other.signed).verdict
-        if not alike or one.signed.file.sha256 == other.signed.file.sha256:
-            continue
-        digests = [", ".join(sorted({each.digest for each in file.signed.signatures})) or None for file in (one, other)]
-        defects = [{each.kind for each in (*file.signed.defects, *file.defects)} for file in (one, other)]
-        weak = [Kind.WEAK_DIGEST in each for each in defects]
-        aspects = []
-        if digests[0] != digests[1] or weak[0] != weak[1]:
-            aspects.append(_form("digest", digests[0], digests[1], *weak))
-        gone, come = ({each.value for each in defects[n] - defects[1 - n] - {Kind.WEAK_DIGEST}} for n in (0, 1))
-        if gone or come:
-            aspects.append(listing("out of order", gone, come, Direction.CHANGED))
-        if aspects:
-            what = f"its {word}: signed again in another form"
-            yield from placed([fact(FORM, joint_direction(aspects), what, *aspects)], places)
+    alike = envelope(one.signed).verdict is envelope(other.signed).verdict
+    if not alike or one.signed.file.sha256 == other.signed.file.sha256:
+        return
+    digests = [", ".join(sorted({each.digest for each in file.signed.signatures})) or None for file in (one, other)]
+    defects = [{each.kind for each in (*file.signed.defects, *file.defects)} for file in (one, other)]
+    weak = [Kind.WEAK_DIGEST in each for each in defects]
+    aspects = []
+    if digests[0] != digests[1] or weak[0] != weak[1]:
+        aspects.append(_weaker("digest", digests[0], digests[1], *weak))
+    gone, come = ({each.value for each in defects[n] - defects[1 - n] - {Kind.WEAK_DIGEST}} for n in (0, 1))
+    if gone or come:
+        aspects.append(listing("out of order", gone, come, Direction.CHANGED))
+    if aspects:
+        yield fact(FORM, joint_direction(aspects), f"its {word}: signed again in another form", *aspects)
 
 
 def _issued_again(kind: str, what: str, old: Certificate, new: Certificate) -> Iterator[Draft]:
@@ -327,13 +328,14 @@ def _issued_again(kind: str, what: str, old: Certificate, new: Certificate) -> I
     if old.sha256 == new.sha256:
         return
     yield from dated(kind, what, (old.not_before, old.not_after), (new.not_before, new.not_after))
-    aspects = []
-    if old.key_kind != new.key_kind:
-        kinds = old.key_kind, new.key_kind
-        aspects.append(_form("key", *kinds, *map(is_weak_kind, kinds)))
-    if old.signature_algorithm != new.signature_algorithm:
-        algorithms = old.signature_algorithm, new.signature_algorithm
-        aspects.append(_form("signature algorithm", *algorithms, *map(is_weak_algorithm, algorithms)))
+    aspects = [
+        _weaker(name, one, other, is_weak(one), is_weak(other))
+        for name, one, other, is_weak in (
+            ("key", old.key_kind, new.key_kind, is_weak_kind),
+            ("signature algorithm", old.signature_algorithm, new.signature_algorithm, is_weak_algorithm),
+        )
+        if one != other
+    ]
     if bool(old.is_ca) == bool(new.is_ca):  # else that is a change of its own, and accounts for the rest
         forms = [_form_of(certificate) for certificate in (old, new)]
         differ = (name for name in forms[0] if forms[0][name] != forms[1][name])
@@ -342,7 +344,7 @@ def _issued_again(kind: str, what: str, old: Certificate, new: Certificate) -> I
         yield fact("certificate-form", joint_direction(aspects), f"{what}: another form than before", *aspects)
 
 
-def _form(what: str, old: str | None, new: str | None, was_weak: bool, is_weak: bool) -> Aspect:
+def _weaker(what: str, old: str | None, new: str | None, was_weak: bool, is_weak: bool) -> Aspect:
     """Which of two weak ones is worse is not judged: one in the place of another is both."""
     return Aspect(what, old, new, direction_of(is_weak, was_weak))
 
