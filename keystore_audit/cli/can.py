@@ -259,14 +259,10 @@ def access_command(keystore: str, **given: Any) -> int:
 
 
 def _rendered(table: AccessTable, kind: str) -> str:
-    if kind == "json":
+    if kind != "text":
         from keystore_audit.report import access_json
 
-        return access_json.json(table)
-    if kind == "csv":
-        from keystore_audit.report import access_csv
-
-        return access_csv.csv(table)
+        return access_json.json(table) if kind == "json" else access_json.csv(table)
     from keystore_audit.report import access_text
 
     return access_text.text(table, max(output.WIDTH, output.columns(MAX_WIDTH)))

@@ -34,10 +34,9 @@ from keystore_audit.model.inventory import Typed, documents_of, system_documents
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.participants.doubt import enclave_doubts, keystore_doubts
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.profiles import Access
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.trust.verdicts import Acceptance, envelope
-from keystore_audit.profiles import Profile
+from keystore_audit.profiles import Access, Profile
 
 MAX_SHOWN: Final = 3
 """Names that stand for a change; the rest are counted."""
