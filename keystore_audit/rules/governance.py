@@ -6,9 +6,9 @@ somebody may take it: what a document says that every implementation refuses is 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final
 
 from msgspec.structs import replace
@@ -25,6 +25,9 @@ from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, signed_bytes, speaks
 from keystore_audit.rules.wording import defective, of_kinds, paths, quoted
+
+_Says = Callable[[str, str], Violation]
+"""What is said at an element of a rule, after where that is."""
 
 AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
 DIFFER: Final = "implementations differ in what they make of it."
@@ -51,31 +54,33 @@ def domain_rules(file: GovernanceFile) -> tuple[DomainRule, ...]:
     return tuple(deciding)
 
 
-def topic_rules(use: GovernanceUse) -> Iterator[tuple[DomainRule, TopicRule]]:
+def in_domains(use: GovernanceUse) -> Iterator[tuple[DomainRule, _Says]]:
+    """Those rules, each with what makes a violation at an element of it from a message."""
+    for domain_rule in domain_rules(use.document):
+        yield domain_rule, partial(_violation, use, domain_rule, None)
+
+
+def in_topics(use: GovernanceUse) -> Iterator[tuple[DomainRule, TopicRule, _Says]]:
     """The topic rules of those: none after a rule for `*`, since the first that matches a topic is the one for it.
 
     So it is everywhere but in OpenDDS, which lets any matching rule without access control allow (read in its source).
     """
     for domain_rule in domain_rules(use.document):
         for topic_rule in domain_rule.topic_rules:
-            yield domain_rule, topic_rule
+            yield domain_rule, topic_rule, partial(_violation, use, domain_rule, topic_rule)
             if topic_rule.expression.text and not topic_rule.expression.text.strip("*"):
                 break
 
 
-def violates(
+def _violation(
     use: GovernanceUse, domain_rule: DomainRule, topic_rule: TopicRule | None, element: str, message: str
 ) -> Violation:
     """A violation at `element` of the topic rule, or else of the domain rule; `message` goes on after where it is."""
-    where = f"Domain {describe(covered(domain_rule.domains))}"
-    lines, line = domain_rule.lines, domain_rule.line
-    if topic_rule is not None:
-        where += f", topics {quoted(topic_rule.expression.text)}"
-        lines, line = topic_rule.lines, topic_rule.line
+    where, told = f"Domain {describe(covered(domain_rule.domains))}", topic_rule or domain_rule
     expression = topic_rule.expression.text if topic_rule is not None else ""
     return Violation(
-        message=f"{where}: {message}",
-        locations=(use.at(lines.get(element, line)),),
+        message=f"{where}{f', topics {quoted(expression)}' if topic_rule is not None else ''}: {message}",
+        locations=(use.at(told.lines.get(element, told.line)),),
         key=f"{element} {covered(domain_rule.domains)} {expression}",
     )
 
@@ -133,13 +138,13 @@ def unauthenticated_participants_allowed(use: GovernanceUse) -> Iterator[Violati
     On Cyclone DDS such a peer reads and writes even topics under access control, where every protection kind is NONE
     (measured); what it reaches beside that depends on the implementation.
     """
-    for domain_rule in domain_rules(use.document):
+    for domain_rule, violation in in_domains(use):
         if domain_rule.allow_unauthenticated_participants:
-            message = (
+            yield violation(
+                "allow_unauthenticated_participants",
                 "allow_unauthenticated_participants is true, expected false: whoever reaches the network is matched "
-                "without a certificate."
+                "without a certificate.",
             )
-            yield violates(use, domain_rule, None, "allow_unauthenticated_participants", message)
 
 
 @rule(
@@ -155,10 +160,12 @@ def join_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
 
     Fast DDS demands an allow rule of its own participant all the same (measured); what counts are the others.
     """
-    for domain_rule in domain_rules(use.document):
+    for domain_rule, violation in in_domains(use):
         if not domain_rule.enable_join_access_control:
-            message = "enable_join_access_control is false, expected true: every identity joins, granted or not."
-            yield violates(use, domain_rule, None, "enable_join_access_control", message)
+            yield violation(
+                "enable_join_access_control",
+                "enable_join_access_control is false, expected true: every identity joins, granted or not.",
+            )
 
 
 @rule(
@@ -175,13 +182,13 @@ def read_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
     Readers get the keys by which samples are checked, and with symmetric keys whoever checks can make: unless a kind
     authenticates the origin, write access control is void as well.
     """
-    for domain_rule, topic_rule in topic_rules(use):
+    for _domain_rule, topic_rule, violation in in_topics(use):
         if not topic_rule.enable_read_access_control:
-            message = (
+            yield violation(
+                "enable_read_access_control",
                 "enable_read_access_control is false, expected true: whoever joined reads them, and with a reader's "
-                "keys can write."
+                "keys can write.",
             )
-            yield violates(use, domain_rule, topic_rule, "enable_read_access_control", message)
 
 
 @rule(
@@ -194,10 +201,12 @@ def read_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
 )
 def write_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
     """Whoever joined writes the topics: nobody asks for publish permissions."""
-    for domain_rule, topic_rule in topic_rules(use):
+    for _domain_rule, topic_rule, violation in in_topics(use):
         if not topic_rule.enable_write_access_control:
-            message = "enable_write_access_control is false, expected true: whoever joined writes them."
-            yield violates(use, domain_rule, topic_rule, "enable_write_access_control", message)
+            yield violation(
+                "enable_write_access_control",
+                "enable_write_access_control is false, expected true: whoever joined writes them.",
+            )
 
 
 @rule(

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
 from keystore_audit.profiles import VARIANTS
-from keystore_audit.rules.governance import domain_rules, topic_rules, violates
+from keystore_audit.rules.governance import in_domains, in_topics
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.remedies import in_governance
 from keystore_audit.rules.subjects import GovernanceUse, speaks
@@ -56,13 +56,13 @@ def rtps_protection_none(use: GovernanceUse) -> Iterator[Violation]:
     Headers, time stamps and the submessages that belong to no topic can then be forged from outside, whatever protects
     the topics.
     """
-    for domain_rule in domain_rules(use.document):
+    for domain_rule, violation in in_domains(use):
         if domain_rule.rtps_protection_kind is ProtectionKind.NONE:
-            message = (
+            yield violation(
+                "rtps_protection_kind",
                 "rtps_protection_kind is NONE, expected SIGN or more: message headers and time stamps can be forged "
-                "from outside."
+                "from outside.",
             )
-            yield violates(use, domain_rule, None, "rtps_protection_kind", message)
 
 
 @rule(
@@ -76,11 +76,13 @@ def rtps_protection_none(use: GovernanceUse) -> Iterator[Violation]:
 )
 def rtps_protection_sign_only(use: GovernanceUse) -> Iterator[Violation]:
     """Message headers are authenticated and readable: who talks to whom, when and how much. sros2 ships it so."""
-    for domain_rule in domain_rules(use.document):
+    for domain_rule, violation in in_domains(use):
         kind = domain_rule.rtps_protection_kind
         if kind.authenticates and not kind.encrypts:
-            message = f"rtps_protection_kind is {kind.value}: who talks to whom is readable on the network."
-            yield violates(use, domain_rule, None, "rtps_protection_kind", message)
+            yield violation(
+                "rtps_protection_kind",
+                f"rtps_protection_kind is {kind.value}: who talks to whom is readable on the network.",
+            )
 
 
 @rule(
@@ -97,15 +99,19 @@ def discovery_unprotected(use: GovernanceUse) -> Iterator[Violation]:
     SIGN hides nothing: only an encrypting kind does, or rtps_protection_kind where it encrypts. The handshake shows
     each permissions document in clear whatever is set here.
     """
-    for domain_rule in domain_rules(use.document):
+    for domain_rule, violation in in_domains(use):
         kind = domain_rule.discovery_protection_kind
         if not kind.encrypts and not domain_rule.rtps_protection_kind.encrypts:
-            message = f"discovery_protection_kind is {kind.value}, expected ENCRYPT: topic names are readable."
-            yield violates(use, domain_rule, None, "discovery_protection_kind", message)
-    for domain_rule, topic_rule in topic_rules(use):
+            yield violation(
+                "discovery_protection_kind",
+                f"discovery_protection_kind is {kind.value}, expected ENCRYPT: topic names are readable.",
+            )
+    for domain_rule, topic_rule, violation in in_topics(use):
         if not topic_rule.enable_discovery_protection and not domain_rule.rtps_protection_kind.encrypts:
-            message = "enable_discovery_protection is false, expected true: their names are readable."
-            yield violates(use, domain_rule, topic_rule, "enable_discovery_protection", message)
+            yield violation(
+                "enable_discovery_protection",
+                "enable_discovery_protection is false, expected true: their names are readable.",
+            )
 
 
 @rule(
@@ -122,17 +128,20 @@ def liveliness_unprotected(use: GovernanceUse) -> Iterator[Violation]:
     By any participant of the domain, and from outside where rtps_protection_kind is NONE too. Documents of
     DDS-Security 1.0 have no such element for topics.
     """
-    for domain_rule in domain_rules(use.document):
+    for domain_rule, violation in in_domains(use):
         whom = _forger(domain_rule)
         if not domain_rule.liveliness_protection_kind.authenticates:
-            message = f"liveliness_protection_kind is NONE, expected SIGN or more: {whom} can keep a dead writer alive."
-            yield violates(use, domain_rule, None, "liveliness_protection_kind", message)
-    for domain_rule, topic_rule in topic_rules(use):
+            yield violation(
+                "liveliness_protection_kind",
+                f"liveliness_protection_kind is NONE, expected SIGN or more: {whom} can keep a dead writer alive.",
+            )
+    for domain_rule, topic_rule, violation in in_topics(use):
         element = "enable_liveliness_protection"
         if not topic_rule.enable_liveliness_protection and element in topic_rule.lines:
             whom = _forger(domain_rule)
-            message = f"enable_liveliness_protection is false, expected true: {whom} can keep a dead writer alive."
-            yield violates(use, domain_rule, topic_rule, element, message)
+            yield violation(
+                element, f"enable_liveliness_protection is false, expected true: {whom} can keep a dead writer alive."
+            )
 
 
 @rule(
@@ -150,14 +159,14 @@ def metadata_protection_none(use: GovernanceUse) -> Iterator[Violation]:
     rtps_protection_kind is NONE, and samples replayed. Where no kind authenticates anything, samples-unauthenticated
     says so alone.
     """
-    for domain_rule, topic_rule in topic_rules(use):
+    for domain_rule, topic_rule, violation in in_topics(use):
         none = topic_rule.metadata_protection_kind is ProtectionKind.NONE
         if none and not _nothing_authenticates(domain_rule, topic_rule):
-            message = (
+            yield violation(
+                "metadata_protection_kind",
                 f"metadata_protection_kind is NONE, expected SIGN or more: {_forger(domain_rule)} can forge heartbeats "
-                "and acknowledgements and replay samples."
+                "and acknowledgements and replay samples.",
             )
-            yield violates(use, domain_rule, topic_rule, "metadata_protection_kind", message)
 
 
 @rule(
@@ -170,13 +179,13 @@ def metadata_protection_none(use: GovernanceUse) -> Iterator[Violation]:
 )
 def payload_in_clear(use: GovernanceUse) -> Iterator[Violation]:
     """No protection kind encrypts the samples: whoever listens on the network reads them."""
-    for domain_rule, topic_rule in topic_rules(use):
+    for domain_rule, topic_rule, violation in in_topics(use):
         if not any(kind.encrypts for kind in _kinds(domain_rule, topic_rule)):
-            message = (
+            yield violation(
+                "data_protection_kind",
                 f"nothing encrypts ({_said(domain_rule, topic_rule)}), expected data or metadata ENCRYPT: whoever "
-                "listens reads the samples."
+                "listens reads the samples.",
             )
-            yield violates(use, domain_rule, topic_rule, "data_protection_kind", message)
 
 
 @rule(
@@ -193,15 +202,15 @@ def payload_open_to_insiders(use: GovernanceUse) -> Iterator[Violation]:
     An identity without a grant for the topic reads it off the network, and forges on it where metadata and data kind
     are NONE.
     """
-    for domain_rule, topic_rule in topic_rules(use):
+    for domain_rule, topic_rule, violation in in_topics(use):
         rtps, metadata, data = _kinds(domain_rule, topic_rule)
         if rtps.encrypts and not metadata.encrypts and not data.encrypts:
             forge = " and forges" if not metadata.authenticates and not data.authenticates else ""
-            message = (
+            yield violation(
+                "data_protection_kind",
                 f"only rtps_protection_kind encrypts ({_said(domain_rule, topic_rule)}), expected data or metadata "
-                f"ENCRYPT: every participant reads{forge} them, granted or not."
+                f"ENCRYPT: every participant reads{forge} them, granted or not.",
             )
-            yield violates(use, domain_rule, topic_rule, "data_protection_kind", message)
 
 
 @rule(
@@ -219,13 +228,13 @@ def samples_unauthenticated(use: GovernanceUse) -> Iterator[Violation]:
 
     Access control asks endpoints for permissions, but nothing ties a sample to an endpoint.
     """
-    for domain_rule, topic_rule in topic_rules(use):
+    for domain_rule, topic_rule, violation in in_topics(use):
         if _nothing_authenticates(domain_rule, topic_rule):
-            message = (
+            yield violation(
+                "metadata_protection_kind",
                 "rtps, metadata and data protection are all NONE, expected SIGN or more in one of them: whoever "
-                "reaches the network writes."
+                "reaches the network writes.",
             )
-            yield violates(use, domain_rule, topic_rule, "metadata_protection_kind", message)
 
 
 @rule(
@@ -237,13 +246,13 @@ def samples_unauthenticated(use: GovernanceUse) -> Iterator[Violation]:
 )
 def data_protection_none(use: GovernanceUse) -> Iterator[Violation]:
     """Submessages are encrypted, the payload in them is not: relays and stores of durable data see it in clear."""
-    for domain_rule, topic_rule in topic_rules(use):
+    for _domain_rule, topic_rule, violation in in_topics(use):
         kind = topic_rule.data_protection_kind
         if topic_rule.metadata_protection_kind.encrypts and not kind.encrypts:
-            message = (
-                f"data_protection_kind is {kind.value}, expected ENCRYPT: relays and stores see the payload in clear."
+            yield violation(
+                "data_protection_kind",
+                f"data_protection_kind is {kind.value}, expected ENCRYPT: relays and stores see the payload in clear.",
             )
-            yield violates(use, domain_rule, topic_rule, "data_protection_kind", message)
 
 
 _REFUSE_CONTRADICTION: Final = tuple(
@@ -265,12 +274,12 @@ def unauthenticated_with_rtps_protection(use: GovernanceUse) -> Iterator[Violati
     Fast DDS from 2.6.5 and 2.10.2 on refuses to start with it; Cyclone DDS starts, and the plain peer gets no data
     (measured).
     """
-    for domain_rule in domain_rules(use.document):
+    for domain_rule, violation in in_domains(use):
         kind = domain_rule.rtps_protection_kind
         if domain_rule.allow_unauthenticated_participants and kind.authenticates:
-            message = (
+            found = violation(
+                "rtps_protection_kind",
                 f"allow_unauthenticated_participants is true and rtps_protection_kind {kind.value}, which contradict "
-                "each other: Fast DDS from 2.6.5 and 2.10.2 on does not start."
+                "each other: Fast DDS from 2.6.5 and 2.10.2 on does not start.",
             )
-            found = violates(use, domain_rule, None, "rtps_protection_kind", message)
             yield replace(found, profiles=_REFUSE_CONTRADICTION)
