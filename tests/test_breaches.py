@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from keystore_audit.engine import breaches
+from tests.cli import keystores
 from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, rule, signed_keystore
 from tests.keystore.builder import GOVERNANCE
 
@@ -30,6 +32,13 @@ WORSE = {
 }
 OTHERWISE = {"/joy": (rule(("rt/cmd", "rt/joy"), ("rt/joy",)),)}
 """A right that no property speaks of: an answer rests on all documents, and a new one may bring another way."""
+
+
+@pytest.fixture(autouse=True)
+def _same_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Keystores of one test differ in what they say alone: another key would be another thing to accept."""
+    for name in ("authority", "certificate"):
+        monkeypatch.setattr(keystores, name, cache(getattr(keystores, name)))
 
 
 def asserted(path: Path, *names: str) -> Path:

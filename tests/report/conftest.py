@@ -36,6 +36,7 @@ def _finding(code: str, name: str, severity: Severity, enclave: str | None, path
         enclave=enclave,
         locations=(Location(path=path, line=1),),
         fingerprint=fingerprint(code, None, key, ""),
+        meaning=fingerprint(code, None, key, "what it is about"),
     )
     return replace(finding, **more)  # type: ignore[arg-type]
 

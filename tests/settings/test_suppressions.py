@@ -347,7 +347,7 @@ def test_nothing_accepts_an_undecided_audit(tmp_path: Path) -> None:
 
 
 def test_what_is_asserted_under_the_same_name_is_another_thing_once_it_means_another(tmp_path: Path) -> None:
-    """Accepted by its fingerprint; then the assertion is changed, and keeps its name."""
+    """Accepted by fingerprint and meaning; then the assertion is changed, and keeps its name."""
     keystore, _expected = as_built(SAMPLES / "flows/vehicle_plain_grant.toml", tmp_path / "keys")
 
     def violated(text: str) -> dict[str, Any]:
@@ -358,6 +358,6 @@ def test_what_is_asserted_under_the_same_name_is_another_thing_once_it_means_ano
     first = violated('no_flow = { from = "/infotainment", to = "/motor" }')
     reworded = violated('description = "Said otherwise."\nno_flow = { to = "/motor", from = ["/infotainment"] }')
     wider = violated('no_flow = { from = "/infotainment", to = "/motor", include_ambient = true }')
-    assert first["fingerprint"] == reworded["fingerprint"]
+    assert (first["fingerprint"], first["meaning"]) == (reworded["fingerprint"], reworded["meaning"])
     assert first["message"] != reworded["message"]
-    assert first["fingerprint"] != wider["fingerprint"]
+    assert first["meaning"] != wider["meaning"]
