@@ -82,7 +82,7 @@ def override_names_no_enclave(environment: Environment, context: Context) -> Ite
     """The enclave that every process is to use is not in the keystore; names are compared letter by letter.
 
     Under Enforce nothing starts then, otherwise everything starts unsecured. rcl does not check the name: with `..` it
-    leaves the context.keystore.
+    leaves the keystore.
     """
     name = environment.value(OVERRIDE)
     known = [enclave.path for enclave in context.keystore.enclaves]
