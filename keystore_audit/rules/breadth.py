@@ -13,7 +13,7 @@ from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import PermissionsUse, speaks
-from keystore_audit.rules.wording import either, listed, places, quoted, sole
+from keystore_audit.rules.wording import either, listed, quoted
 
 
 @rule(
@@ -48,7 +48,7 @@ def default_allow(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     remedy=in_permissions("Name each topic"),
     applies=speaks,
 )
-def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def wildcard_grant(use: PermissionsUse) -> Iterator[Violation]:
     """An allow rule covers names by a pattern, and so names that nobody has thought of.
 
     `*` crosses `/`. High where one pattern, or several together, cover every ROS 2 topic. Deny rules before it may take
@@ -66,8 +66,7 @@ def wildcard_grant(use: PermissionsUse, _context: Context) -> Iterator[Violation
             yield Violation(
                 message=f"{quoted(grant.subject_name.text)} may {operation.value} on "
                 f"{listed(quoted(name) for name in names)}: {reach}.",
-                locations=places(use.at(text.line) for text in found),
-                enclave=sole(use.enclaves),
+                locations=[use.at(text.line) for text in found],
                 severity=Severity.HIGH if every else None,
                 # The expressions are part of it: a new wildcard is not hidden by what was accepted before.
                 key="\n".join((grant.subject_name.text, operation.value, *sorted(names))),
@@ -97,7 +96,7 @@ def _is_pattern(text: str) -> bool:
     ),
     applies=speaks,
 )
-def allow_everything_permissions(use: PermissionsUse, _context: Context) -> Iterator[Violation]:
+def allow_everything_permissions(use: PermissionsUse) -> Iterator[Violation]:
     """The grant allows every topic and service both ways: what `ros2 security create_enclave` writes by itself.
 
     Whoever takes this enclave has the whole robot. Running create_enclave again puts it back in the place of a policy.

@@ -25,7 +25,7 @@ from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import ALLOW_DOMAINS, COVER_DOMAIN, in_governance, in_permissions
 from keystore_audit.rules.restrictions import meet
 from keystore_audit.rules.subjects import DocumentUse
-from keystore_audit.rules.wording import VERBS, either, listed, located, places, quoted
+from keystore_audit.rules.wording import VERBS, either, listed, located, quoted
 
 MEASURED: Final = f"measured on {TESTED_ON}, others as docs/profiles.md tells"
 
@@ -67,7 +67,7 @@ def _violation(found: Sequence[Divergence], why: str) -> Violation:
     more = f" ({len(found)} lines)" if len(found) > 1 else ""
     return Violation(
         message=f"{why}{more}: {_consequence(worst, enclaves)}",
-        locations=places(_locations(found)),
+        locations=[*_locations(found)],
         enclave=enclaves[0] if len(enclaves) == 1 else None,
         severity=_severity(harmful=harmful, ros=any(divergence.ros for divergence in found)),
         profiles=tuple(name for name in VARIANTS if any(name in divergence.deviating for divergence in found)),
@@ -226,7 +226,7 @@ def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
     said = _violation(found, _explained(found))
     return replace(
         said,
-        locations=places((*(Location(path=file.signed.file.place) for file in files), *said.locations)),
+        locations=(*(Location(path=file.signed.file.place) for file in files), *said.locations),
         remedy=decision(
             f"Use another implementation: what {doing('joins', JoinCheck.TABLE_63)} asks for, join access control off "
             "or a topic without access control, weakens all of them."

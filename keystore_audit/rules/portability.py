@@ -16,7 +16,7 @@ from keystore_audit.rules.divergence import spoken_of
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, instant_of, speaks, taken
-from keystore_audit.rules.wording import more_like, places, quoted, sole
+from keystore_audit.rules.wording import more_like, quoted
 
 _MAY_BE_MALFORMED: Final = frozenset("[\\")
 
@@ -72,8 +72,7 @@ def expression_malformed(use: DocumentUse, context: Context) -> Iterator[Violati
         texts = list(malformed)
         yield Violation(
             message=f"The expression {quoted(texts[0])}{more_like(texts)} {_faults(texts[0], context.profiles)}.",
-            locations=places(use.at(each.line) for each in malformed.values()),
-            enclave=sole(use.enclaves),
+            locations=[use.at(each.line) for each in malformed.values()],
             key="\n".join(sorted(malformed)),
         )
 
@@ -114,7 +113,6 @@ def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violati
         yield Violation(
             message=f"The date {quoted(date.text)} is {says}.",
             locations=(use.at(date.line),),
-            enclave=sole(use.enclaves),
             key=date.text,
         )
 

@@ -99,11 +99,6 @@ def located(found: _Placed, message: str = "") -> Location:
     return Location(path=found.path, line=found.line, message=message)
 
 
-def places(locations: Iterable[Location]) -> tuple[Location, ...]:
-    """The locations, each once; a finding lists the first of them, and its fingerprint knows all."""
-    return tuple(dict.fromkeys(locations))
-
-
 def sentence(text: str) -> str:
     """The words of a reader as the beginning of a sentence: bounded, first letter large, no full stop."""
     short = shorten(text, 2 * MAX_QUOTED).rstrip(".")
