@@ -133,9 +133,7 @@ def audit(
         keystore=keystore,
         meaning=meaning,
         drift=_drift(keystore, policy, options, profiles, accesses) if policy is not None else None,
-        results=with_conditions(
-            (*_told(native, keystore, answers, names), *asserted, *determined, *in_alloy), meaning.systems
-        ),
+        results=with_conditions((*_told(native, answers, names), *asserted, *determined, *in_alloy), meaning.systems),
         engines=runs,
         at=options.at,
         expires_within=options.expires_within,
@@ -205,16 +203,14 @@ def _nodes(
     return wiring((*intents, *((policy.intent,) if policy else ())), keystore.layout.kind)
 
 
-def _told(
-    native: NativeEngine, keystore: Keystore, answers: Sequence[EngineAnswers], names: Sequence[str]
-) -> tuple[PropertyResult, ...]:
-    """What the engines say of the properties, and where what violates them stands."""
+def _told(native: NativeEngine, answers: Sequence[EngineAnswers], names: Sequence[str]) -> tuple[PropertyResult, ...]:
+    """What the engines say of the properties, and what violates them."""
     results = combine(native.systems, answers, names)
     if not any(result.status is Status.VIOLATED for result in results):
         return results
-    from keystore_audit.engine.breaches import with_places  # good keystores have none
+    from keystore_audit.engine.breaches import with_violations  # good keystores have none
 
-    return with_places(results, keystore, native.systems, native.answers)
+    return with_violations(results, native.systems, native.answers)
 
 
 def _asserted(

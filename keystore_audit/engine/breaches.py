@@ -1,32 +1,25 @@
-"""What violates claims and properties: all of it, in names, and where it stands.
+"""What violates claims and properties: all of it, in names.
 
 A report tells one example. Who accepts that a telematics unit may publish a command has not accepted that the
-infotainment system may, so a fingerprint holds all that violates a claim, as far as it can be told. One cause does not
-explain whatever else violates the same property: what stands at no place of a cause makes another violation of it.
+infotainment system may, so what a finding is about holds all that violates it, as far as it can be told.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import islice, product
 from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.engine.case import Case
 from keystore_audit.engine.kept import KeptFlows
 from keystore_audit.engine.native_claims import Claims, claims_at
-from keystore_audit.findings import Location
-from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.layout import Role as FileRole
 from keystore_audit.model.formal.claim import ATTACKERS, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties.property import Answer, Role, Status, Witness
-from keystore_audit.properties.result import AssertedResult, Breach, PropertyResult
-from keystore_audit.properties.result import Place as Lines
+from keystore_audit.properties.result import AssertedResult, PropertyResult
 
 MAX_STEPS: Final = 200_000
 """Of one claim, pairs of places that are looked at, times moments and, of flows, enclaves: some seconds at worst."""
@@ -75,11 +68,9 @@ def _with_its_own(number: int, result: AssertedResult, systems: Sequence[System]
 
 def _under_profiles(number: int, result: AssertedResult, systems: Sequence[System], budget: _Budget) -> Iterator[str]:
     """What violates it under each profile that it is violated under."""
-    violated = {name for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
     for system in systems:
-        profiles = sorted(violated.intersection(system.profiles))
-        # of what must not be, all that may be; of what must be possible, what for certain is not
-        if profiles and system.reading is Reading.MAY:
+        profiles = _violated(result, system)
+        if profiles:  # of what must be possible, what for certain is not
             for breach in _breaches(system, system.claims[number], budget):
                 yield from (f"{profile}: {breach}" for profile in profiles)
 
@@ -184,114 +175,24 @@ def told(system: System, names: _Names, witness: Witness) -> str:
     return "\0".join(told)
 
 
-def with_places(
-    results: Sequence[PropertyResult],
-    keystore: Keystore,
-    systems: Sequence[System],
-    answers: Sequence[Mapping[str, Answer]],
+def with_violations(
+    results: Iterable[PropertyResult], systems: Sequence[System], answers: Sequence[Mapping[str, Answer]]
 ) -> tuple[PropertyResult, ...]:
-    """The results, each with what violates it, as far as the native engine keeps it. `answers`: by system."""
-    files = _Files(keystore)
-    readers = [_Reader(system, files) if system.reading is Reading.MAY else None for system in systems]
-    found = [set(_violations(result, readers, answers)) for result in results]
-    return tuple(
-        replace(result, violations=tuple(sorted(violations, key=lambda each: each.name)))
-        for result, violations in zip(results, found, strict=True)
-    )
+    """The results, each with what violates it under each profile, as far as the native engine keeps it."""
+    return tuple(replace(each, violations=tuple(sorted(set(_violations(each, systems, answers))))) for each in results)
 
 
 def _violations(
-    result: PropertyResult, readers: Sequence[_Reader | None], answers: Sequence[Mapping[str, Answer]]
-) -> Iterator[Breach]:
-    violated = {name for name, each in result.profiles.items() if each.status is Status.VIOLATED}
-    for reader, answered in zip(readers, answers, strict=True):
-        profiles = violated.intersection(reader.system.profiles) if reader is not None else set()
-        if reader is None or not profiles:
-            continue
-        for witness in answered[result.prop.id].witnesses:
-            yield Breach(name=reader.named(witness), places=reader.places(witness), profiles=frozenset(profiles))
+    result: PropertyResult, systems: Sequence[System], answers: Sequence[Mapping[str, Answer]]
+) -> Iterator[str]:
+    for system, answered in zip(systems, answers, strict=True):
+        profiles = _violated(result, system)
+        names = {number: channel.topic for number, channel in enumerate(system.channels)} if profiles else {}
+        for witness in answered[result.prop.id].witnesses if profiles else ():
+            yield from (f"{profile}: {told(system, names, witness)}" for profile in profiles)
 
 
-class _Files:
-    """The files that enclaves and governances are made of, by all their names."""
-
-    def __init__(self, keystore: Keystore) -> None:
-        self._enclaves = {enclave.path: enclave for enclave in keystore.enclaves}
-        self._held: dict[str, frozenset[Lines]] = {}
-        self._governances: dict[str, set[str]] = {}
-        for enclave in keystore.enclaves:
-            file = enclave.files.files[FileRole.GOVERNANCE]
-            self._governances.setdefault(file.sha256 or file.place, set()).update((file.path, file.place))
-
-    def of(self, label: str) -> frozenset[Lines]:
-        """Of an enclave, but its governance; of nobody's none."""
-        if label not in self._held and label in self._enclaves:
-            files = self._enclaves[label].files
-            held = (file for file in files.every if file is not files.files[FileRole.GOVERNANCE])
-            paths = {files.directory, *(path for file in held for path in (file.path, file.place))}
-            self._held[label] = frozenset(map(Lines, paths))
-        return self._held.get(label, frozenset())
-
-    def copies(self, path: str) -> Collection[str]:
-        """The names of a governance document, by which enclaves have it or one of equal bytes."""
-        return next((names for names in self._governances.values() if path in names), {path})
-
-
-class _Reader:
-    """The names and places of what violates a property of one system."""
-
-    def __init__(self, system: System, files: _Files) -> None:
-        self.system = system
-        self._files = files
-        self._names = {number: channel.topic for number, channel in enumerate(system.channels)}
-        self._decided: dict[tuple[Location | None, ...], frozenset[Lines]] = {}
-        self._lines: dict[str, list[int]] = {}
-        places = [rule.location for rule in system.domain_rules] + [rule.location for rule in system.topic_rules]
-        for place in places:
-            self._lines.setdefault(place.path, []).append(place.line or 0)
-        for lines in self._lines.values():
-            lines.sort()
-
-    def named(self, witness: Witness) -> str:
-        """The violation by names that do not hang on the order of atoms."""
-        return told(self.system, self._names, witness)
-
-    def places(self, witness: Witness) -> tuple[frozenset[Lines], ...]:
-        """Where it stands: the rules about its topics and domains, the files of its enclaves, its documents.
-
-        What many have in common is one object.
-        """
-        system, found = self.system, list[frozenset[Lines]]()
-        for role, atom in witness.items():
-            if role in (Role.CHANNEL, Role.OTHER_CHANNEL, Role.DOMAIN):
-                found.append(self._governed(witness[Role.REALM], atom, whole=role is Role.DOMAIN))
-            elif role in (Role.ENCLAVE, Role.OTHER):
-                enclave = system.enclaves[atom]
-                found.append(self._files.of(enclave.label) or frozenset({Lines(enclave.location.path)}))
-            elif role is Role.DOCUMENT:
-                found.append(frozenset(map(Lines, self._files.copies(system.documents[atom].location.path))))
-            elif role in (Role.CERTIFICATE, Role.OTHER_CERTIFICATE):
-                found.append(frozenset({Lines(system.certificates[atom].location.path)}))
-        return tuple(found)
-
-    def _governed(self, realm: int, atom: int, *, whole: bool) -> frozenset[Lines]:
-        """The rules that decide about a channel, or (`whole`) a domain; where none does, the document."""
-        case = Case(self.system, {Role.REALM: realm, Role.DOMAIN if whole else Role.CHANNEL: atom})
-        by_domain = case.domain_rule
-        by_topic = None if whole else case.topic_rule
-        document = case.governance
-        key = tuple(None if each is None else each.location for each in (by_domain, by_topic, document))
-        if key not in self._decided:
-            rules = [location for location in key[:2] if location is not None]
-            found = {place for location in rules for place in self._span(location)}
-            paths = self._files.copies(document.location.path) if document is not None and not found else ()
-            self._decided[key] = frozenset(found or map(Lines, paths))
-        return self._decided[key]
-
-    def _span(self, location: Location) -> Iterator[Lines]:
-        """The lines from a rule to the next one, in each copy."""
-        lines, first = self._lines[location.path], location.line or 0
-        after = bisect_right(lines, first)
-        last = lines[after] - 1 if after < len(lines) else None
-        for path in self._files.copies(location.path):
-            yield Lines(path, first, last)
+def _violated(result: PropertyResult, system: System) -> list[str]:
+    """The profiles of a system under which it is violated: of what must not be, all that may be."""
+    found = {name for name, each in result.profiles.items() if each.status is Status.VIOLATED}
+    return sorted(found.intersection(system.profiles)) if system.reading is Reading.MAY else []

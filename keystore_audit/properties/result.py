@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import Enum
-from typing import Final, NamedTuple
+from typing import Final
 
 from msgspec import Struct
 
@@ -61,36 +61,16 @@ class ProfileResult(Struct, frozen=True, kw_only=True):
     needs: tuple[Assumption, ...] = ()
 
 
-class Place(NamedTuple):
-    """A file, or lines of it. `last`: None for all that follow."""
-
-    path: str
-    first: int = 0
-    last: int | None = None
-
-    def holds(self, line: int | None) -> bool:
-        """Whether the line of the file (None: all of it) is there."""
-        return line is None or self.first <= line <= (line if self.last is None else self.last)
-
-
-class Breach(Struct, frozen=True, kw_only=True):
-    """What violates a property under some profiles: a name that tells it from others, and where it stands."""
-
-    name: str
-    places: tuple[frozenset[Place], ...]
-    profiles: frozenset[str]
-
-
 class PropertyResult(Struct, frozen=True, kw_only=True):
     """A property and its answer under each chosen profile (canonical names).
 
-    `violations`: what violates it; of many, some. `vacuous`: what it speaks of does not exist, as some implementation
-    reads the keystore (of users' own in Alloy).
+    `violations`: what violates it and under which profile; of many, some. `vacuous`: what it speaks of does not exist,
+    as some implementation reads the keystore (of users' own in Alloy).
     """
 
     prop: Property
     profiles: Mapping[str, ProfileResult]
-    violations: tuple[Breach, ...] = ()
+    violations: tuple[str, ...] = ()
     vacuous: bool = False
 
     @property

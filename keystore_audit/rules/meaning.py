@@ -127,7 +127,7 @@ class Meanings:
         """All that violates the properties, and what users assert with them."""
         for result in self._context.results:
             if result.prop.id in properties:
-                yield from (f"{each.name} {sorted(each.profiles)}" for each in result.violations)
+                yield from result.violations
                 if isinstance(result, UserResult):
                     yield from (result.meaning, *(result.breaches or ()))
 

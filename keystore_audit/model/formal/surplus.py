@@ -27,15 +27,13 @@ class Surplus(Struct, frozen=True, kw_only=True):
 class StrayGrant(Struct, frozen=True, kw_only=True):
     """A grant in force of a stray document that names an enclave of the keystore, and whose signer its peers take.
 
-    `surplus` None: the documents of the enclaves give all of it as well. `against`: the grants of those that count for
-    the enclave, which a surplus goes beyond. `profiles`: canonical names.
+    `surplus` None: the documents of the enclaves give all of it as well. `profiles`: canonical names.
     """
 
     document: str
     enclave: str
     location: Location
     surplus: Surplus | None
-    against: tuple[Location, ...]
     profiles: tuple[str, ...]
 
 
@@ -56,7 +54,6 @@ def _joined(one: StrayGrant, other: StrayGrant) -> StrayGrant:
         return other if one.surplus is None else one
     return replace(
         one,
-        against=tuple(dict.fromkeys((*one.against, *other.against))),
         profiles=tuple(dict.fromkeys((*one.profiles, *other.profiles))),
     )
 
@@ -93,7 +90,6 @@ class _System:
                 enclave=atom.label,
                 location=self._system.grants[grant].location,
                 surplus=self._surplus(view, grant, others),
-                against=tuple(self._system.grants[other].location for other in others),
                 profiles=self._system.profiles,
             )
 
