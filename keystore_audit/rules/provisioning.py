@@ -17,7 +17,7 @@ from keystore_audit.remedy import decision
 from keystore_audit.rules.permissions import own_grants
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.subjects import instant_of, permissions_uses
-from keystore_audit.rules.wording import located, quoted
+from keystore_audit.rules.wording import located, more_like, quoted
 from keystore_audit.text import counted, instant
 
 LONGEST: Final = timedelta(days=2 * 366)
@@ -144,11 +144,10 @@ def _astray(keystore: Keystore, found: Sequence[tuple[LooseKey, Identity]]) -> I
     """One violation for all keys of other robots' enclaves that lie here."""
     if found:
         loose, other = found[0]
-        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         whose = (Location(path=o.beside, line=o.line, message="its certificate", beside=True) for _key, o in found)
         yield Violation(
-            message=f"{quoted(loose.path)} holds the identity key of {other.enclave} in {quoted(other.root)}{more}: "
-            "whoever takes this robot passes for that one.",
+            message=f"{quoted(loose.path)} holds the identity key of {other.enclave} in {quoted(other.root)}"
+            f"{more_like(found, '')}: whoever takes this robot passes for that one.",
             remedy=_ASTRAY,
             locations=(*(Location(path=loose.path) for loose, _other in found), *whose),
             key="\n".join(sorted(f"{k.path} {relpath(o.root, keystore.root)} {o.path} {k.key}" for k, o in found)),
@@ -159,12 +158,11 @@ def _lying_elsewhere(keystore: Keystore, found: Sequence[tuple[Enclave, Certific
     """The same where keys of enclaves here lie there."""
     if found:
         enclave, _certificate, loose = found[0]
-        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
         ours = (Location(path=certificate.path, line=certificate.line) for _enclave, certificate, _key in found)
         theirs = (Location(path=key.beside, message="its key", beside=True) for _enclave, _certificate, key in found)
         yield Violation(
             message=f"The identity key of {enclave.path} lies in {quoted(loose.root)}, too, in {quoted(loose.path)}"
-            f"{more}: whoever takes that robot passes for this one.",
+            f"{more_like(found, '')}: whoever takes that robot passes for this one.",
             remedy=_ASTRAY,
             locations=(*ours, *theirs),
             enclave=enclave.path if len({each.path for each, _certificate, _key in found}) == 1 else None,
@@ -179,13 +177,12 @@ def _shared(
     if not found:
         return
     enclave, _certificate, other = found[0]
-    more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
     locations = []
     for _enclave, certificate, twin in found:
         locations.append(located(certificate))
         locations.append(Location(path=twin.beside, line=twin.line, message=why, beside=True))
     yield Violation(
-        message=f"{enclave.path} and {other.enclave} in {quoted(other.root)} {says}{more}.",
+        message=f"{enclave.path} and {other.enclave} in {quoted(other.root)} {says}{more_like(found, '')}.",
         locations=locations,
         enclave=enclave.path if len({shared[0].path for shared in found}) == 1 else None,
         severity=severity,
@@ -226,10 +223,9 @@ def certificate_older_than_permissions(keystore: Keystore) -> Iterator[Violation
                 later[enclave.path] = (first.not_before, min(times), use.at(None))
     if later:
         path, (issued, signed, _place) = next(iter(later.items()))
-        more = f" (and {len(later) - 1} more)" if len(later) > 1 else ""
         yield Violation(
             message=f"{path} has a certificate of {instant(issued)} and permissions that were signed at "
-            f"{instant(signed)}{more}: if there were others before, they still count.",
+            f"{instant(signed)}{more_like(later, '')}: if there were others before, they still count.",
             locations=[place for _issued, _signed, place in later.values()],
             key="\n".join(sorted(f"{each} {issued} {signed}" for each, (issued, signed, _place) in later.items())),
             enclave=path if len(later) == 1 else None,

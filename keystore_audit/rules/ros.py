@@ -16,7 +16,7 @@ from keystore_audit.model.ros.halves import Half
 from keystore_audit.model.ros.services import Reach, Rivals
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
-from keystore_audit.rules.wording import VERBS, listed, located, quoted
+from keystore_audit.rules.wording import VERBS, listed, located, more, quoted
 
 _PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
 _FEWER: Final = in_permissions("Write fewer expressions with several wildcards, and name each service and action")
@@ -49,10 +49,9 @@ def _half(path: str, found: Sequence[Half]) -> Violation:
     others = f" (and {listed(list(names)[1:])})" if len(names) > 1 else ""
     like = ", one of many such names" if first.several else ""
     operation, topic = first.lacks[0]
-    more = f" and {len(first.lacks) - 1} more of its topics" if len(first.lacks) > 1 else ""
     return Violation(
         message=f"{path} may {_DOES[first.role]} {first.name} in part only{like}{others}: "
-        f"it may not {VERBS[operation]} {ros_name(topic)}{more}.",
+        f"it may not {VERBS[operation]} {ros_name(topic)}{more(len(first.lacks), ' of its topics')}.",
         locations=[half.location for half in found],
         enclave=path,
         profiles=first.profiles if all(half.profiles == first.profiles for half in found) else _united(found),
@@ -128,10 +127,10 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
         ("states", True): "change the state of",
         ("states", False): "read the state of",
     }[reach.family, reach.changes]
-    more = f" and {reach.nodes - 1} more nodes of {listed(reach.owners)}" if reach.nodes > 1 else ""
+    others = more(reach.nodes, f" nodes of {listed(reach.owners)}")
     call, answer = reach.rights
     return Violation(
-        message=f"{reach.caller} may {verb} the node {reach.node} in the enclave {reach.owner}{more} "
+        message=f"{reach.caller} may {verb} the node {reach.node} in the enclave {reach.owner}{others} "
         f"({reach.service}).",
         locations=(located(call), located(answer, "where the node's own enclave answers")),
         enclave=reach.caller,
@@ -192,12 +191,14 @@ def service_served_by_several(_keystore: Keystore, context: Context) -> Iterator
 def _rivals(rivals: Rivals, profiles: tuple[str, ...]) -> Violation:
     names = dict.fromkeys(_whole(service) for service in rivals.services)
     first = next(iter(names))
-    more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    others = more(len(names))
     if rivals.intruder is None:
-        message = f"{listed(rivals.enclaves)} may all answer {first}{more}: a client cannot tell whose answer it gets."
+        message = (
+            f"{listed(rivals.enclaves)} may all answer {first}{others}: a client cannot tell whose answer it gets."
+        )
     else:
         owners = [path for path in rivals.enclaves if path != rivals.intruder]
-        message = f"{rivals.intruder} may answer {first}{more} by a pattern, in the place of {listed(owners)}."
+        message = f"{rivals.intruder} may answer {first}{others} by a pattern, in the place of {listed(owners)}."
     return Violation(
         message=message,
         locations=[located(right) for right in rivals.rights],
@@ -231,11 +232,10 @@ def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[V
     the specification reads it.
     """
     for found in context.meaning.ros.actions if context.meaning.ros is not None else ():
-        more = f" and {found.count - 1} more" if found.count > 1 else ""
         of = f"which {found.owner} serves" if found.owner is not None else "if there is one"
         yield Violation(
-            message=f"By {quoted(found.expression)}{more} {found.enclave} may {_USES[found.operation]} feedback and "
-            f"status of actions too, as of {found.action}, {of}.",
+            message=f"By {quoted(found.expression)}{more(found.count)} {found.enclave} may {_USES[found.operation]} "
+            f"feedback and status of actions too, as of {found.action}, {of}.",
             locations=found.locations,
             enclave=found.enclave,
             severity=_severity(found),

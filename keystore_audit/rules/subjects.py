@@ -217,13 +217,6 @@ class DocumentUse(SignedUse, frozen=True, kw_only=True):
     document: GovernanceFile | PermissionsFile
 
 
-class StrayUse(SignedUse, frozen=True, kw_only=True):
-    """Permissions that no enclave carries and that a peer may take.
-
-    `enclaves`: of those that may take it, two for each permissions CA file.
-    """
-
-
 class GovernanceUse(DocumentUse, frozen=True, kw_only=True):
     """A governance document."""
 
@@ -328,8 +321,10 @@ def permissions_uses(keystore: Keystore) -> Iterator[PermissionsUse]:
         yield PermissionsUse(document=document, **_worth(document.signed, enclaves))
 
 
-def stray_uses(keystore: Keystore) -> Iterator[StrayUse]:
-    """Permissions outside enclaves that some peer may take."""
+def stray_uses(keystore: Keystore) -> Iterator[SignedUse]:
+    """Permissions that no enclave carries and that some peer may take; with two enclaves for each permissions CA file
+    of those that may.
+    """
     by_authority = grouped(
         keystore.enclaves, lambda enclave: enclave.permissions_ca.file.sha256 if enclave.permissions_ca else None
     )
@@ -337,7 +332,7 @@ def stray_uses(keystore: Keystore) -> Iterator[StrayUse]:
         if stray.document is not None:
             signed = stray.document.signed
             taking = [each for each in by_authority.values() if may_be_taken(signed, each[:1])]
-            yield StrayUse(**_worth(signed, tuple(enclave for each in taking for enclave in each[:2])))
+            yield SignedUse(**_worth(signed, tuple(enclave for each in taking for enclave in each[:2])))
 
 
 def _by_place(read: Iterable[tuple[_Document | None, Enclave]]) -> Iterator[tuple[_Document, tuple[Enclave, ...]]]:

@@ -37,9 +37,14 @@ def listed(names: Iterable[str]) -> str:
     return some((shorten(name, MAX_QUOTED) for name in names), MAX_LISTED)
 
 
-def more_like(found: Sequence[object]) -> str:
+def more(count: int, what: str = "") -> str:
+    """` and 2 more` of a count of which one is told; nothing where that is all."""
+    return f" and {count - 1} more{what}" if count > 1 else ""
+
+
+def more_like(found: Collection[object], like: str = " like it") -> str:
     """` (and 2 more like it)`, where the first alone is told."""
-    return f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
+    return f" ({more(len(found), like).strip()})" if len(found) > 1 else ""
 
 
 def paths(enclaves: Iterable[Enclave]) -> str:
