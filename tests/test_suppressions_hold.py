@@ -95,6 +95,18 @@ CASES: dict[str, tuple[str, Store, Store, bool]] = {
         trusting(replace(STRANGER, not_after=STRANGER.not_after + DAY).pem()),
         True,
     ),
+    "an authority that nobody expects keeps it when it is renewed with its key": (
+        "KA223",
+        trusting(STRANGER.pem()),
+        trusting(replace(STRANGER, not_after=STRANGER.not_after + DAY).pem()),
+        True,
+    ),
+    "another authority that nobody expects asks again": (
+        "KA223",
+        trusting(STRANGER.pem()),
+        trusting(replace(STRANGER, key=Key(label="suppressions stranger")).pem()),
+        False,
+    ),
     "another way to violate a property asks again": ("KA740", through("/c"), through("/d"), False),
     "a further way to violate a property asks again": ("KA740", through("/c"), through("/c", "/d"), False),
     "all documents signed again keep a property": ("KA740", through("/c"), renewed(through("/c")), True),

@@ -151,7 +151,7 @@ def _unexpected(anchors: Anchors, group: _Files) -> Violation:
         f"{' too' if beside else ''}, expected {expected} alone, {why}.",
         locations=[located(each) for each in foreign],
         enclave=sole(enclaves),
-        key=_trusting([(anchors.role.value, (each.sha256 for each in foreign), enclaves)]),
+        key=_trusting([(anchors.role.value, (each.key for each in foreign), enclaves)]),
     )
 
 

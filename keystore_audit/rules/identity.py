@@ -350,7 +350,7 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
                     *(right for other in others for right in rights.get(other.sha256, ())),
                 ),
                 enclave=enclave.path,
-                key="\n".join([first.key, *(other.sha256 for other in others)]),
+                key="\n".join([first.key, *(f"{other.subject} {other.issuer}" for other in others)]),
                 explains=frozenset(_SHARED if any(other.sha256 in joining for other in others) else ()),
             )
 
