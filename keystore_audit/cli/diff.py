@@ -88,7 +88,7 @@ def _labels(labels: tuple[str, ...], settings: Settings | None) -> dict[str, Glo
         return None
     if settings is None:
         raise click.UsageError("--label needs --settings: FILE says what has the label.")
-    from keystore_audit.model.comparison.labels import label_globs
+    from keystore_audit.model.comparison.compare import label_globs
 
     if settings.labels is None:
         raise click.UsageError("--label: the settings have no [[label]].")

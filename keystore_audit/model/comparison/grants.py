@@ -105,8 +105,9 @@ def _still(sides: Sides, pair: Pair, path: str, operation: str, channels: int) -
     """What each grant that is not over, begun or not, leaves a participant of that name, and until when at most."""
     view, enclave = pair.kept, sides.enclaves[0].get(path)
     system, number = view.system, view.numbers.get(path)
-    subject = enclave.identity.subject if enclave is not None and enclave.identity is not None else ""
-    identities = set(view.named.get(subject, ()))
+    identities: set[int] = set()
+    if enclave is not None and enclave.identity is not None:
+        identities.update(view.named.get(enclave.identity.subject, ()))
     if number in view.let_in and (own := system.enclaves[number].identity) is not None:
         identities.add(own)
     for identity in identities:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from typing import Final
 
@@ -76,42 +76,39 @@ def _of_keystores(sides: Sides) -> Iterator[Draft]:
     kinds = [keystore.layout.kind.value for keystore in sides.keystores]
     if kinds[0] != kinds[1]:
         yield fact("layout", Direction.INFO, "the layout", Aspect("layout", kinds[0], kinds[1], Direction.INFO))
-    found = [_lying(keystore) for keystore in sides.keystores]
-    for (kind, what), old in found[0].items():
-        gone, come, direction = parted(old, found[1][kind, what])
+    tables: tuple[dict[str, dict[str, str]], ...] = {}, {}
+    kinds_of: dict[str, str] = {}
+    for table, keystore in zip(tables, sides.keystores, strict=True):
+        for kind, what, key, place in _lying(keystore):
+            table.setdefault(what, {})[key] = place
+            kinds_of[what] = kind
+    for what, kind in kinds_of.items():
+        gone, come, direction = parted(*(table.get(what, {}) for table in tables))
         if gone or come:
             verb = "is there" if not gone else ("is no longer there" if not come else "is another")
             places = (Location(path=min(each)) if each else None for each in (gone, come))
             yield from placed([fact(kind, direction, f"{what} {verb}")], places)
 
 
-def _lying(keystore: Keystore) -> Mapping[tuple[str, str], Mapping[str, str]]:
-    """By kind of change and in words, what lies in the keystore that no enclave owns: its places by key or digest."""
+def _lying(keystore: Keystore) -> Iterator[tuple[str, str, str, str]]:
+    """What lies in the keystore that no enclave owns: kind of change and words, key or digest, place."""
     beside = beside_enclaves(keystore)
-    authorities = gathered((beside(each.file.place), each) for each in keystore.authority_keys)
+    for each in keystore.authority_keys:
+        what = (
+            f"the private key of an authority{', among the files that robots get,' if beside(each.file.place) else ''}"
+        )
+        yield "authority-key", what, each.key or each.file.place, each.file.place
     own = {enclave.key.file.place for enclave in keystore.enclaves if enclave.key is not None}
     own |= {key.file.place for key in keystore.authority_keys}  # one too large to be read is known by its hash
-    others = [file for file in keystore.private_keys if file.place not in own]
-    apart = [stray.file for stray in governance_apart(keystore)]
-    words = {False: "the private key of an authority"}
-    words[True] = f"{words[False]}, among the files that robots get,"
-    return {
-        **{
-            ("authority-key", words[on_robots]): {
-                each.key or each.file.place: each.file.place for each in authorities.get(on_robots, ())
-            }
-            for on_robots in words
-        },
-        ("private-key", "a private key that is no enclave's"): {
-            file.sha256 or file.place: file.place for file in others
-        },
-        ("certificate-at-large", "a certificate of no enclave that an authority issued"): {
-            certificate.sha256: certificate.path for certificate in _certified(keystore)
-        },
-        ("governance-at-large", "a signed governance that no enclave carries"): {
-            file.sha256 or file.place: file.place for file in apart
-        },
-    }
+    for file in keystore.private_keys:
+        if file.place not in own:
+            yield "private-key", "a private key that is no enclave's", file.sha256 or file.place, file.place
+    for certificate in _certified(keystore):
+        what = "a certificate of no enclave that an authority issued"
+        yield "certificate-at-large", what, certificate.sha256, certificate.path
+    for file in (stray.file for stray in governance_apart(keystore)):
+        what = "a signed governance that no enclave carries"
+        yield "governance-at-large", what, file.sha256 or file.place, file.place
 
 
 def _certified(keystore: Keystore) -> Iterator[Certificate]:
