@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from datetime import datetime
 from functools import cache
-from itertools import chain
 from typing import Final
 from zoneinfo import ZoneInfo
 
@@ -21,7 +20,6 @@ from keystore_audit.model.comparison.change import Comparison, Direction, Layer
 from keystore_audit.model.comparison.facts import Causes, Draft, accounted, fact, folded, order, placed
 from keystore_audit.model.comparison.governance import governance_changes, same_protection
 from keystore_audit.model.comparison.grants import LATER, grant_changes, later_changes, validity_changes
-from keystore_audit.model.comparison.influence import influence_changes
 from keystore_audit.model.comparison.others import others_grants, said_grants
 from keystore_audit.model.comparison.reach import PRESENTED, reach_changes
 from keystore_audit.model.comparison.sides import Pair, Sides
@@ -64,7 +62,7 @@ def compare(
     dates = list(validity_changes(sides, rights))
     later = later_changes(sides, frozenset(path for draft in dates for path in draft.enclaves))
     causes = Causes([*trust_changes(sides), *governance_changes(sides), *dates, *later, *rights])
-    shown = accounted(chain(reach_changes(sides, causes), influence_changes(sides, causes)), sides)
+    shown = accounted(reach_changes(sides, causes), sides)
     others, carriers = others_grants(sides)
     found = [*causes.drafts, *shown, *others]
     found += signed_again(sides, found, carriers)
