@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 from typing import TYPE_CHECKING, Final
-from zoneinfo import ZoneInfo
 
-from keystore_audit.assumptions import EVERY, Assumption
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
-from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
-from keystore_audit.keystore.keystore import Enclave, read_keystore
-from keystore_audit.model.access_view import AccessViews
+from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.channels import Point, governed_domains
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.formal.effective import EffectiveRights
-from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Answer, Question, Ruling, Usability, joint
 from keystore_audit.model.systems import SystemBuilder
@@ -33,9 +28,9 @@ MAX_KNOWN: Final = 30
 
 
 class Access:
-    """The answers about one keystore to questions known beforehand, as `profiles` give them at `at` (aware UTC).
+    """The answers about one keystore to questions known beforehand.
 
-    `zone`: where the robots are, None if that is not known. Raises errors.NothingToAudit where there is no keystore and
+    Raises errors.NothingToAudit where there is no keystore and
     errors.BudgetExceeded where it has more certificates and authorities than chains can be checked for.
     """
 
@@ -43,25 +38,20 @@ class Access:
         self,
         path: str | os.PathLike[str],
         questions: Sequence[Question],
-        *,
-        profiles: Sequence[Profile],
-        at: datetime,
-        zone: ZoneInfo | None = None,
-        declared: DeclaredFiles = NOTHING_DECLARED,
-        assumed: frozenset[Assumption] = EVERY,
+        given: Circumstances,
     ) -> None:
-        keystore = read_keystore(path, declared=declared)
-        self._profiles = profiles
-        self._at = at
+        keystore = given.keystore(path)
+        self._profiles = given.profiles
+        self._at = given.at
         self._enclaves = {enclave.path: enclave for enclave in reversed(keystore.enclaves)}
-        self._accesses = AccessViews(system_documents(keystore), at, zone, assumed)
+        self._accesses = given.accesses(keystore)
         points: dict[Point, int] = {}
         for question in questions:
             points.setdefault((question.topic, question.partition), len(points))
         self._points = points
-        builder = SystemBuilder(keystore, profiles, at, self._accesses, tuple(points))
+        builder = SystemBuilder(keystore, given.profiles, given.at, self._accesses, tuple(points))
         self._channels = builder.channels
-        self._local = LocalRights(self._accesses, builder.channels, at)
+        self._local = LocalRights(self._accesses, builder.channels, given.at)
         self._effective = EffectiveRights(builder.systems())
         self._usabilities = Usabilities(None, self._accesses)
 
@@ -134,22 +124,14 @@ def _unknown_enclave(path: str, known: Sequence[str]) -> str:
     return f"There is no enclave {path!r}.{meant(path, known)} Known: {some(known, MAX_KNOWN)}."
 
 
-def read_access_table(
-    path: str | os.PathLike[str],
-    *,
-    profiles: Sequence[Profile],
-    at: datetime,
-    zone: ZoneInfo | None = None,
-    declared: DeclaredFiles = NOTHING_DECLARED,
-    assumed: frozenset[Assumption] = EVERY,
-    domain: int | None = None,
-) -> AccessTable:
+def read_access_table(path: str | os.PathLike[str], given: Circumstances) -> AccessTable:
     """Who may do what in the keystore at `path`: every enclave, every name.
 
-    `domain` None: the lowest that some governance covers. Raises errors.NothingToAudit, or errors.BudgetExceeded where
+    Where no domain is known it is the lowest that some governance covers. Raises errors.NothingToAudit, or
+    errors.BudgetExceeded where
     there are too many classes of names.
     """
     from keystore_audit.model.tables.access_table import access_table  # single questions need none of it
 
-    keystore = read_keystore(path, declared=declared)
-    return access_table(keystore, profiles, at, AccessViews(system_documents(keystore), at, zone, assumed), domain)
+    keystore = given.keystore(path)
+    return access_table(keystore, given.profiles, given.at, given.accesses(keystore), given.domain)

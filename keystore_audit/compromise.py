@@ -4,23 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from datetime import datetime
 from typing import Final
-from zoneinfo import ZoneInfo
 
-from keystore_audit.assumptions import EVERY, Assumption
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
-from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
-from keystore_audit.keystore.keystore import Keystore, read_keystore
-from keystore_audit.model.access_view import AccessViews
+from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
 from keystore_audit.model.claims.globs import nearest
 from keystore_audit.model.formal.system import System
-from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
-from keystore_audit.profiles import Profile
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 
 MAX_KEYS: Final = 20
@@ -30,27 +24,23 @@ MAX_KEYS: Final = 20
 def find_blast_radius(
     path: str | os.PathLike[str],
     who: str,
+    given: Circumstances,
     *,
-    profiles: Sequence[Profile],
-    at: datetime,
-    zone: ZoneInfo | None = None,
-    declared: DeclaredFiles = NOTHING_DECLARED,
-    assumed: frozenset[Assumption] = EVERY,
     include_ambient: bool = False,
 ) -> CompromiseAnswer:
-    """What a key opens in the keystore at `path`, at `at` (aware UTC).
+    """What a key opens in the keystore at `path`.
 
     `who`: an enclave's path, `identity-ca` or `permissions-ca`.
     Raises errors.NothingToAudit, errors.UsageError for an enclave that is not there, and errors.BudgetExceeded where
     there are too many names, authorities or subjects.
     """
-    keystore = read_keystore(path, declared=declared)
-    accesses = AccessViews(system_documents(keystore), at, zone, assumed)
+    keystore = given.keystore(path)
+    profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
     stolen = Stolen(who) if who in (Stolen.IDENTITY_CA.value, Stolen.PERMISSIONS_CA.value) else Stolen.ENCLAVE
     if stolen is Stolen.ENCLAVE:
         _check(who, keystore)
     known = ground(keystore, profiles, at, accesses, include_ambient=include_ambient)
-    asking = _Asking(known, [profile.name for profile in profiles])
+    asking = _Asking(known, given.names)
     doubts = (doubt.location for profile in profiles for doubt in keystore_doubts(keystore, profile, accesses))
     return CompromiseAnswer(
         who=who,

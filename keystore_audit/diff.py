@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import datetime
 from functools import cached_property
-from zoneinfo import ZoneInfo
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.assumptions import EVERY, Assumption
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.policy import Policy
-from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
-from keystore_audit.keystore.keystore import Keystore, read_keystore
+from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.comparison.change import Change, Comparison, Direction, Layer, Unread
@@ -27,10 +23,8 @@ from keystore_audit.model.comparison.sides import with_what_was
 from keystore_audit.model.intended.drift import Drift, drift
 from keystore_audit.model.intended.observed import observe
 from keystore_audit.model.interpret import interpret
-from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.profiles import Profile
 from keystore_audit.properties import Status
 
 
@@ -48,32 +42,24 @@ class Intended(Struct, frozen=True, kw_only=True):
 def compare_keystores(
     old: str | os.PathLike[str],
     new: str | os.PathLike[str],
+    given: Circumstances,
     *,
-    profiles: Sequence[Profile],
-    at: datetime,
-    zone: ZoneInfo | None = None,
-    declared: DeclaredFiles = NOTHING_DECLARED,
-    domain: int | None = None,
     labels: Mapping[str, Globs] | None = None,
     intended: Intended | None = None,
-    assumed: frozenset[Assumption] = EVERY,
 ) -> Comparison:
-    """What changed from the keystore at `old` to that at `new`, both as of `at` (aware UTC).
+    """What changed from the keystore at `old` to that at `new`.
 
     `labels`: by label, what has it; where there are some, changes about others do not fail. `intended`: a right that it
     names is not to be lost, and one that it forbids not to stay with whoever keeps an old document.
     Raises errors.NothingToAudit where one of them is none, errors.UsageError for a label of nothing in either, and
     errors.BudgetExceeded where there are too many classes of names.
     """
-    keystores = read_keystore(old, declared=declared), read_keystore(new, declared=declared)
-    found = compare(*keystores, profiles, at, zone, domain, labels, assumed)
+    keystores = given.keystore(old), given.keystore(new)
+    found = compare(*keystores, given.profiles, given.at, given.zone, given.domain, labels, given.assumed)
     if not intended:
         return found
     kept = with_what_was(*keystores)
-    before, after, still = (
-        _Asked(keystore, intended, profiles, at, AccessViews(system_documents(keystore), at, zone, assumed), domain)
-        for keystore in (*keystores, kept)
-    )
+    before, after, still = (_Asked(keystore, intended, given) for keystore in (*keystores, kept))
     needed = [
         _change("needed", enclave, words, found)
         for (enclave, _right), words in _beyond(after.lacking(), before.lacking())
@@ -133,17 +119,9 @@ def _beyond(one: Mapping[_Key, str], other: Iterable[_Key]) -> Iterator[tuple[_K
 class _Asked:
     """What of the intended does not hold of one keystore, by what tells it apart in words."""
 
-    def __init__(
-        self,
-        keystore: Keystore,
-        intended: Intended,
-        profiles: Sequence[Profile],
-        at: datetime,
-        accesses: AccessViews,
-        domain: int | None,
-    ) -> None:
-        self._keystore, self._intended, self._accesses = keystore, intended, accesses
-        self._profiles, self._at, self._domain = profiles, at, domain
+    def __init__(self, keystore: Keystore, intended: Intended, given: Circumstances) -> None:
+        self._keystore, self._intended, self._accesses = keystore, intended, given.accesses(keystore)
+        self._profiles, self._at, self._domain = given.profiles, given.at, given.domain
 
     def lacking(self) -> dict[_Key, str]:
         """Rights that the policy or a node has need of and the keystore does not give, and claims that are violated."""

@@ -4,34 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from datetime import datetime
 from pathlib import Path
-from zoneinfo import ZoneInfo
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.alloy.export import write_model
 from keystore_audit.engine.alloy.user_file import UserFile, identifier
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.intent.intent import Intent
-from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
-from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.places import NamedPlace
 from keystore_audit.model.intended.wiring import wiring
 from keystore_audit.model.interpret import interpret
-from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.profiles import Profile
 
 
 def export_model(
     path: str | os.PathLike[str],
     directory: Path,
+    given: Circumstances,
     *,
-    profiles: Sequence[Profile],
-    at: datetime,
-    zone: ZoneInfo | None = None,
-    declared: DeclaredFiles = NOTHING_DECLARED,
-    domain: int | None = None,
     intents: Sequence[Intent] = (),
     files: Sequence[UserFile] = (),
 ) -> None:
@@ -42,11 +32,11 @@ def export_model(
     """
     places = [place for file in files for place in file.places]
     beside = _beside(files, places)
-    keystore = read_keystore(path, declared=declared)
+    keystore = given.keystore(path)
     nodes = wiring(intents, keystore.layout.kind)
-    accesses = AccessViews(system_documents(keystore), at, zone)
-    usabilities = Usabilities(domain, accesses)
-    meaning = interpret(keystore, profiles, at, accesses, usabilities, places=places, nodes=nodes)
+    accesses = given.accesses(keystore)
+    usabilities = Usabilities(given.domain, accesses)
+    meaning = interpret(keystore, given.profiles, given.at, accesses, usabilities, places=places, nodes=nodes)
     if meaning.over_budget is not None:
         raise BudgetExceeded(meaning.over_budget)
     write_model(meaning.systems, directory, beside)

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from datetime import datetime
-from zoneinfo import ZoneInfo
 
 from msgspec import Struct
 
-from keystore_audit.assumptions import EVERY, Assumption
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.agreement import EngineAnswers, combine_claims
 from keystore_audit.engine.engines import Engines, run_engines
 from keystore_audit.engine.horizon import with_conditions
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
-from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
-from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.claims import with_claims
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.claim import ATTACKERS, Attacker, ClaimKind
-from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.profiles import Profile
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
 from keystore_audit.settings.claims import place
@@ -68,26 +61,22 @@ class FlowAnswer(Struct, frozen=True, kw_only=True):
 def find_flow(
     path: str | os.PathLike[str],
     question: FlowQuestion,
+    given: Circumstances,
     *,
-    profiles: Sequence[Profile],
-    at: datetime,
-    zone: ZoneInfo | None = None,
-    declared: DeclaredFiles = NOTHING_DECLARED,
-    assumed: frozenset[Assumption] = EVERY,
     engines: Engines | None = None,
 ) -> FlowAnswer:
-    """Whether there is a flow in the keystore at `path`, at `at` (aware UTC).
+    """Whether there is a flow in the keystore at `path`.
 
     Raises errors.NothingToAudit, errors.UsageError for a place that names nothing there, and errors.BudgetExceeded
     where there are too many classes of names.
     """
     claims = questions(question)
-    keystore = read_keystore(path, declared=declared)
-    accesses = AccessViews(system_documents(keystore), at, zone, assumed)
+    keystore = given.keystore(path)
+    profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
     builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}))
     runs, answers = _decide(native, engines or Engines())
-    results = combine_claims(claims, native.systems, answers, [profile.name for profile in profiles])
+    results = combine_claims(claims, native.systems, answers, given.names)
     results = with_conditions(results, native.systems)
     asked = profiles if any(result.status is Status.UNKNOWN for result in results) else ()
     doubts = (doubt.location for profile in asked for doubt in keystore_doubts(keystore, profile, accesses))

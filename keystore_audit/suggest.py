@@ -6,25 +6,21 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime, timedelta, timezone
 from typing import Final
-from zoneinfo import ZoneInfo
 
 from msgspec import Struct
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.document import DomainRange, Text
-from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
-from keystore_audit.keystore.keystore import Enclave, Keystore, read_keystore
+from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
-from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import covered
 from keystore_audit.model.intended.least_policy import EnclavePolicy, LeastPolicy, PolicyRight, least_policy
 from keystore_audit.model.intended.observed_needs import DISCOVERY
 from keystore_audit.model.intended.observed_rights import Deciders, listed_usages
-from keystore_audit.model.inventory import system_documents
 from keystore_audit.model.names import dds_expressions
-from keystore_audit.profiles import Profile
 from keystore_audit.text import terminal
 
 LAST_OF_OPEN_RANGE: Final = 230
@@ -56,19 +52,14 @@ class Suggester:
         self,
         path: str | os.PathLike[str],
         intents: Sequence[Intent],
-        *,
-        profiles: Sequence[Profile],
-        at: datetime,
-        zone: ZoneInfo | None = None,
-        declared: DeclaredFiles = NOTHING_DECLARED,
-        domain: int | None = None,
+        given: Circumstances,
     ) -> None:
         self._intents = intents
-        self._keystore: Keystore = read_keystore(path, declared=declared)
+        self._keystore = given.keystore(path)
         self._enclaves = {enclave.path: enclave for enclave in reversed(self._keystore.enclaves)}
-        accesses = AccessViews(system_documents(self._keystore), at, zone)
-        self._deciders = Deciders(profiles, at, accesses, domain)
-        self._domain = domain
+        accesses = given.accesses(self._keystore)
+        self._deciders = Deciders(given.profiles, given.at, accesses, given.domain)
+        self._domain = given.domain
 
     def suggestion(self, *, usual: bool) -> Suggestion:
         """The least policy. `usual` False: without what every node does beside its work."""

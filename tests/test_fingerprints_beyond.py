@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.diff import compare_keystores
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
@@ -218,7 +219,7 @@ def test_another_weak_digest_is_another_finding_and_both_more_and_less(tmp_path:
     )
     assert sha1
     assert sha1.isdisjoint(md5)
-    found = compare_keystores(*map(str, places), profiles=resolve(()), at=AT, zone=None, domain=None, labels=None)
+    found = compare_keystores(*map(str, places), Circumstances(profiles=resolve(()), at=AT))
     assert {(each.kind, each.direction.value) for each in found.changes} == {("document-form", "mixed")}
 
 

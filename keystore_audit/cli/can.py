@@ -87,7 +87,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
 
     questions = _questions(enclave, operation, name, given)
     reading = opt.reading(given, opt.named_settings(given, keystore))
-    access = Access(keystore, questions, **reading)
+    access = Access(keystore, questions, reading)
     governed = access.governed(enclave) if given["domain"] is None else ()
     if governed and given["expect"] == "deny" and not contains(governed, 0):
         said = f"The governance of {enclave} covers domain {describe(governed)} and not 0, which would be asked about"
@@ -101,7 +101,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
         partition=given["partition"],
         dds_names=tuple((each.operation.value, each.topic) for each in questions),
         governed=governed,
-        at=reading["at"],
+        at=reading.at,
     )
     render = answer.json if given["form"] == "json" else answer.text
     output.write_stdout(render(asked, answers))
@@ -150,7 +150,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
     lines, reading = list(_lines(given["batch"])), opt.reading(given, opt.named_settings(given, keystore))
     parsed = [_parse(line, given["domain"] or 0, given["partition"]) for line in lines]
     try:
-        access = Access(keystore, [each for each in parsed if not isinstance(each, str)], **reading)
+        access = Access(keystore, [each for each in parsed if not isinstance(each, str)], reading)
     except BudgetExceeded as error:
         output.write_stdout("".join(answer.error(number, error.message) for number, _ in enumerate(parsed, 1)))
         return EXIT_INCOMPLETE
@@ -174,7 +174,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
             domain=each.domain,
             partition=each.partition,
             dds_names=((each.operation.value, each.topic),),
-            at=reading["at"],
+            at=reading.at,
         )
         written.append(answer.json(asked, answers))
         code = code or _exit_code(answers.values(), effective=given["effective"], expected=None) // 4 * 4
@@ -251,9 +251,7 @@ def access_command(keystore: str, **given: Any) -> int:
     """  # noqa: D301 - click's mark for lines that stay as they are
     from keystore_audit.access import read_access_table
 
-    table = read_access_table(
-        keystore, **opt.reading(given, opt.named_settings(given, keystore)), domain=given["domain"]
-    )
+    table = read_access_table(keystore, opt.reading(given, opt.named_settings(given, keystore)))
     output.write_stdout(_rendered(table, given["form"]))
     return EXIT_INCOMPLETE if table.has_unknown else 0
 

@@ -67,12 +67,8 @@ def command(old: str, new: str, **given: Any) -> int:
     comparison = compare_keystores(
         old,
         new,
-        **opt.reading(given, read),
-        domain=given["domain"],
-        labels=_labels(
-            given["labels"],
-            read,
-        ),
+        opt.reading(given, read),
+        labels=_labels(given["labels"], read),
         intended=_intended(given, read),
     )
     fail_on = FailOn(given["fail_on"])

@@ -105,8 +105,7 @@ def model_command(keystore: str, directory: Path, **given: Any) -> int:
         export_model(
             keystore,
             directory,
-            **opt.reading(given, opt.named_settings(given, keystore)),
-            domain=given["domain"],
+            opt.reading(given, opt.named_settings(given, keystore)),
             intents=intents,
             files=files,
         )

@@ -86,7 +86,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     answer = find_flow(
         keystore,
         question,
-        **opt.reading(given, opt.named_settings(given, keystore)),
+        opt.reading(given, opt.named_settings(given, keystore)),
         engines=Engines(
             choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"]
         ),
@@ -109,7 +109,7 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     answer = find_blast_radius(
         keystore,
         given["compromised"],
-        **opt.reading(given, opt.named_settings(given, keystore)),
+        opt.reading(given, opt.named_settings(given, keystore)),
         include_ambient=given["include_ambient"],
     )
     if given["form"] == "json":

@@ -16,6 +16,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.options import LAST_DOMAIN, declared_files, now
 
 if TYPE_CHECKING:
+    from keystore_audit.circumstances import Circumstances
     from keystore_audit.settings.settings import Settings
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -229,17 +230,19 @@ def named_settings(given: Mapping[str, Any], *keystores: str) -> Settings | None
     return read_settings(given["settings"], keystores)
 
 
-def reading(given: Mapping[str, Any], settings: Settings | None) -> dict[str, Any]:
-    """Return what the options mean that decide how keystores are read, as whoever reads them takes it."""
+def reading(given: Mapping[str, Any], settings: Settings | None) -> Circumstances:
+    """Return what the options mean that decide how keystores are read."""
+    from keystore_audit.circumstances import Circumstances
     from keystore_audit.profiles import resolve
 
-    return {
-        "declared": declared_files(settings, given["roots"]),
-        "profiles": resolve(given["profiles"]),
-        "at": given["at"] or now(),
-        "zone": given["time_zone"],
-        **({"assumed": EVERY.difference(given["not_assumed"])} if "not_assumed" in given else {}),
-    }
+    return Circumstances(
+        profiles=resolve(given["profiles"]),
+        at=given["at"] or now(),
+        zone=given["time_zone"],
+        domain=given.get("domain"),
+        declared=declared_files(settings, given["roots"]),
+        assumed=EVERY.difference(given.get("not_assumed", ())),
+    )
 
 
 def check_launch_arguments(arguments: Collection[object], launches: Collection[Path]) -> None:

@@ -72,9 +72,7 @@ def command(keystore: str, **given: Any) -> int:
 
     arguments = dict(given["launch_arguments"])
     intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"], given["include"])
-    suggester = Suggester(
-        keystore, intents, **opt.reading(given, opt.named_settings(given, keystore)), domain=given["domain"]
-    )
+    suggester = Suggester(keystore, intents, opt.reading(given, opt.named_settings(given, keystore)))
     suggestion = suggester.suggestion(usual=not given["no_usual"])
     enclaves = _chosen(suggestion, given["enclave"])
     if given["form"] == POLICY:

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 
 from keystore_audit import toml
 from keystore_audit.access import Access
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.cli.program import run
 from keystore_audit.errors import EXIT_INCOMPLETE
 from keystore_audit.keystore.permissions import Operation
@@ -76,7 +77,7 @@ def test_the_table_of_a_sample_is_what_single_answers_are(expectation: Path) -> 
         if named["one"] or named["ros"]  # of the other classes some names cannot be created on Cyclone DDS
     }
     instant_ = datetime.fromisoformat(at.replace("Z", "+00:00"))
-    access = Access(store, list(asked.values()), profiles=resolve([]), at=instant_)
+    access = Access(store, list(asked.values()), Circumstances(profiles=resolve([]), at=instant_))
     for (path, operation, topic, partition), question in asked.items():
         for profile, single in access.answers(question).items():
             in_table = found[profile, path, operation.value, topic, partition]
@@ -353,7 +354,7 @@ def test_text_hides_no_right(
         for enclave, operation, topic, partition in product(("/e", "/f"), Operation, _names(), ("", "p", "q"))
     ]
     profile = resolve(["spec"])
-    access = Access(store, asked, profiles=profile, at=NOON)
+    access = Access(store, asked, Circumstances(profiles=profile, at=NOON))
     code, out = answer("access", store, "--at", AT, "-f", "json", "--profile", "spec")
     document = json.loads(out)
     found = listed(document)

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.access import Access
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.cli.program import run
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model import question as questions
@@ -535,7 +536,9 @@ def test_a_ros_question_is_that_about_its_dds_topics(operation: str, name: str) 
         for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client")
         for each, topic in dds_channels(operation, name)
     ]
-    access = Access(ACTIONS, asked, profiles=resolve(["spec"]), at=datetime(2026, 11, 21, 12, tzinfo=timezone.utc))
+    access = Access(
+        ACTIONS, asked, Circumstances(profiles=resolve(["spec"]), at=datetime(2026, 11, 21, 12, tzinfo=timezone.utc))
+    )
     for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client"):
         single = {access.answers(each)["spec"].decision for each in asked if each.enclave == enclave}
         code = decisions(ACTIONS, enclave, operation, name, "--profile", "spec")[0]

@@ -14,6 +14,7 @@ from xml.sax.saxutils import escape
 import pytest
 from msgspec.structs import replace
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.cli.program import run
 from keystore_audit.diff import compare_keystores
 from keystore_audit.model.comparison.change import FailOn
@@ -185,7 +186,7 @@ def test_hostile_names_are_shown_and_steer_nothing(diff: Diff, tmp_path: Path, w
 def test_a_comment_on_a_pull_request_has_a_limit() -> None:
     """What does not fit is counted, and no change is shown in part."""
     found = compare_keystores(
-        VEHICLE, WIDER, profiles=resolve(()), at=datetime.fromisoformat(AT.replace("Z", "+00:00"))
+        VEHICLE, WIDER, Circumstances(profiles=resolve(()), at=datetime.fromisoformat(AT.replace("Z", "+00:00")))
     )
     (first, *_others) = found.changes
     many = replace(found, changes=tuple(replace(first, enclaves=(f"/e{n}", "/x")) for n in range(1000)))

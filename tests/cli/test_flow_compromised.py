@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.compromise import find_blast_radius
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
@@ -165,10 +166,10 @@ def test_whom_a_key_reaches_is_what_flows_say(sample: str) -> None:
     paths = [enclave.path for enclave in read_keystore(keystore).enclaves]
     told = {True: 0, False: 0}
     for source in paths:
-        alone = find_blast_radius(keystore, source, profiles=profiles, at=at).keys[0].alone
+        alone = find_blast_radius(keystore, source, Circumstances(profiles=profiles, at=at)).keys[0].alone
         for target in (path for path in paths if path != source):
             question = FlowQuestion(source=source, target=target, attackers=(Attacker.SOURCE, Attacker.RELAYS))
-            for attacker, result in find_flow(keystore, question, profiles=profiles, at=at).results:
+            for attacker, result in find_flow(keystore, question, Circumstances(profiles=profiles, at=at)).results:
                 for name, answer in result.profiles.items():
                     radius = alone[name].radius
                     reached = radius.reached if attacker is Attacker.RELAYS else radius.reached_alone

@@ -13,6 +13,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
 from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.compromise import find_blast_radius
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded, UsageError
@@ -99,7 +100,7 @@ def added(system: System) -> list[EnclaveAtom]:
 
 
 def flows(root: Path, source: str, target: str) -> dict[Attacker, Status]:
-    found = find_flow(root, FlowQuestion(source=source, target=target), profiles=resolve(()), at=AT)
+    found = find_flow(root, FlowQuestion(source=source, target=target), Circumstances(profiles=resolve(()), at=AT))
     return {attacker: result.status for attacker, result in found.results}
 
 
@@ -194,7 +195,7 @@ def test_a_leaf_in_a_ca_file_is_an_identity_too(role: str, tmp_path: Path) -> No
         store = replace(STORE, **{role: (ca, *behind)})  # type: ignore[arg-type]
         root = written(tmp_path / str(len(behind)), {}, store)
         question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.SOURCE,))
-        assert find_flow(root, question, profiles=resolve(("cyclonedds-11",)), at=AT).status is expected
+        assert find_flow(root, question, Circumstances(profiles=resolve(("cyclonedds-11",)), at=AT)).status is expected
 
 
 def test_an_identity_whose_key_lies_about_is_a_way(tmp_path: Path) -> None:
@@ -316,7 +317,7 @@ def test_what_is_lost_with_a_key_that_was_certified_twice(tmp_path: Path) -> Non
     radii = []
     for number, files in enumerate(({}, HELD)):
         (answer,) = find_blast_radius(
-            written(tmp_path / str(number), files), "/talker", profiles=resolve(()), at=AT
+            written(tmp_path / str(number), files), "/talker", Circumstances(profiles=resolve(()), at=AT)
         ).keys
         radii.append({each.radius for each in answer.alone.values()})
     ((without,), (with_it,)) = radii
@@ -341,7 +342,9 @@ def test_one_whose_subject_cannot_be_told_may_be_anybody(tmp_path: Path) -> None
     systems = understood(root)
     found = {system.reading: [(each.opaque, each.identity) for each in added(system)] for system in systems}
     assert found == {Reading.MAY: [(True, None)], Reading.MUST: []}
-    answer = find_flow(root, FlowQuestion(source="topic:/chatter", target="/motor"), profiles=resolve(()), at=AT)
+    answer = find_flow(
+        root, FlowQuestion(source="topic:/chatter", target="/motor"), Circumstances(profiles=resolve(()), at=AT)
+    )
     assert answer.status is Status.UNKNOWN
     assert Location(path="public/x_ca.cert.pem", line=1) in answer.doubts
 
@@ -351,7 +354,9 @@ def test_what_was_not_read_may_be_anybody(tmp_path: Path, monkeypatch: pytest.Mo
     root = written(tmp_path, {"backup/cert.pem": identity("/admin", "admin", authority("other")).pem})
     found = {system.reading: [(each.label, each.opaque) for each in added(system)] for system in understood(root)}
     assert found == {Reading.MAY: [("whoever is in backup/cert.pem", True)], Reading.MUST: []}
-    answer = find_flow(root, FlowQuestion(source="/talker", target="/motor"), profiles=resolve(()), at=AT)
+    answer = find_flow(
+        root, FlowQuestion(source="/talker", target="/motor"), Circumstances(profiles=resolve(()), at=AT)
+    )
     assert answer.status is Status.UNKNOWN
     assert answer.doubts == (Location(path="backup/cert.pem"),)
 

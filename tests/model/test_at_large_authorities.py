@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.compromise import find_blast_radius
 from keystore_audit.model.formal.claim import Attacker
 from keystore_audit.profiles import resolve
@@ -66,7 +67,7 @@ def test_who_has_that_key_joins_by_it_wherever_the_key_is(held: bool, tmp_path: 
     for of, reached in (("permissionsCA", {"/listener", "/motor"}), ("somebody", set())):
         files = {"backup/cert.pem": identity("/admin", of).pem, **lying}
         found = find_blast_radius(
-            written(tmp_path / of, files), "permissions-ca", profiles=resolve(("cyclonedds-11",)), at=AT
+            written(tmp_path / of, files), "permissions-ca", Circumstances(profiles=resolve(("cyclonedds-11",)), at=AT)
         )
         (answer,) = found.keys
         assert {path for each in answer.alone.values() for path in each.radius.reached} == reached

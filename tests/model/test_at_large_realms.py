@@ -8,6 +8,7 @@ import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec.structs import replace
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.compromise import find_blast_radius
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
@@ -65,7 +66,7 @@ ZERO, FIVE, BOTH = "<id>0</id>", "<id>5</id>", "<id>0</id><id>5</id>"
 def ways(root: Path, target: str = "/motor", profiles: tuple[str, ...] = BY_LIST) -> set[Status]:
     """From /talker, whether it attacks or nobody does."""
     question = FlowQuestion(source="/talker", target=target, attackers=(Attacker.HONEST, Attacker.SOURCE))
-    found = find_flow(root, question, profiles=resolve(profiles), at=AT)
+    found = find_flow(root, question, Circumstances(profiles=resolve(profiles), at=AT))
     return {result.status for _attacker, result in found.results}
 
 
@@ -273,7 +274,7 @@ def test_what_could_not_be_read_may_be_a_governance_to_start_with(unread: str, t
         else:
             (root / "governance.p7s").symlink_to("/elsewhere/governance.p7s")
         question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.HONEST,))
-        assert find_flow(root, question, profiles=resolve(("spec",)), at=AT).status is expected
+        assert find_flow(root, question, Circumstances(profiles=resolve(("spec",)), at=AT)).status is expected
 
 
 WEAK = governance(
@@ -357,7 +358,7 @@ def test_its_names_are_told_apart_where_a_key_is_lost(tmp_path: Path) -> None:
             "governance.p7s": governance(domain_rule(topics=rules)),
         }
         root = written(tmp_path / name, LYING_ABOUT, replace(STORE, strays=strays))
-        (answer,) = find_blast_radius(root, "/talker", profiles=resolve(("spec",)), at=AT).keys
+        (answer,) = find_blast_radius(root, "/talker", Circumstances(profiles=resolve(("spec",)), at=AT)).keys
         reached.append(set().union(*(each.radius.reached for each in answer.alone.values())))
     assert reached == [{"/listener"}, {"/listener", "/motor"}]
 

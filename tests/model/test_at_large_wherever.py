@@ -16,6 +16,7 @@ from cryptography.hazmat.primitives.serialization import (
     pkcs12,
 )
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
@@ -60,7 +61,7 @@ def armour(label: str, der: bytes) -> bytes:
 def way(root: Path) -> Status:
     """Whether anything gets from /talker to /motor if nobody attacks."""
     question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.HONEST,))
-    return find_flow(root, question, profiles=resolve(()), at=AT).status
+    return find_flow(root, question, Circumstances(profiles=resolve(()), at=AT)).status
 
 
 @pytest.mark.parametrize(
@@ -240,7 +241,7 @@ def test_a_second_certificate_of_a_key_that_could_not_be_read(tmp_path: Path) ->
         root = written(tmp_path / name, files)
         (root / "enclaves/talker/key.pem").unlink()
         question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.SOURCE,))
-        assert find_flow(root, question, profiles=resolve(()), at=AT).status is status
+        assert find_flow(root, question, Circumstances(profiles=resolve(()), at=AT)).status is status
 
 
 @pytest.mark.alloy

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.flow import FlowQuestion, find_flow
@@ -38,7 +39,7 @@ def at_large(domains: str) -> Store:
 def way(root: Path, profile: str) -> Status:
     """From /talker, which attacks, to /motor."""
     question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.SOURCE,))
-    return find_flow(root, question, profiles=resolve((profile,)), at=AT).status
+    return find_flow(root, question, Circumstances(profiles=resolve((profile,)), at=AT)).status
 
 
 @pytest.mark.parametrize("profile", ["fastdds-3.6", "cyclonedds-11"])

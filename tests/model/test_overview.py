@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.access import Access
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation
@@ -156,7 +157,7 @@ class TestAllowances:
             for operation in Operation
             for number, named in enumerate(seen.access.names)
         }
-        access = Access(read.root, list(questions.values()), profiles=[profile], at=AT)
+        access = Access(read.root, list(questions.values()), Circumstances(profiles=[profile], at=AT))
         starts = {
             (enclave.permissions.signed.file.place, rule.line or 0)
             for enclave in read.enclaves

@@ -25,6 +25,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.access import Access
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.fleet import run
 from keystore_audit.fleet.task import Audited, Task, carry_out
@@ -159,7 +160,7 @@ def test_with_deployed_what_lasts_is_looked_at(fleet: Fleet, tmp_path: Path) -> 
 
 def effective(root: Path, topic: str) -> str:
     question = Question(enclave="/talker", operation=Operation.PUBLISH, topic=topic, partition="", domain=0)
-    answers = Access(root, [question], profiles=resolve(("spec",)), at=AT).answers(question)
+    answers = Access(root, [question], Circumstances(profiles=resolve(("spec",)), at=AT)).answers(question)
     return answers["spec"].effective.value
 
 

@@ -9,6 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit import resources
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.alloy.export import (
     APPLICATION,
     MODULE,
@@ -160,7 +161,8 @@ def test_users_files_speak_of_nodes_where_there_are_some(tmp_path: Path) -> None
 
 def test_the_exported_model_has_the_nodes(tmp_path: Path) -> None:
     graph = read_graph(SAMPLES / "graphs" / "vehicle-missing-grant.graph.json")
-    export_model(SAMPLES / "healthy" / "vehicle", tmp_path / "m", at=AT, profiles=resolve(("spec",)), intents=[graph])
+    given = Circumstances(at=AT, profiles=resolve(("spec",)))
+    export_model(SAMPLES / "healthy" / "vehicle", tmp_path / "m", given, intents=[graph])
     found = outcomes(tmp_path / "m", {}, APPLICATION)
     assert [name for name in WIRING if found[name]] == ["NodesHaveTheRightsThatTheyNeed", "WiredFlowsArePermitted"]
     assert "| `N0_" in (tmp_path / "m" / "README.md").read_text()

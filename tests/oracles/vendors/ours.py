@@ -10,6 +10,7 @@ from zoneinfo import ZoneInfo
 from msgspec import Struct
 
 from keystore_audit.access import Access
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.question import Answer, Question, Ruling
 from keystore_audit.profiles import VARIANTS
@@ -40,7 +41,7 @@ def decide(
     questions = [question for each in asked.values() for question in each]
     starts = Question(enclave="/talker", operation=Operation.PUBLISH, topic="started", domain=domain)
     profiles = tuple(PROFILES.values())
-    access = Access(keystore, [starts, *questions], profiles=profiles, at=at, zone=ZoneInfo(time_zone))
+    access = Access(keystore, [starts, *questions], Circumstances(profiles=profiles, at=at, zone=ZoneInfo(time_zone)))
     answers = {question: access.answers(question) for question in [starts, *questions]}
     return {vendor: _verdict(vendor, asked, starts, answers) for vendor in PROFILES}
 

@@ -7,6 +7,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from keystore_audit.access import Access
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.model.question import Answer, Question, Ruling
 from keystore_audit.profiles import VARIANTS
 from tests.oracles.vendors.enclave import Endpoint
@@ -30,7 +31,7 @@ def answers(
     asked = [_question(enclave, domain, endpoint) for endpoint in endpoints]
     questions = [question for question in asked if question is not None]
     profile = VARIANTS[PROFILES[vendor]]
-    access = Access(keystore, questions, profiles=[profile], at=datetime.now(timezone.utc))
+    access = Access(keystore, questions, Circumstances(profiles=[profile], at=datetime.now(timezone.utc)))
     return tuple(None if question is None else access.answers(question)[profile.name] for question in asked)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.engines import Engines
 from keystore_audit.findings import Severity
 from keystore_audit.flow import FlowQuestion, find_flow
@@ -99,9 +100,7 @@ def test_whom_fast_dds_lets_in_is_a_participant(title: str, tmp_path: Path) -> N
     found = find_flow(
         tmp_path / KEYSTORE,
         question,
-        profiles=resolve(("fastdds-2.9",)),
-        at=AT,
-        zone=None,
+        Circumstances(profiles=resolve(("fastdds-2.9",)), at=AT),
         engines=Engines(choice="native", jar=None, offline=True, timeout=60),
     )
     assert (found.status is Status.HOLDS) is (measured == "..")

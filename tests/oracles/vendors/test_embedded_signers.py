@@ -13,6 +13,7 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
 
 from keystore_audit.access import Access
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.claim import Attacker
@@ -91,8 +92,8 @@ def test_so_it_counts_where_it_lies_in_the_tree(name: str, vendor: str, tmp_path
     told = {}
     for kept in ((), (PRESENTED[name][0],)):
         store = keystore(tmp_path / str(len(kept)), *kept)
-        answers = Access(store, [question], profiles=profiles, at=recipe.NOW).answers(question)
-        [(_attacker, flow)] = find_flow(store, asked, profiles=profiles, at=recipe.NOW).results
+        answers = Access(store, [question], Circumstances(profiles=profiles, at=recipe.NOW)).answers(question)
+        [(_attacker, flow)] = find_flow(store, asked, Circumstances(profiles=profiles, at=recipe.NOW)).results
         told[len(kept)] = [(answers[each.name].effective, flow.profiles[each.name].status) for each in profiles]
     unpinned, pinned = told[1]
     assert unpinned == (Ruling.ALLOW, Status.VIOLATED)

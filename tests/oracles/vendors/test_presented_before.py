@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.diff import compare_keystores
 from keystore_audit.profiles import resolve
 from tests.keystore.builder import authority
@@ -56,7 +57,7 @@ def test_an_old_document_counts_as_long_as_its_authority_does(
         assert second is not None
         assert second[0].created
         assert bool(first[0].heard) is arrives, presented
-    found = compare_keystores(old, new, profiles=resolve([PROFILES[vendor]]), at=AT)
+    found = compare_keystores(old, new, Circumstances(profiles=resolve([PROFILES[vendor]]), at=AT))
     (lost,) = (each for each in found.changes if (each.operation, each.direction.value) == ("publish", "lost"))
     assert lost.until == ("2033-12-29T00:00:00Z" if heard else None)
     assert lost.what == ("may still, until 2033-12-29T00:00:00Z, publish" if heard else "may no longer publish")

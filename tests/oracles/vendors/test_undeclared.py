@@ -13,6 +13,7 @@ import pytest
 
 from keystore_audit.access import Access
 from keystore_audit.assumptions import EVERY, Assumption, holds_if
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.question import Question, Ruling
 from keystore_audit.profiles import VARIANTS
@@ -59,7 +60,9 @@ def test_without_the_assumption_our_answer_is_that_of_the_vendor(tmp_path: Path)
     question = Question(enclave="/second", operation=Operation.PUBLISH, topic="b")
     told = {}
     for assumed in (EVERY, EVERY - {Assumption.TRUTHFUL_ANNOUNCEMENTS}):
-        access = Access(tmp_path / KEYSTORE, [question], profiles=profiles, at=recipe.NOW, assumed=assumed)
+        access = Access(
+            tmp_path / KEYSTORE, [question], Circumstances(profiles=profiles, at=recipe.NOW, assumed=assumed)
+        )
         told[assumed] = [answer.effective for answer in access.answers(question).values()]
     told_truly, told_anything = told.values()
     assert told_truly == [Ruling.DENY] * 4
