@@ -252,7 +252,7 @@ def test_a_property_is_one_of_the_whole_keystore() -> None:
 def test_dates_too_far_away() -> None:
     check_dates([acceptance(until=(AT + 180 * DAY).date())], AT)
     far = acceptance(until=(AT + 181 * DAY).date())
-    with pytest.raises(UsageError, match=r"^keystore-audit\.toml:3: 2027-05-21 is too far .* 2027-05-20 or sooner"):
+    with pytest.raises(UsageError, match=r"^keystore-audit\.toml:3:1: 2027-05-21 is too far .* 2027-05-20 or sooner"):
         check_dates([far], AT)
     check_dates([far], AT, days=181)
 
