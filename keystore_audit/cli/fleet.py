@@ -18,10 +18,10 @@ from keystore_audit.report.summary import Row, Summary, render_json, render_text
 from keystore_audit.text import some
 
 if TYPE_CHECKING:
-    from keystore_audit.fleet.parquet import Datasets
     from keystore_audit.fleet.pools import Pool
     from keystore_audit.fleet.search import Found
     from keystore_audit.fleet.shared import Identities
+    from keystore_audit.fleet.tables import Datasets
     from keystore_audit.fleet.task import Audited, Task
     from keystore_audit.options import Options
     from keystore_audit.report.content import NoReport, Report
@@ -52,7 +52,7 @@ def run(named: Sequence[str], given: Mapping[str, Any], chosen: Callable[[Sequen
             raise AuditError(f"{sentence} where it could be looked.")
         raise NothingToAudit(f"{sentence}.")
     if any(wanted.tables for wanted in given["targets"]):
-        from keystore_audit.fleet.parquet import check_available
+        from keystore_audit.fleet.tables import check_available
 
         check_available()
     output.check(given["targets"], found.keystores)
@@ -123,7 +123,7 @@ class _Run:
         try:
             with ExitStack() as stack:
                 if self._tables:
-                    from keystore_audit.fleet.parquet import Datasets
+                    from keystore_audit.fleet.tables import Datasets
 
                     self._datasets = [stack.enter_context(Datasets(wanted.path)) for wanted in self._tables]
                 results = audited(self._tasks(), pool, watch.step, self._identities)

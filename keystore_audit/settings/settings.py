@@ -18,9 +18,8 @@ from keystore_audit.model.trust.authorities import Authorities
 from keystore_audit.profiles import in_scope
 from keystore_audit.settings.acceptances import AcceptedTable, SuppressionTable, read_accepted, read_suppressions
 from keystore_audit.settings.authorities import AuthoritiesTable, declared_authorities
-from keystore_audit.settings.claims import PropertyTable, read_properties
+from keystore_audit.settings.claims import ForwardTable, PropertyTable, read_properties
 from keystore_audit.settings.document import Enclaves, Source, Table, Text, Texts, Topics, read_document, several
-from keystore_audit.settings.forwards import ForwardTable
 from keystore_audit.settings.labels import DeclassifierTable, LabelTable, LatticeTable, read_labels, single_writers
 from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance
 

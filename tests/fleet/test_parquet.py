@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from keystore_audit.cli.types import instant
-from keystore_audit.fleet import parquet
+from keystore_audit.fleet import tables
 from keystore_audit.fleet.tables import COLUMNS
 from tests.cli.keystores import AT, answer, keystore, rule, signed_keystore
 
@@ -138,8 +138,8 @@ def test_where_humble_accepts_what_jazzy_refuses(repository: Path, run: Path, mo
 
 
 def test_parts_are_written_as_they_fill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parquet, "PART", 3)
-    with parquet.Datasets(tmp_path) as datasets:
+    monkeypatch.setattr(tables, "PART", 3)
+    with tables.Datasets(tmp_path) as datasets:
         for number in range(4):
             datasets.add({"identities": [(instant(AT), "k\udcff", str(number), *["x"] * 4, None, None)] * 2})
     parts = sorted(path.name for path in (tmp_path / "identities").iterdir())
