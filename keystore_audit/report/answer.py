@@ -12,7 +12,7 @@ from keystore_audit.assumptions import Needed, holds_if
 from keystore_audit.model.domains import Interval, describe
 from keystore_audit.model.question import Answer, Ruling
 from keystore_audit.report.content import answered_if
-from keystore_audit.report.encoded import encoded
+from keystore_audit.report.encoded import encoded, picked
 from keystore_audit.report.page import by_answer, profiles, wrapped
 from keystore_audit.text import instant, terminal
 
@@ -36,12 +36,9 @@ class Asked(Struct, frozen=True, kw_only=True):
 def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
     """One line of ASCII."""
     document = {
-        "enclave": asked.enclave,
-        "operation": asked.operation,
-        "name": asked.name,
+        **picked(asked, "enclave", "operation", "name"),
         "dds_names": [name for _operation, name in asked.dds_names],
-        "domain": asked.domain,
-        "partition": asked.partition,
+        **picked(asked, "domain", "partition"),
         "decisions": {profile: _described(answer) for profile, answer in answers.items()},
         "at": instant(asked.at),
         "assumptions": [each.described for each in _assumptions(answers)],
@@ -61,25 +58,10 @@ def error(line: int, message: str) -> str:
 
 
 def _described(answer: Answer) -> dict[str, object]:
-    described: dict[str, object] = {
-        "usable": answer.usable,
-        "decision": answer.decision.value,
-        "effective": answer.effective.value,
-        "reason": answer.reason,
-        "path": answer.location.path if answer.location else None,
-        "line": answer.location.line if answer.location else None,
-    }
-    if answer.halves:
-        described["halves"] = [
-            {
-                "dds_name": half.topic,
-                "operation": half.operation.value,
-                "decision": half.decision.value,
-                "effective": half.effective.value,
-            }
-            for half in answer.halves
-        ]
-    return described
+    place = picked(answer.location, "path", "line") if answer.location else {"path": None, "line": None}
+    described = {**picked(answer, "usable", "decision", "effective", "reason"), **place}
+    halves = [{"dds_name": half.topic, **picked(half, "operation", "decision", "effective")} for half in answer.halves]
+    return {**described, "halves": halves} if halves else described
 
 
 def text(asked: Asked, answers: Mapping[str, Answer]) -> str:

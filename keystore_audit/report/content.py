@@ -16,7 +16,7 @@ from keystore_audit.given import GivenFile
 from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineRun, PropertyResult
+from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
 
 if TYPE_CHECKING:  # most reports draw nothing
     from keystore_audit.model.blast_radius import Ranking
@@ -220,6 +220,26 @@ class Report(Struct, frozen=True, kw_only=True):
     def holds_if(self) -> str:
         """The conditions of what holds, a line; empty where nothing holds under one."""
         return holds_if(each for each in self.assumptions if each.needed_by)
+
+    @property
+    def failing(self) -> tuple[Finding, ...]:
+        """Findings that fail the gate."""
+        return tuple(finding for finding in self.findings if finding.fails(self.fail_on))
+
+    @property
+    def holding(self) -> tuple[PropertyResult, ...]:
+        """Properties that hold under every profile."""
+        return tuple(result for result in self.properties if result.status is Status.HOLDS)
+
+    @property
+    def answered(self) -> tuple[EngineRun, ...]:
+        """Engines that gave answers."""
+        return tuple(run for run in self.engines if run.status is EngineStatus.OK)
+
+    @property
+    def silent(self) -> tuple[EngineRun, ...]:
+        """Engines that were asked, and did not answer."""
+        return tuple(run for run in self.engines if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN))
 
     @property
     def accepted(self) -> tuple[Finding, ...]:

@@ -212,7 +212,6 @@ def _statuses(report: Report) -> str:
 def _head(sheet: Sheet) -> Mapping[str, Any]:
     """The verdict and everything that it rests on."""
     report, checked = sheet.report, sheet.report.checked
-    holding = sum(result.status is Status.HOLDS for result in report.properties)
     looked_at = {
         "certificate": checked.certificates,
         "signed document": checked.documents,
@@ -228,7 +227,7 @@ def _head(sheet: Sheet) -> Mapping[str, Any]:
             ("layout", f"{report.layout}, {counted(len(report.enclaves), 'enclave')}"),
             *([("scope", report.scope)] if report.scope else []),
             ("judged as", ", ".join(sheet.profiles)),
-            ("properties", f"{holding} of {len(report.properties)} hold"),
+            ("properties", f"{len(report.holding)} of {len(report.properties)} hold"),
         ],
         "engines": [engine(run, version=True) for run in report.engines],
         "looked_at": ", ".join(counted(number, noun) for noun, number in looked_at.items()),
@@ -285,15 +284,14 @@ def _rule(rank: int, found: Sequence[Finding]) -> Mapping[str, Any]:
 def _properties(report: Report) -> Mapping[str, Any]:
     """Those that do not hold with their counterexamples, the worst first, and those that do."""
     failed = sorted(report.properties, key=lambda result: STATUSES.index(result.status))
-    holding = [result for result in report.properties if result.status is Status.HOLDS]
-    engines = (engine for each in holding for answer in each.profiles.values() for engine in answer.engines)
+    engines = (engine for each in report.holding for answer in each.profiles.values() for engine in answer.engines)
     return {
         "failed": [
             (result, worst_first(result.profiles, lambda each: (frozenset(each.engines.items()), each.counterexample)))
             for result in failed
             if result.status is not Status.HOLDS
         ],
-        "holding": holding,
+        "holding": report.holding,
         "deciding": " and ".join(dict.fromkeys(engines)),
     }
 

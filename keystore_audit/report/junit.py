@@ -171,5 +171,5 @@ def _verdict(suite: etree._Element, report: Report, left_out: int) -> None:
     if report.verdict is Verdict.INCOMPLETE:
         _failed(case, "error", "Something could not be decided.", "incomplete")
     case = _case(suite, "keystore-audit", "no finding decides")
-    if deciding := sum(finding.fails(report.fail_on) for finding in report.findings):
-        _failed(case, "failure", f"Findings that decide the verdict: {deciding}.", report.verdict.value)
+    if report.failing:
+        _failed(case, "failure", f"Findings that decide the verdict: {len(report.failing)}.", report.verdict.value)

@@ -7,7 +7,6 @@ from typing import Final
 
 from keystore_audit.findings import Finding, Location, Severity
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.view_model import Consequences, assumed, until
 from keystore_audit.text import instant, markdown, shorten, some
@@ -119,9 +118,8 @@ def _head(report: Report) -> Iterator[str]:
     if report.weakened:
         weakened = some((shorten(reason, MAX_NAME) for reason in report.weakened), MAX_WEAKENED)
         yield f"**This gate was weakened:** {markdown(weakened)}."
-    for run in report.engines:
-        if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
-            yield f"**Engine {markdown(run.name)}:** {run.status.value}. {markdown(shorten(run.reason, MAX_NAME))}"
+    for run in report.silent:
+        yield f"**Engine {markdown(run.name)}:** {run.status.value}. {markdown(shorten(run.reason, MAX_NAME))}"
     yield ""
     if failed := [result for result in report.properties if result.status is not Status.HOLDS]:
         yield "| property | status |"
@@ -178,8 +176,7 @@ def _rest(report: Report, budget: int) -> Iterator[str]:
     yield from _items("Assumed", assumed(report))
     yield from _items("Not checked", report.checked.not_checked)
     yield from _accepted(report.accepted, budget)
-    answered = [run for run in report.engines if run.status is EngineStatus.OK]
-    yield "- Engines: " + markdown(", ".join(f"{run.name} {run.version or ''}".rstrip() for run in answered))
+    yield "- Engines: " + markdown(", ".join(f"{run.name} {run.version or ''}".rstrip() for run in report.answered))
     yield f"- Keystore: SHA-256 {report.digest}; keystore-audit {markdown(report.version)}"
     yield ""
     yield "</details>"

@@ -220,11 +220,9 @@ def _wrapped(text: str, fit: int) -> list[str]:
     """The name on at most MAX_NAMES lines, cut before its slashes where it is too long for one."""
     rows = [""]
     for part in re.split("(?=/)", terminal(text)):
-        if rows[-1] and len(rows[-1]) + len(part) > fit:
+        if rows[-1] and len(rows[-1]) + len(part) > fit and len(rows) < MAX_NAMES:
             rows.append("")
         rows[-1] += part
-    if len(rows) > MAX_NAMES:
-        rows[MAX_NAMES - 1 :] = ["".join(rows[MAX_NAMES - 1 :])]
     return [fitted(row, fit) for row in rows]
 
 

@@ -15,7 +15,7 @@ from urllib.parse import quote
 from keystore_audit import __version__
 from keystore_audit.findings import Finding, Location, Severity, fingerprint
 from keystore_audit.properties.counterexample import Counterexample
-from keystore_audit.properties.result import EngineStatus, PropertyResult
+from keystore_audit.properties.result import PropertyResult
 from keystore_audit.remedy import Remedy
 from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.encoded import encoded, picked
@@ -100,7 +100,7 @@ def _run(report: Report, rules: Sequence[_Rule], runs: int) -> str:
         "vacuous": [result.prop.id for result in report.properties if result.vacuous],
         "notChecked": report.checked.not_checked,
     }
-    notes = [*_engine_notes(report), *_notes(report, len(results), runs)]
+    notes = _notes(report, len(results), runs)
     head = {
         **_head(report.keystore, report.verdict, report.exit_code, notes),
         **base.declared(),
@@ -182,6 +182,8 @@ def _fitting(results: Sequence[str], room: int) -> int:
 
 def _notes(report: Report, shown: int, runs: int) -> Iterator[tuple[str, str]]:
     """What is not decided, what weakens the gate, and what is not in this log, or may not be taken from it."""
+    for run in report.silent:
+        yield "error" if run.required else "note", f"Engine {run.name}: {run.status.value}. {run.reason}".rstrip()
     if report.verdict is Verdict.INCOMPLETE:
         yield "error", "The audit is incomplete: something could not be decided."
     if report.weakened:
@@ -194,13 +196,6 @@ def _notes(report: Report, shown: int, runs: int) -> Iterator[tuple[str, str]]:
     if runs > MAX_RUNS:
         told = f"This log has {runs} runs, and code scanning services take {MAX_RUNS}: audit fewer keystores at once."
         yield "warning", told
-
-
-def _engine_notes(report: Report) -> Iterator[tuple[str, str]]:
-    for run in report.engines:
-        if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
-            level = "error" if run.required else "note"
-            yield level, f"Engine {run.name}: {run.status.value}. {run.reason}".rstrip()
 
 
 class _Base:

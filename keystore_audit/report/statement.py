@@ -16,8 +16,7 @@ from typing import Any, Final
 
 from keystore_audit.assumptions import CONDITIONS, Assumption
 from keystore_audit.findings import Result
-from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineStatus, PropertyResult
+from keystore_audit.properties.result import PropertyResult
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.encoded import encoded, picked
 from keystore_audit.report.json import authorities
@@ -48,7 +47,8 @@ def _statement(report: Report, kind: str, predicate: dict[str, Any]) -> dict[str
 
 
 def _test_result(report: Report) -> dict[str, Any]:
-    every, deciding = dict.fromkeys(row.rule for row in report.outcomes.rows if row.subjects), _deciding(report)
+    every = dict.fromkeys(row.rule for row in report.outcomes.rows if row.subjects)
+    deciding = {finding.code for finding in report.failing}
     opened, failing, passing = (report.outcomes.some(result) for result in (Result.OPEN, Result.FAIL, Result.PASS))
     failed = [rule for rule in every if rule in opened or rule in deciding]
     warned = [rule for rule in every if rule not in failed and rule in failing]
@@ -82,11 +82,6 @@ def _sound(report: Report) -> bool:
     return report.verdict is Verdict.PASS and not open_to_doubt
 
 
-def _deciding(report: Report) -> set[str]:
-    """Rules with a finding that makes the verdict fail."""
-    return {finding.code for finding in report.findings if finding.fails(report.fail_on)}
-
-
 def _svr(report: Report) -> dict[str, Any]:
     return {
         "verifier": {
@@ -114,7 +109,7 @@ def _passed(report: Report) -> str:
 
 def _holding(report: Report) -> Iterable[PropertyResult]:
     """What holds under every profile that was asked about, of something."""
-    return (each for each in report.properties if each.status is Status.HOLDS and not each.vacuous)
+    return (each for each in report.holding if not each.vacuous)
 
 
 def _attested(name: str, needs: Iterable[Assumption]) -> str:
@@ -145,7 +140,7 @@ def _details(report: Report) -> dict[str, Any]:
         "unread": report.unread_foreign,
         "profiles": sorted(report.judged_profiles),
         **picked(report, "deployed", "domain"),
-        "engines": {run.name: run.version or report.version for run in report.engines if run.status is EngineStatus.OK},
+        "engines": {run.name: run.version or report.version for run in report.answered},
         "scope": report.scope or None,
         "weakened": report.weakened,
         "holdsIf": report.holds_if or None,

@@ -73,8 +73,7 @@ class Summary(Struct, frozen=True, kw_only=True):
 
 def row(path: str, report: Report) -> Row:
     """What is kept of a report."""
-    failing = [finding for finding in report.findings if finding.fails(report.fail_on)]
-    causes = [finding for finding in failing if not finding.explained_by] or failing
+    causes = [finding for finding in report.failing if not finding.explained_by] or report.failing
     reasons = {(finding.code, finding.name, finding.severity) for finding in causes}
     return Row(
         path=path,

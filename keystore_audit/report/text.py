@@ -16,7 +16,6 @@ from keystore_audit.assumptions import CONDITIONS
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.profiles import implementations, shipped_by
 from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineStatus
 from keystore_audit.report.causes_text import (
     MAX_NAMED,
     put_accepted,
@@ -206,11 +205,11 @@ def _more(number: int) -> list[str]:
 
 def _decided(report: Report) -> str:
     """How many properties hold, and who says so."""
-    statuses = Counter(each.status for each in report.properties)
-    unknown = f", {statuses[Status.UNKNOWN]} unknown" if statuses[Status.UNKNOWN] else ""
+    undecided = sum(each.status is Status.UNKNOWN for each in report.properties)
+    unknown = f", {undecided} unknown" if undecided else ""
     reserved = sum(bool(each.beside) for each in report.properties)
     beside = f", {reserved} with a reservation (-v)" if reserved else ""
-    answered = [run.name for run in report.engines if run.status is EngineStatus.OK]
+    answered = [run.name for run in report.answered]
     agree = {True: f"{' and '.join(answered)} agree", None: f"{', '.join(answered) or 'no engine'} alone"}
     engines = agree.get(report.engines_agree, "the engines disagree")
-    return f"{statuses[Status.HOLDS]} of {len(report.properties)} hold{unknown}{beside} ({engines})"
+    return f"{len(report.holding)} of {len(report.properties)} hold{unknown}{beside} ({engines})"

@@ -162,11 +162,9 @@ def engine(run: EngineRun, *, version: bool) -> str:
 
 def warnings(report: Report, *, versions: bool = False) -> Iterator[str]:
     """What is to be read first."""
-    answered = [run.name for run in report.engines if run.status is EngineStatus.OK]
-    rest = f" The properties rest on {' and '.join(answered)} alone." if answered else ""
-    for run in report.engines:
-        if run.status not in (EngineStatus.OK, EngineStatus.NOT_RUN):
-            yield engine(run, version=versions) + rest
+    answered = " and ".join(run.name for run in report.answered)
+    rest = f" The properties rest on {answered} alone." if answered else ""
+    yield from (engine(run, version=versions) + rest for run in report.silent)
     if not answered:
         yield "No engine has answered: no property was decided."
     if report.engines_agree is False:
