@@ -6,6 +6,7 @@ would, with what is set in them. What only a run would tell is noted as Unresolv
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
@@ -56,10 +57,11 @@ def read_launch(path: Path, arguments: Mapping[str, str]) -> Intent:
     if read is None:
         raise source.malformed(None, "expected a launch file that ends in .xml, .yaml, .yml or .py")
     with Root.open(source.directory) as root:
-        launch = _Launch(Directory(path, source, root), {})
+        directory = Directory(os.path.dirname(path), source.directory, root)
+        launch = _Launch(directory, {})
         launch.file(source, read, Scope(arguments=dict(arguments)), 0)
         if launch.later and launch.set:  # what is set behind something may be set when that comes
-            launch = _Launch(Directory(path, source, root), launch.set)
+            launch = _Launch(directory, launch.set)
             launch.file(source, read, Scope(arguments=dict(arguments)), 0)
         return launch.nodes.intent(launch.files)
 

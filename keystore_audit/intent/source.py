@@ -95,12 +95,12 @@ def read_source(path: Path) -> Source:
 
 
 class Directory:
-    """The directory of a file that the user named, below which others may be included."""
+    """A directory below which other files may be included, most often that of a file that the user named."""
 
-    def __init__(self, given: Path, source: Source, root: Root) -> None:
-        """Take the open `root` of the directory that `source` is in, which the user named `given`."""
-        self._given = os.path.dirname(given)
-        self._real = source.directory
+    def __init__(self, given: str, real: str, root: Root) -> None:
+        """Take the open `root` of the directory `real`, links resolved, which the user named `given`."""
+        self._given = given
+        self._real = real
         self._root = root
 
     def included(self, path: str) -> Source:
