@@ -22,6 +22,9 @@ from keystore_audit.keystore.root import Root
 MAX_ACTIONS: Final = 10_000
 """Elements followed, those of included files each time: 5,000 nodes in their groups."""
 
+MAX_INSIDE: Final = 100_000
+"""Remappings, variables and components of these; includes can repeat a few files very often."""
+
 MAX_CHARACTERS: Final = 1 << 20
 """Length of all files of a launch together, each counted once: the largest systems have a tenth."""
 
@@ -39,6 +42,9 @@ _INERT: Final = frozenset(
     | {"set_use_sim_time", "set_ros_log_dir", "shutdown", "lifecycle_transition", "emit_event", "push_env"}
 )
 """Elements that neither start a node nor change the names of one."""
+
+_GROUPS: Final = frozenset({"group", "timer", "ros_timer"})
+"""Elements that are followed one by one."""
 
 UNREAD: Final = "What is not read may start nodes or change their names; record the running system (--graph)."
 
@@ -90,7 +96,9 @@ class _Launch:
         self._read: dict[str, Element] = {}
         self._characters = 0
         self._followed = 0
+        self._inside = 0
         self._noted: dict[str, int] = {}
+        self._searched: set[int] = set()
 
     def file(self, source: Source, read: Callable[[Source], Element], scope: Scope, depth: int) -> None:
         """Follow a whole file."""
@@ -104,8 +112,10 @@ class _Launch:
 
     def _follow(self, elements: Iterable[Element], scope: Scope, source: Source, depth: int) -> None:
         for element in elements:
-            self._followed += 1 + len(element.children)
-            if self._followed > MAX_ACTIONS or depth > MAX_NESTING:
+            self._followed += 1
+            if element.kind not in _GROUPS:
+                self._inside += sum(1 + len(child.children) for child in element.children)
+            if self._followed > MAX_ACTIONS or self._inside > MAX_INSIDE or depth > MAX_NESTING:
                 limits = f"more than {MAX_ACTIONS} actions, or {MAX_NESTING} deep, which are not followed"
                 raise source.malformed(element.line, limits)
             holds = scope.holds(element)
@@ -160,9 +170,10 @@ class _Launch:
 
     def _unread(self, element: Element, scope: Scope, source: Source) -> None:
         """An element that is not known, as a loop, or code: one note a file, and whether it speaks of security."""
-        word = " ".join(element.words())
-        word = word if element.kind == "speaks" else speaks_of(word)
-        self.nodes.speaking(source.location(element.line), word)
+        if id(element) not in self._searched:
+            self._searched.add(id(element))
+            word = element.words() if element.kind == "speaks" else speaks_of(element.words())
+            self.nodes.speaking(source.location(element.line), word)
         self.nodes.unread(self._noted.setdefault(source.real, element.line), UNREAD, scope, source)
 
     def _declare(self, element: Element, scope: Scope, location: Location) -> None:
@@ -227,7 +238,9 @@ class _Launch:
 
     def _later(self, elements: tuple[Element, ...], scope: Scope, source: Source, depth: int) -> None:
         """What comes when a timer ends or an event happens, in the environment that launch has then."""
-        self.later = self.later or elements != ()
+        if not elements:
+            return
+        self.later = True
         inner = scope.copy()
         for name, values in self._meanwhile.items():
             if values != {inner.environment.get(name)}:

@@ -103,12 +103,15 @@ class Element(Struct, frozen=True, kw_only=True):
         """The elements in it of these kinds."""
         return tuple(child for child in self.children if child.kind in kinds)
 
-    def words(self) -> Iterator[str]:
-        """All that is written in it and in the elements in it, as far as it is known."""
-        for text in self.attributes.values():
-            yield written(text)
-        for child in self.children:
-            yield from child.words()
+    def words(self) -> str:
+        """All that is written in it and in the elements in it, each once, as far as it is known."""
+        waiting, seen = [self], dict[int, Element]()
+        while waiting:
+            element = waiting.pop()
+            if id(element) not in seen:
+                seen[id(element)] = element
+                waiting += element.children
+        return " ".join(written(text) for element in seen.values() for text in element.attributes.values())
 
 
 def speaks_of(*texts: str) -> str:

@@ -12,7 +12,6 @@ from typing import Final
 
 from msgspec import Struct
 
-from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.environment import OVERRIDE
@@ -29,9 +28,6 @@ from keystore_audit.intent.intent import (
 from keystore_audit.intent.launch_elements import NAMES, Element, Scope, Unknown, speaks_of, words
 from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
 from keystore_audit.intent.source import Source, shown
-
-MAX_NAMES: Final = 100_000
-"""Names and unresolved places of one launch; includes can repeat a few files very often."""
 
 PREFIX: Final = "launch-prefix"
 """What stands before a program; also the argument for every program that has none (launch, execute_local)."""
@@ -133,8 +129,6 @@ class Nodes:
     def unresolved(self, location: Location, reason: str) -> None:
         """Note that something could not be worked out; `reason` is a sentence."""
         self._unresolved[Unresolved(location=location, reason=reason)] = None
-        if len(self._names) + len(self._unresolved) > MAX_NAMES:
-            raise UsageError(f"{location.path}: more than {MAX_NAMES} names and unresolved places, which are not kept.")
 
     def speaking(self, location: Location, word: str) -> bool:
         """Note that what is not read speaks of security by this word, if there is one."""

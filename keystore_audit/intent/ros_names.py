@@ -16,7 +16,6 @@ ROOT: Final = "/"
 """The namespace that everything is below; also the enclave of a process that names none (rcl's `security.c`)."""
 
 _TOKEN: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-_SUBSTITUTION: Final = re.compile(r"\{([^{}]*)\}")
 
 
 def is_ros_name(path: str) -> bool:
@@ -45,18 +44,15 @@ def joined(namespace: str, name: str) -> str:
 def expanded(name: str, *, node: str, namespace: str) -> str | None:
     """Return the fully qualified form of `name` as the node `node` in `namespace` uses it; None if it has none.
 
-    `~` stands for the node (never known where `node` is ""), `{node}`, `{ns}` and `{namespace}` for its parts; a name
-    that begins with `/` is absolute and any other relative to the namespace. What rcl refuses, and so what no node can
-    use, has no such form.
+    `~` stands for the node (never known where `node` is ""); a name that begins with `/` is absolute and any other
+    relative to the namespace. What rcl refuses, and so what no node can use, has no such form, and neither has what
+    stands for parts of names, as `{node}`.
     """
-    values = {"node": node, "ns": namespace, "namespace": namespace}
-    if any(not values.get(match[1]) for match in _SUBSTITUTION.finditer(name)):
-        return None
-    plain = _SUBSTITUTION.sub(lambda match: values[match[1]], name)
+    plain = name
     if name.startswith("~"):
         if not node or name[1:2] not in ("", "/"):
             return None
-        plain = joined(namespace, node) + plain[1:]
-    elif not plain.startswith("/"):
-        plain = joined(namespace, plain)
+        plain = joined(namespace, node) + name[1:]
+    elif not name.startswith("/"):
+        plain = joined(namespace, name)
     return plain if is_ros_name(plain) else None

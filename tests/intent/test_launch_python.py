@@ -325,6 +325,9 @@ DEEP = {
     "groups": "x = []\n" + "x = [GroupAction(x), GroupAction(x)]\n" * 2_000,
     "nested groups": "x = GroupAction([])\n" + "x = GroupAction([x])\n" * 4_000,
     "defaults": "x = 'a'\n" + "x = LaunchConfiguration(x, default=x)\n" * 3_000 + "x = Node(executable='e', name=x)\n",
+    "groups that are not read": "x = []\n"
+    + "x = [GroupAction(x), GroupAction(x)]\n" * 60
+    + "x = GroupAction(x, scoped=other)\n",
     "what comes later": "x = []\n" + "x = Node(executable='e', on_exit=[x, x])\n" * 2_000,
     "paths": "x = 'a'\n" + "x = os.path.join(x, x)\n" * 2_000,
     "few defaults": "x = 'a'\n" + "x = LaunchConfiguration(x, default=x)\n" * 40 + "x = Node(executable='e', name=x)\n",
