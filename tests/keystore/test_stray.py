@@ -15,9 +15,9 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.files import File
 from keystore_audit.keystore.foreign import DeclaredFiles
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore, read_keystore
@@ -227,16 +227,12 @@ def test_what_is_not_read_is_a_document_where_it_has_the_mark_of_one(tmp_path: P
 def test_ten_thousand_strays_are_bounded_and_the_rest_is_unknown() -> None:
     header = b"MIME-Version: 1.0\nContent-Type: multipart/signed\n\n"
     files = (present(header + b"%d" % number, f"{number:05}") for number in range(10_000))
-    numbered = [File(**{**_fields(file), "sha256": file.path}) for file in files]
+    numbered = [replace(file, sha256=file.path) for file in files]
     strays = list(read_strays(numbered, (), Candidates(())))
     assert sum(stray.document is not None for stray in strays) == MAX_STRAYS
     (rest,) = [stray for stray in strays if stray.document is None]
     assert (rest.place, rest.file.content) == (numbered[MAX_STRAYS].path, None)
     assert rest.file.detail.startswith("10000 documents lie outside enclaves")
-
-
-def _fields(file: File) -> dict[str, object]:
-    return {name: getattr(file, name) for name in File.__dataclass_fields__}
 
 
 JUNK = (b"", b"\x00" * 9, b"MIME-Version: 1.0\n", b"Content-Type: multipart/signed", b"\xff" * 40)
