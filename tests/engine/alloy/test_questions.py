@@ -33,7 +33,7 @@ def expected(system: System, chance: random.Random | None = None) -> dict[str, S
     """What the native engine says; with `chance`, now and then the opposite."""
     wrong = {Status.HOLDS: Status.VIOLATED, Status.VIOLATED: Status.HOLDS}
     return {
-        name: wrong[answer.status] if chance and chance.random() < 0.03 else answer.status
+        name: wrong[answer.status] if chance and chance.random() < 0.1 else answer.status
         for name, answer in NativeEngine([system]).answers[0].items()
     }
 
