@@ -20,6 +20,7 @@ from keystore_audit.cli.progress import Watch
 from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import SEVERITIES, Severity
 from keystore_audit.options import ENGINES, MAX_DAYS, options_of
+from keystore_audit.profiles import facts
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
@@ -103,9 +104,9 @@ GROUPS: Final = {
 }  # fmt: skip
 """The options in the help, by what they are about."""
 
-EXAMPLES: Final = """\b
+EXAMPLES: Final = f"""\b
 Examples:
-  keystore-audit ./keys --distro jazzy --rmw fastdds
+  keystore-audit ./keys --distro jazzy --rmw {facts.EXAMPLE_MIDDLEWARE}
   keystore-audit ./keys --settings keystore-audit.toml -o sarif=out.sarif
   keystore-audit --recursive ./fleet -o html=reports/"""
 

@@ -14,6 +14,7 @@ from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.cli.types import Known, Number, Word, instant, launch_argument, profile_name, seconds, zone_name
 from keystore_audit.errors import UsageError
 from keystore_audit.options import LAST_DOMAIN, declared_files, now
+from keystore_audit.profiles import MIDDLEWARE
 
 if TYPE_CHECKING:
     from keystore_audit.circumstances import Circumstances
@@ -94,7 +95,8 @@ scope_options: Final = together(
         "--rmw",
         _RMWS,
         lambda: _scopes()[1],
-        "Of that, what this middleware runs on (repeatable; fastdds, cyclonedds, or as RMW_IMPLEMENTATION says).",
+        f"Of that, what this middleware runs on (repeatable; {', '.join(dict.fromkeys(MIDDLEWARE.values()))}, or as "
+        "RMW_IMPLEMENTATION says).",
     ),
     click.option(
         "--profile",

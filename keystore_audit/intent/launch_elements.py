@@ -20,6 +20,7 @@ from keystore_audit.intent.ros_names import ROOT, joined
 from keystore_audit.intent.source import Source, Value, parse_yaml, shown
 from keystore_audit.keystore.defect import Malformed
 from keystore_audit.keystore.xml import parse_unsigned, source_line
+from keystore_audit.profiles import facts
 
 MAX_CHARACTERS: Final = 1 << 18
 """Length of a launch file: the largest are a tenth; PyYAML without libyaml takes seconds for more."""
@@ -77,7 +78,7 @@ REQUIRED: Final[Mapping[str, tuple[str, ...]]] = {
 """What an element of the kind has to have."""
 
 _SPEAKING: Final = re.compile(
-    "ROS_SECURITY[A-Z_]*|ROS_DOMAIN_ID|RMW_IMPLEMENTATION|[A-Z_]{0,20}(?:DDS|RTPS|ZENOH)_[A-Z_]+|enclave"
+    f"ROS_SECURITY[A-Z_]*|ROS_DOMAIN_ID|RMW_IMPLEMENTATION|{facts.CONFIGURATION_VARIABLES}|enclave"
 )
 """Variables of security, of the middleware and of its configuration, and the option `--enclave`."""
 

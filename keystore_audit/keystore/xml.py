@@ -16,6 +16,7 @@ from lxml import etree
 
 from keystore_audit.keystore.defect import Defect, Kind, Malformed
 from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.profiles import facts
 from keystore_audit.text import shorten, terminal
 
 MAX_BYTES: Final = 8 << 20
@@ -42,10 +43,10 @@ _MARKUP: Final = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!\[CDATA\[|<!DOCTYPE", re.D
 _BLANKS: Final = " \t\r\n"
 _SPELLINGS: Final = (
     # What a tree does not show and parsers do not spell alike (measured: tinyxml2 9, Cyclone DDS 0.10.2).
-    (re.compile(rb"</[^\s<>]+\s"), "a blank in an end tag, which Cyclone DDS refuses"),
+    (re.compile(rb"</[^\s<>]+\s"), facts.BLANK_IN_END_TAG),
     (
         re.compile(rb"&#(?:0*(?:9|10|13|32)|[xX]0*(?:9|[aA]|[dD]|20));"),
-        "a character reference to a blank, which Cyclone DDS does not take for one",
+        facts.REFERENCE_TO_BLANK,
     ),
     (
         re.compile(rb"""=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])"""),
@@ -62,7 +63,7 @@ _SECOND_ROOT: Final = "Extra content at the end of the document"  # libxml2, XML
 _MARK: Final = b"\xef\xbb\xbf"
 _STOCK_NAMESPACE: Final = b'xmlns:xsi="%b"' % _SCHEMA_INSTANCE.encode()
 _DOCUMENT_TYPE: Final = "a document type: entities and defaults in it are read by some parsers and not by others"
-_CDATA: Final = "a CDATA section: Fast DDS reads only the first piece of a value, others the whole"
+_CDATA: Final = facts.CDATA
 
 _Said = tuple[Kind, int | None, str]
 """What a defect says of a line of the text."""
@@ -86,7 +87,7 @@ def read_xml(signed: SignedDocument) -> tuple[etree._Element | None, tuple[Defec
         try:
             root = _parsed(content)
         except Malformed as error:
-            second = "text behind the end of the document: Fast DDS reads the first root alone, other parsers refuse it"
+            second = facts.SECOND_ROOT
             refused = (
                 (Kind.XML_AMBIGUOUS, error.line, second)
                 if _SECOND_ROOT in error.detail
@@ -161,18 +162,18 @@ def _refused(content: bytes) -> _Said | None:
     if not content.strip():
         return Kind.EMPTY_ELEMENT, 1, "the document is empty"
     if content.startswith((b"\xff\xfe", b"\xfe\xff", b"\x00<", b"<\x00", b"\x00\x00")):
-        detail = "expected UTF-8, found UTF-16 or UTF-32, which Fast DDS and Cyclone DDS cannot read"
+        detail = f"expected UTF-8, found UTF-16 or UTF-32, {facts.CANNOT_READ}"
         return Kind.XML_AMBIGUOUS, 1, detail
     if len(content.translate(None, _CONTROLS)) != len(content):
         at = content.find(b"\0")
-        read = "Fast DDS and Cyclone DDS ignore everything behind it, others refuse the text"
+        read = facts.END_AT_NUL
         if at < 0:
             at = next(position for position, byte in enumerate(content) if byte in _CONTROLS)
-            read = "Fast DDS and Cyclone DDS accept it, others refuse the text"
+            read = facts.ACCEPT_CONTROLS
         return Kind.XML_AMBIGUOUS, _line_of(content, at), f"the control character 0x{content[at]:02x}: {read}"
     name = _declared_encoding(content)
     if name is not None:
-        detail = f"expected encoding UTF-8, found {_shown(name)}, which Fast DDS and Cyclone DDS ignore"
+        detail = f"expected encoding UTF-8, found {_shown(name)}, {facts.IGNORE_ENCODING}"
         return Kind.XML_AMBIGUOUS, 1, detail
     return None
 
@@ -188,7 +189,7 @@ def _spelled(content: bytes) -> Iterator[_Said]:
         if match is not None:
             yield Kind.XML_AMBIGUOUS, _line_of(text, match.start()), detail
     if content.startswith(_MARK):
-        yield Kind.XML_AMBIGUOUS, 1, "a byte order mark, which Cyclone DDS refuses and Fast DDS skips"
+        yield Kind.XML_AMBIGUOUS, 1, facts.BYTE_ORDER_MARK
     characters = "" if content.isascii() else content.removeprefix(_MARK).decode("utf-8", "replace")
     invisible = _unseen(characters) - set(_BLANKS)
     for seen in re.finditer(f"[{re.escape(''.join(invisible))}]", characters) if invisible else ():
@@ -220,7 +221,7 @@ def _ambiguities(root: etree._Element, content: bytes) -> Iterator[_Said]:
                 if inherited.get(prefix) != name:
                     found = f"{_shown(prefix or 'no prefix')} for {_shown(name)}"
                     detail = f"expected no namespace but xmlns:xsi on the root, found {found}"
-                    yield _at(element, f"{detail}: Cyclone DDS refuses it, Fast DDS ignores it")
+                    yield _at(element, f"{detail}: {facts.NAMESPACE_DECLARED}")
     for node in itertools.chain(root.itersiblings(preceding=True), root.iter(), root.itersiblings()):
         if _is(node, etree.ProcessingInstruction):
             yield _at(node, f"the instruction {_shown(node)}, which some parsers refuse")
@@ -236,11 +237,11 @@ def _of_element(element: etree._Element, tag: str) -> Iterator[_Said]:
     if tag[0] == "{":
         parent = element.getparent()
         if parent is None or str(parent.tag)[0] != "{":
-            detail = f"the element {_shown(tag)} in a namespace: Fast DDS and Cyclone DDS go by the name alone"
+            detail = f"the element {_shown(tag)} in a namespace: {facts.NAMESPACE_OF_ELEMENT}"
             yield _at(element, detail)
     for name, value in element.items():
         if str(name)[0] == "{" and (name != _LOCATION or element.getparent() is not None):
-            yield _at(element, f"the attribute {_shown(name)}, which Cyclone DDS refuses and Fast DDS ignores")
+            yield _at(element, f"the attribute {_shown(name)}, {facts.ATTRIBUTE}")
         elif _unseen(str(value)):
             yield _at(element, f"a control character in the attribute {_shown(name)}: {_shown(value)}")
     first = str(element.text or "")
@@ -251,18 +252,18 @@ def _of_element(element: etree._Element, tag: str) -> Iterator[_Said]:
     elif not any(isinstance(child.tag, str) for child in element):  # comments, instructions, entity references
         joined = first + "".join(str(child.tail or "") for child in element)
         what = "a comment" if all(_is(child, etree.Comment) for child in element) else "other nodes"
-        read = f"Fast DDS reads only the first piece, {_shown(first)}, Cyclone DDS and OpenDDS {_shown(joined)}"
+        read = facts.PIECES.format(first=_shown(first), joined=_shown(joined))
         yield _at(element, f"{what} inside the value of <{_name(element)}>: {read}")
     elif tag == "dds" and _is(element[-1], etree.Comment) and element.find("domain_access_rules") is not None:
-        yield _at(element[-1], "a comment behind </domain_access_rules>: Fast DDS refuses the document")
+        yield _at(element[-1], facts.COMMENT_AT_END)
 
 
 def _odd_value(text: str) -> str:
     """How implementations read a value differently, with places for it and its element; "" where they do not."""
     if text.strip(_BLANKS) != text:
-        return "the value of <{name}> is {value} with blanks around it: Cyclone DDS trims them, Fast DDS does not"
+        return f"the value of <{{name}}> is {{value}} with blanks around it: {facts.BLANKS_AROUND}"
     if text.startswith(_QUOTES):
-        return "the value of <{name}> is {value}, which begins with a quote: Cyclone DDS refuses the document"
+        return f"the value of <{{name}}> is {{value}}, which begins with a quote: {facts.QUOTE_AT_START}"
     return "a control or invisible character in the value {value} of <{name}>" if _unseen(text) else ""
 
 
@@ -321,8 +322,6 @@ def _duplicates(parents: Iterable[etree._Element]) -> Iterator[tuple[int | None,
         for child in parent.iterchildren(etree.Element):
             tag = etree.QName(child).localname
             if tag in seen and tag not in REPEATABLE:
-                detail = (
-                    f"a second <{tag}> in <{etree.QName(parent).localname}>: Cyclone DDS takes the last or joins them"
-                )
-                yield source_line(child), f"{detail}, Fast DDS takes the first or refuses the document"
+                detail = f"a second <{tag}> in <{etree.QName(parent).localname}>: {facts.ELEMENT_TWICE}"
+                yield source_line(child), detail
             seen.add(tag)

@@ -15,6 +15,7 @@ from lxml import etree
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.xml import MAX_DEFECTS, duplicates, source_line
+from keystore_audit.profiles import facts
 from keystore_audit.resources import schemas
 from keystore_audit.text import shorten
 
@@ -31,7 +32,7 @@ _CURRENT: Final = "1.1"
 _OLD: Final = "1.0"
 _OLD_IS_READ: Final = {  # rules of permissions differ in the order of publish, subscribe and relay alone
     "governance": "which readers of 1.1 refuse or read as they like",
-    "permissions": "which Fast DDS and Cyclone DDS read (measured) and who validates by 1.1 refuses",
+    "permissions": facts.ORDER_OF_1_0,
 }
 _RAISED_BY_XMLSCHEMA: Final = (LookupError, ValueError, TypeError, AttributeError, ArithmeticError)
 """Beside its own exceptions: on xsi:type, on years of twenty digits."""

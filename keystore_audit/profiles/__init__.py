@@ -28,7 +28,16 @@ from keystore_audit.profiles.peculiarities import (
     SubjectComparison,
     Trust,
 )
-from keystore_audit.profiles.scope import ALIASES, DEFAULT, DISTRIBUTIONS, MIDDLEWARE, in_scope, resolve, running
+from keystore_audit.profiles.scope import (
+    ALIASES,
+    DEFAULT,
+    DISTRIBUTIONS,
+    MIDDLEWARE,
+    in_order,
+    in_scope,
+    resolve,
+    running,
+)
 from keystore_audit.profiles.table import QUIRKS, SPEC, VARIANTS, TableError, check_reader
 
 __all__ = [
@@ -60,6 +69,7 @@ __all__ = [
     "doing",
     "explained",
     "implementations",
+    "in_order",
     "in_scope",
     "resolve",
     "running",

@@ -66,6 +66,10 @@ RELAY_MEASURED: Final = "measured on Fast DDS 2.9.1: a reader that may relay alo
 EXPRESSIONS_MEASURED: Final = "measured on libc, ACE and Cyclone DDS 0.10.2"
 ANY_RULE_READ: Final = "read in the source of OpenDDS (AccessControlBuiltInImpl.cpp)"
 
+FORGED_SOURCE: Final = "measured: Cyclone DDS and Fast DDS take such samples"
+NO_ORIGIN: Final = "OpenDDS authenticates no origin (read in its guide)"
+RELAY_READS: Final = "Fast DDS takes a relay grant for a right to read"
+
 # --- sessions and middleware
 
 RUNNING_SESSIONS: Final = "Sessions that run by then may go on: Fast DDS ends none when a grant ends."

@@ -12,6 +12,7 @@ from msgspec import Struct
 
 from keystore_audit.findings import OF_THE_AUDIT, Finding, Severity
 from keystore_audit.grouped import grouped
+from keystore_audit.profiles import facts
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
 from keystore_audit.report.content import EnclaveEntry, Report
@@ -139,7 +140,7 @@ ENGINE_WORDS: Final = {
 }
 """What became of an engine, behind its name."""
 
-_RUNNING_SESSIONS: Final = "Sessions that run by then may go on: Fast DDS ends none when a grant ends."
+_RUNNING_SESSIONS: Final = facts.RUNNING_SESSIONS
 """Said with "safe until", which is about new sessions (read; Cyclone DDS and OpenDDS have timers)."""
 
 

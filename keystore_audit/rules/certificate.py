@@ -15,7 +15,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
 from keystore_audit.model.trust.authorities import trusted
-from keystore_audit.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS, doing, facts
 from keystore_audit.remedy import Remedy, decision, outside
 from keystore_audit.rules.private_key import authority_anew
 from keystore_audit.rules.registry import Context, Violation, rule
@@ -77,6 +77,10 @@ def _bears_on(use: CertificateUse) -> frozenset[str]:
     return frozenset(properties)
 
 
+_UNASKING: Final = doing("checks_permissions_ca", False)
+"""Who does not ask whether the permissions CA is in force."""
+
+
 @rule(
     "KA201",
     Severity.HIGH,
@@ -121,11 +125,7 @@ def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterat
     unexpected-authority speaks.
     """
     certificates, lists = use.certificates.certificates, use.certificates.revocation_lists
-    differ = (
-        "Fast DDS takes all of it, Cyclone DDS the first certificate"
-        if use.authority
-        else "run times read the first certificate and no further"
-    )
+    differ = facts.CERTIFICATES_OF_A_FILE if use.authority else "run times read the first certificate and no further"
     anchors = [each for each in trusted(context.keystore, context.authorities) if each.role in use.roles]
     known = [c for c in certificates[1:] if all(each.trusts(c) for each in anchors)]  # else unexpected-authority
     more = [located(c, f"certificate {quoted(c.subject)}") for c in known]
@@ -163,7 +163,7 @@ def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Viola
         if certificate.not_after < context.at:
             only_signs = use.roles == {Role.PERMISSIONS_CA}
             refused = (
-                "Cyclone DDS 11 and OpenDDS take its documents all the same, the others refuse them"
+                f"{_UNASKING} take its documents all the same, the others refuse them"
                 if only_signs
                 else "peers refuse new sessions"
             )
@@ -302,12 +302,13 @@ def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[
         if kind not in ("RSA 2048", "EC secp256r1") and not is_weak_kind(kind):
             taken = {name: profile.trust.identity_keys for name, profile in VARIANTS.items()}
             refusing = [name for name, kinds in taken.items() if kinds is not None and kind not in kinds]
+            refuser = doing("identity_keys", *(taken[name] for name in refusing))
             yield at(
                 certificate,
                 f"{what(use, certificate)} has a key that the specification does not name"
-                f"{' and Cyclone DDS refuses' if refusing else ''}: got {kind}, expected EC secp256r1 or RSA 2048.",
+                f"{f' and {refuser} refuses' if refusing else ''}: got {kind}, expected EC secp256r1 or RSA 2048.",
                 profiles=("spec", *refusing),
-                severity=Severity.HIGH if context.refused(use.enclaves, "cyclonedds") else None,
+                severity=Severity.HIGH if context.refused(use.enclaves, refusing) else None,
             )
 
 

@@ -16,6 +16,7 @@ from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.names import ros_name
+from keystore_audit.profiles import facts
 from keystore_audit.remedy import decision
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, CREATE_PERMISSION
@@ -231,10 +232,9 @@ def drift_undecided(drift: Drift) -> Iterator[Violation]:
 @rule(
     "KA646",
     Severity.INFO,
-    clause="ROS 2 design, SROS2 access control policies; rmw_zenoh reads its access control from its own configuration",
+    clause=f"ROS 2 design, SROS2 access control policies; {facts.OWN_ACCESS_CONTROL}",
     remedy=decision(
-        f"With a DDS implementation, create permissions, {CREATE_PERMISSION}. With rmw_zenoh, audit "
-        "the configuration of its routers and sessions."
+        f"With a DDS implementation, create permissions, {CREATE_PERMISSION}. {facts.AUDIT_ITS_CONFIGURATION}"
     ),
     of=_drift,
 )

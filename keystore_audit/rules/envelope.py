@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.model.trust.verdicts import Acceptance
+from keystore_audit.profiles import facts
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.remedies import SIGN_AGAIN, sign_again
 from keystore_audit.rules.subjects import SignedUse
@@ -134,7 +135,7 @@ def several_signers(use: SignedUse) -> Iterator[Violation]:
     Every one of them has to be a permissions CA; Fast DDS knows all certificates of the CA file, Cyclone DDS the first
     (measured), and refuses what the second signed too.
     """
-    yield from _has(use, "Fast DDS may take it where Cyclone DDS refuses.", Kind.SEVERAL_SIGNERS)
+    yield from _has(use, facts.TWO_SIGNERS, Kind.SEVERAL_SIGNERS)
 
 
 @rule(

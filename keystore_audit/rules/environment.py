@@ -18,14 +18,13 @@ from keystore_audit.intent.environment import (
     Environment,
 )
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.profiles import DISTRIBUTIONS, MIDDLEWARE, running
+from keystore_audit.profiles import DISTRIBUTIONS, MIDDLEWARE, facts, running
 from keystore_audit.remedy import outside
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.wording import quoted
 from keystore_audit.text import meant
 
 RCL: Final = "rcl, security.c (read); ROS 2 design, DDS-Security integration"
-ZENOH: Final = "rmw_zenoh_cpp"
 
 
 def _environment(_keystore: Keystore, context: Context) -> Environment | None:
@@ -155,11 +154,8 @@ def domain_id_invalid(environment: Environment) -> Iterator[Violation]:
 @rule(
     "KA676",
     Severity.HIGH,
-    clause="keystore-audit, README.md (what it does not do); rmw_zenoh reads its access control from its own "
-    "configuration",
-    remedy=outside(
-        "Use rmw_fastrtps_cpp or rmw_cyclonedds_cpp, or look by other means at what the middleware enforces."
-    ),
+    clause=f"keystore-audit, README.md (what it does not do); {facts.OWN_ACCESS_CONTROL}",
+    remedy=outside(f"{facts.ENFORCING}, or look by other means at what the middleware enforces."),
     of=_environment,
 )
 def middleware_not_modelled(environment: Environment) -> Iterator[Violation]:
@@ -169,7 +165,8 @@ def middleware_not_modelled(environment: Environment) -> Iterator[Violation]:
     """
     name = environment.value(RMW)
     if name and name not in MIDDLEWARE:
-        why = "enforces neither governance.p7s nor permissions.p7s" if name == ZENOH else "is not known here"
+        unenforcing = name == facts.UNENFORCING
+        why = "enforces neither governance.p7s nor permissions.p7s" if unenforcing else "is not known here"
         yield _found(
             environment,
             RMW,

@@ -11,6 +11,7 @@ from functools import partial
 from msgspec.structs import replace
 
 from keystore_audit.findings import Location, Severity
+from keystore_audit.profiles import facts
 from keystore_audit.properties import stated
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Property, Status
@@ -252,12 +253,12 @@ _decided(
     "KA724",
     stated.READERS_CANNOT_FORGE,
     Severity.LOW,
-    """No enclave that may only subscribe to a topic can pass for a publisher of it.
+    f"""No enclave that may only subscribe to a topic can pass for a publisher of it.
 
     The keys are symmetric: whoever can check a sample can make one. sros2's own governance has it so, which is why this
     is low. An rtps_protection_kind WITH_ORIGIN_AUTHENTICATION does not help: whose a sample is stands inside of what is
-    sealed, and no receiver compares it with who sealed it (measured: Cyclone DDS and Fast DDS take such samples).
-    OpenDDS authenticates no origin (read in its guide): there the kinds below help nothing, and the enclave that forges
+    sealed, and no receiver compares it with who sealed it ({facts.FORGED_SOURCE}).
+    {facts.NO_ORIGIN}: there the kinds below help nothing, and the enclave that forges
     must not read the topic.
     """,
     remedy=in_governance(
@@ -269,10 +270,10 @@ _decided(
     "KA725",
     stated.RELAYS_CANNOT_READ,
     Severity.MEDIUM,
-    """No enclave that may only relay a topic can read its payload.
+    f"""No enclave that may only relay a topic can read its payload.
 
     A relay gets the keys of submessages, to pass them on, and no key of payloads: what is not encrypted for itself is
-    in clear to it. Fast DDS takes a relay grant for a right to read, and that is told by nobody-reads-without-a-grant.
+    in clear to it. {facts.RELAY_READS}, and that is told by nobody-reads-without-a-grant.
     """,
     remedy=in_governance("Set data_protection_kind to ENCRYPT for the topic"),
 )

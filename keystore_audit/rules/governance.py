@@ -19,6 +19,7 @@ from keystore_audit.keystore.governance import DomainRule, GovernanceFile, Topic
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.names import DISCOVERY_TOPIC
+from keystore_audit.profiles import facts
 from keystore_audit.remedy import Act, Remedy, decision
 from keystore_audit.rules.meaning import told
 from keystore_audit.rules.registry import Context, Violation, rule
@@ -104,7 +105,7 @@ def governance_schema_invalid(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA402",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
+    clause=f"DDS-Security 1.1, 9.4.1.2; XML 1.0; {facts.XML_PARSERS}",
     remedy=in_governance("Write plain XML, without comments, CDATA, entities and blanks in values"),
     stops=True,
 )

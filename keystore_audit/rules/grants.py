@@ -16,7 +16,7 @@ from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.claims.ability import sent
 from keystore_audit.model.inventory import identities_at_large
 from keystore_audit.model.subjects.comparison import matching, same_meaning
-from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison, implementations
+from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison, facts, implementations
 from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.governance import in_document
 from keystore_audit.rules.permissions import about, dated, own_grants
@@ -66,8 +66,7 @@ def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]
 @rule(
     "KA519",
     Severity.CRITICAL,
-    clause="DDS-Security 1.1, 9.4.1.3 (subject_name); DistinguishedName.cpp of Fast DDS, access_control_utils.c of "
-    "Cyclone DDS; measured",
+    clause=f"DDS-Security 1.1, 9.4.1.3 (subject_name); {facts.SUBJECTS_SOURCES}",
     remedy=decision(_SAFE_FORM, Act.EDIT_PERMISSIONS),
 )
 def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -251,13 +250,11 @@ def validity_inverted(use: PermissionsUse) -> Iterator[Violation]:
 
 _CRASHES: Final = "whoever reads it, the enclave or a peer, crashes, and one signed file stops a robot."
 
-_MEASURED: Final = "fastdds-2.9"
-
 
 @rule(
     "KA517",
     Severity.CRITICAL,
-    clause="Measured on Cyclone DDS 0.10.2 and Fast DDS 2.9.1; the XSD of DDS-Security 1.1 lets it pass",
+    clause=facts.EMPTY_TOPIC_MEASURED,
     remedy=decision("Find out who signed it, and take the empty element out of the .xml.", Act.EDIT),
     stops=True,
 )
@@ -273,7 +270,7 @@ def empty_topic_expression(use: DocumentUse) -> Iterator[Violation]:
 @rule(
     "KA518",
     Severity.CRITICAL,
-    clause="Measured on Cyclone DDS 0.10.2, read in 11.0.1 (access_control_parser.c); schema-invalid",
+    clause=facts.NO_DOMAINS_MEASURED,
     remedy=in_permissions("Find out who signed it, and give the rule its <domains>"),
     stops=True,
 )
@@ -288,7 +285,7 @@ def rule_without_domains(use: PermissionsUse) -> Iterator[Violation]:
 @rule(
     "KA521",
     Severity.CRITICAL,
-    clause="Measured: Fast DDS 2.9.1 and 2.14.6 crash; schema-invalid",
+    clause=facts.EMPTY_ELEMENT_MEASURED,
     remedy=in_permissions("Find out who signed it, and write the document anew"),
     stops=True,
 )
@@ -301,10 +298,13 @@ def empty_element(use: PermissionsUse) -> Iterator[Violation]:
     yield from in_document(use, _CRASHES, Kind.EMPTY_ELEMENT)
 
 
+_DYING: Final = VARIANTS[facts.DIES_OF_LARGE_PERMISSIONS]
+
+
 @rule(
     "KA522",
     Severity.MEDIUM,
-    clause="Measured on Fast DDS 2.9.1; ros2/sros2#228",
+    clause=facts.HANDSHAKE_MEASURED,
     remedy=decision(
         "Say several names by one expression, take out rules that the nodes do not use, or give the nodes "
         "several enclaves. Then sign the documents again with the permissions CA."
@@ -324,8 +324,8 @@ def permissions_too_large(use: PermissionsUse, context: Context) -> Iterator[Vio
         if unfit:
             yield Violation(
                 message=f"{enclave.path} shows its peers {octets:,} octets of certificate and permissions; in a "
-                f"handshake of Fast DDS 2.9.1 {min(limits.values()):,} fit, else it talks to nobody and dies of it.",
-                severity=Severity.HIGH if _MEASURED in unfit else None,
+                f"handshake of {_DYING.title} {min(limits.values()):,} fit, else it talks to nobody and dies of it.",
+                severity=Severity.HIGH if _DYING.name in unfit else None,
                 locations=(Location(path=use.signed.file.place),),
                 enclave=enclave.path,
                 profiles=unfit,

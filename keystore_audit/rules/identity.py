@@ -18,12 +18,12 @@ from keystore_audit.model.inventory import certified_again, identities_at_large
 from keystore_audit.model.participants.stray_identity import admitted
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.verdicts import is_authority, issue, may_have_issued, vouches
-from keystore_audit.profiles import VARIANTS, Profile, implementations
+from keystore_audit.profiles import VARIANTS, Profile, facts, implementations
 from keystore_audit.remedy import Act, decision, mechanical
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject, what
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import ISSUE_AGAIN, issue_again
-from keystore_audit.rules.subjects import EXCHANGED, FAST_DDS, CertificateUse, exchange_for, is_identity
+from keystore_audit.rules.subjects import EXCHANGED, CertificateUse, exchange_for, is_identity
 from keystore_audit.rules.wording import located, paths, quoted
 from keystore_audit.text import instant
 
@@ -111,7 +111,7 @@ def not_issued_by_identity_ca(use: CertificateUse) -> Iterator[Violation]:
 @rule(
     "KA226",
     Severity.HIGH,
-    clause="RFC 5280, 6.1; measured on Fast DDS, Cyclone DDS and libcrypto (X509_verify_cert)",
+    clause=f"RFC 5280, 6.1; {facts.CHAINS_MEASURED}",
     remedy=decision(
         "Let identity_ca.cert.pem hold one self-signed certificate, that of the authority which issues the identities."
     ),
@@ -159,7 +159,7 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
 @rule(
     "KA227",
     Severity.CRITICAL,
-    clause="RFC 5280, 4.1.2.6; measured: Fast DDS 2.6 to 3.6 crash",
+    clause=f"RFC 5280, 4.1.2.6; {facts.NO_SUBJECT_MEASURED}",
     remedy=ISSUE_AGAIN,
     applies=is_identity,
     stops=True,
@@ -172,10 +172,10 @@ def identity_without_subject(use: CertificateUse) -> Iterator[Violation]:
     for enclave, certificate in _carriers(use):
         if not list(certificate.subject_name):
             yield Violation(
-                message=f"The identity of {enclave.path} has an empty subject: Fast DDS crashes on it.",
+                message=f"The identity of {enclave.path} has an empty subject: {facts.NO_SUBJECT}.",
                 locations=(located(certificate),),
                 enclave=enclave.path,
-                profiles=FAST_DDS,
+                profiles=facts.DIES_OF_NO_SUBJECT,
                 key=certificate.key,
             )
 

@@ -14,11 +14,12 @@ from keystore_audit.intent.ros_names import is_path
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.profiles import facts
 from keystore_audit.remedy import Act, decision, outside
 from keystore_audit.rules.files import RUN_TIME_FILES, about, file_name, in_state, is_linked
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, LINK_AGAIN
-from keystore_audit.rules.subjects import FAST_DDS, DocumentUse, GovernanceUse
+from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
 from keystore_audit.rules.wording import MAX_QUOTED, listed, paths, quoted, sole
 from keystore_audit.text import counted, shorten
 
@@ -243,10 +244,10 @@ def pkcs11_reference(enclave: Enclave) -> Iterator[Violation]:
     """
     for role, file in enclave.files.pkcs11.items():
         yield Violation(
-            message=f"Fast DDS reads {file_name(file)} in place of {role.value}.pem, and what is on the token that it "
-            "names could not be read here.",
+            message=f"{facts.READS_PKCS11} {file_name(file)} in place of {role.value}.pem, and what is on the "
+            "token that it names could not be read here.",
             locations=(Location(path=file.path),),
-            profiles=FAST_DDS,
+            profiles=facts.PKCS11_FIRST,
             undecided=True,
         )
 

@@ -19,7 +19,7 @@ from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.model.trust.verdicts import Acceptance
-from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison
+from keystore_audit.profiles import VARIANTS, JoinCheck, Profile, SubjectComparison, doing, facts
 from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject
 from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document
@@ -74,7 +74,7 @@ def permissions_schema_invalid(use: PermissionsUse) -> Iterator[Violation]:
 @rule(
     "KA502",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.3; XML 1.0; measured on tinyxml2, Cyclone DDS and libxml2",
+    clause=f"DDS-Security 1.1, 9.4.1.3; XML 1.0; {facts.XML_PARSERS}",
     remedy=in_permissions("Write plain XML, without comments, CDATA, entities and blanks in values"),
     stops=True,
 )
@@ -187,7 +187,8 @@ def second_grant_for_subject(use: PermissionsUse) -> Iterator[Violation]:
         if first.setdefault(subject, grant) is not grant:
             yield Violation(
                 message=f"A second grant names {quoted(subject)}: the one at line {first[subject].line} decides, and "
-                "this one takes its place on Fast DDS alone, when that one has expired.",
+                f"this one takes its place on {doing('skips_grants_out_of_date', True)} alone, when that one has "
+                "expired.",
                 locations=[use.at(g.line, m) for g, m in ((grant, ""), (first[subject], "the grant that decides"))],
                 # The dates tell when it takes the place of the other.
                 key=f"{dated(first[subject])}\n{dated(grant)}",
@@ -197,7 +198,7 @@ def second_grant_for_subject(use: PermissionsUse) -> Iterator[Violation]:
 @rule(
     "KA512",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.3; measured on Cyclone DDS 0.10.2 and 11.0.1 and on Fast DDS 2.9.1",
+    clause=f"DDS-Security 1.1, 9.4.1.3; {facts.OTHERS_GRANTS_MEASURED}",
     remedy=in_permissions("Give each enclave a document with its own grant alone"),
     applies=speaks,
 )
@@ -309,7 +310,8 @@ def grant_without_allow_rule(use: PermissionsUse, context: Context) -> Iterator[
     for grant in own_grants(use):
         if not any(permission_rule.allow for permission_rule in grant.rules):
             message = (
-                f"The grant of {quoted(grant.subject_name.text)} has no allow rule, expected one: Fast DDS refuses the "
-                "participant, and others do where nothing else lets it join."
+                f"The grant of {quoted(grant.subject_name.text)} has no allow rule, expected one: "
+                f"{doing('joins', JoinCheck.ANY_ALLOW_RULE)} refuses the participant, and others do where nothing else "
+                "lets it join."
             )
             yield about(use, grant, grant.line, message, severity=severity)

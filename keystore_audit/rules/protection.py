@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
-from keystore_audit.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS, facts
 from keystore_audit.rules.governance import in_domains, in_topics
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.remedies import in_governance
@@ -280,6 +280,6 @@ def unauthenticated_with_rtps_protection(use: GovernanceUse) -> Iterator[Violati
             found = violation(
                 "rtps_protection_kind",
                 f"allow_unauthenticated_participants is true and rtps_protection_kind {kind.value}, which contradict "
-                "each other: Fast DDS from 2.6.5 and 2.10.2 on does not start.",
+                f"each other: {facts.RTPS_CONTRADICTION}.",
             )
             yield replace(found, profiles=_REFUSE_CONTRADICTION)

@@ -69,9 +69,9 @@ class Context(Struct, frozen=True, kw_only=True):
         found = tuple(profile.name for profile in self.profiles if profile.name in names)
         return () if len(found) == len(self.profiles) else found
 
-    def refused(self, enclaves: Iterable[Enclave], vendor: str = "") -> bool:
-        """Whether one of them does not start under a chosen profile (of this vendor), whatever the reason."""
-        chosen = [profile.name for profile in self.profiles if profile.name.startswith(vendor)]
+    def refused(self, enclaves: Iterable[Enclave], among: Collection[str] | None = None) -> bool:
+        """Whether one of them does not start under a chosen profile (of these), whatever the reason."""
+        chosen = [profile.name for profile in self.profiles if among is None or profile.name in among]
         known = (self.meaning.usability.get((each.files.directory, name)) for each in enclaves for name in chosen)
         return any(usability is not None and usability.usable is False for usability in known)
 

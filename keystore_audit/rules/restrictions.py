@@ -16,7 +16,7 @@ from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.matching.partition_patterns import EVERY_PARTITION
 from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
 from keystore_audit.model.semantics import DEFAULT_PARTITION
-from keystore_audit.profiles import VARIANTS, Matcher, PartitionReading
+from keystore_audit.profiles import TESTED_ON, VARIANTS, Matcher, OpenRange, PartitionReading, doing, facts
 from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import Context, Violation, rule
@@ -30,15 +30,20 @@ def meet(some: Iterable[DomainRange], others: Iterable[DomainRange]) -> bool:
     return bool(domain_bits(covered(some)) & domain_bits(covered(others)))
 
 
+_REFUSES: Final = doing("open_ranges", OpenRange.LONE_MAX_REFUSED)
+_ALONE: Final = doing("open_ranges", OpenRange.LONE_BOUND_IS_THAT_ID, OpenRange.LONE_MAX_REFUSED)
+_FROM_IT_ON: Final = doing("open_ranges", OpenRange.UNBOUNDED)
+
+
 def _open_range(domains: DomainRange) -> str | None:
     """What an `<id_range>` with one bound means to whom, None where it has both."""
     if domains.high is None and domains.low is not None:
         return (
-            f"<id_range> has no <max>: Fast DDS and Cyclone DDS read domain {domains.low} alone, the specification and "
-            "OpenDDS everything from it on"
+            f"<id_range> has no <max>: {_ALONE} read domain {domains.low} alone, the specification and {_FROM_IT_ON} "
+            "everything from it on"
         )
     if domains.low is None and domains.high is not None:
-        return f"<id_range> has no <min>: Cyclone DDS refuses the document, the others read 0 to {domains.high}"
+        return f"<id_range> has no <min>: {_REFUSES} refuses the document, the others read 0 to {domains.high}"
     return "<id_range> has no bounds: implementations differ in what they read" if domains.low is None else None
 
 
@@ -69,7 +74,7 @@ _HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in
 @rule(
     "KA420",
     Severity.MEDIUM,
-    clause="RTPS 2.5, 9.6.2.3 (ports of a domain); measured on Cyclone DDS",
+    clause=f"RTPS 2.5, 9.6.2.3 (ports of a domain); {facts.DOMAINS_MEASURED}",
     remedy=decision("Use domain ids up to 230.", Act.EDIT),
     applies=taken,
     stops=True,
@@ -85,7 +90,7 @@ def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
         if highest > _HIGHEST:
             yield Violation(
                 message=f"Domain {highest}, expected at most {_HIGHEST} (ports end at {MAX_DOMAIN}): "
-                "Cyclone DDS refuses the whole document.",
+                f"{doing('highest_domain', _HIGHEST)} refuses the whole document.",
                 locations=(use.at(domains.line),),
                 severity=Severity.HIGH if context.chose(_LIMITED) else None,
                 profiles=tuple(profile.name for profile in _LIMITED) if highest <= MAX_DOMAIN else (),
@@ -162,9 +167,7 @@ def rule_domain_range_open(use: PermissionsUse) -> Iterator[Violation]:
                 if why is not None:
                     key = f"{grant.subject_name.text} {domains.low} {domains.high}"
                     crashes = domains.low is None
-                    message = (
-                        f"{why}.{' Cyclone DDS 0.10 dies when it comes to the rule (measured).' if crashes else ''}"
-                    )
+                    message = f"{why}.{f' {facts.OPEN_RANGE_KILLS}' if crashes else ''}"
                     severity = Severity.CRITICAL if crashes else None
                     yield about(use, grant, domains.line, message, key=key, severity=severity)
 
@@ -172,7 +175,7 @@ def rule_domain_range_open(use: PermissionsUse) -> Iterator[Violation]:
 @rule(
     "KA638",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.3.2.3 (data_tags); measured on Fast DDS 2.9.1 and Cyclone DDS 0.10.2",
+    clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (data_tags); measured on {TESTED_ON}",
     remedy=in_permissions("ROS 2 has no data tags: take <data_tags> out, and allow or deny what remains"),
     applies=speaks,
 )

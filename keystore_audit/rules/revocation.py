@@ -18,7 +18,7 @@ from keystore_audit.model.trust.revocation import NO_IDENTITIES, list_missing, n
 from keystore_audit.profiles import VARIANTS, implementations
 from keystore_audit.remedy import Act, Remedy, decision
 from keystore_audit.rules.registry import Context, Violation, rule
-from keystore_audit.rules.subjects import FAST_DDS, RevocationUse, revocation_uses
+from keystore_audit.rules.subjects import READS_LISTS_OF_CA_FILES, RevocationUse, revocation_uses
 from keystore_audit.rules.wording import (
     defective,
     listed,
@@ -41,7 +41,7 @@ def new_list(first: str = "") -> Remedy:
 
 def _reads(use: RevocationUse) -> tuple[str, ...]:
     """The variants that read the lists: all, but of lists in a CA file Fast DDS alone (measured)."""
-    return FAST_DDS if use.in_ca_file else ()
+    return READS_LISTS_OF_CA_FILES if use.in_ca_file else ()
 
 
 def _about(use: RevocationUse, revocations: RevocationList, message: str, key: str, **more: Any) -> Violation:
@@ -90,7 +90,7 @@ def identity_revoked(keystore: Keystore) -> Iterator[Violation]:
                 f"refused by {paths(holders.values())}.",
                 locations=(located(first), *(located(r, "the revocation list") for _use, r in found)),
                 enclave=enclave.path,
-                profiles=FAST_DDS if all(use.in_ca_file for use, _ in found) else (),
+                profiles=READS_LISTS_OF_CA_FILES if all(use.in_ca_file for use, _ in found) else (),
                 key=first.key,
             )
 

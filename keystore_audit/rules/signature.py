@@ -17,7 +17,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.trust.signer_path import path_refusal, signer_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, may_sign, vouches
-from keystore_audit.profiles import VARIANTS, Profile, implementations
+from keystore_audit.profiles import VARIANTS, Profile, facts, implementations
 from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import sign_again
@@ -295,7 +295,7 @@ def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation
 @rule(
     "KA317",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.1; measured on Cyclone DDS, Fast DDS and libcrypto (PKCS7_verify)",
+    clause=f"DDS-Security 1.1, 9.4.1.1; {facts.MESSAGES_MEASURED}",
     remedy=decision(
         "Let permissions_ca.cert.pem hold one self-signed certificate, that of the signer, without a keyUsage that "
         "forbids digital signatures, and let the message hold it too (no -nocerts)."

@@ -24,7 +24,7 @@ from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.inventory import permissions_at_large
 from keystore_audit.model.trust.verdicts import Acceptance, Envelope, document_verdict, envelope, vouches
 from keystore_audit.model.validity import read_date
-from keystore_audit.profiles import VARIANTS, DateReading, Profile, Trust
+from keystore_audit.profiles import VARIANTS, DateReading, Profile, RevocationLists, Trust
 from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.registry import Context
 
@@ -34,8 +34,10 @@ ROWS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()
 SPEC: Final = VARIANTS["spec"].trust
 """The row by which a document is genuine: a certificate of the permissions CA file made every signature."""
 
-FAST_DDS: Final = tuple(name for name in VARIANTS if name.startswith("fastdds"))
-"""The names of the variants of Fast DDS."""
+READS_LISTS_OF_CA_FILES: Final = tuple(
+    name for name, each in VARIANTS.items() if each.trust.revocation is RevocationLists.CRL_AND_CA_FILE
+)
+"""The names of the variants that read revocation lists in a CA file."""
 
 UNPINNED: Final = tuple(profile for profile in VARIANTS.values() if not profile.trust.pins_signer)
 """The variants that take documents from any signer that chains to the permissions CA, and not from it alone."""

@@ -9,7 +9,7 @@ from typing import Annotated, Final
 from msgspec import Meta
 
 from keystore_audit.findings import MAX_OWNER, MAX_REASON, OF_THE_AUDIT, Severity
-from keystore_audit.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS, facts
 from keystore_audit.settings.document import Source, Table, Texts, several
 from keystore_audit.settings.suppressions import ALL, Acceptance
 
@@ -92,7 +92,8 @@ def _acceptance(
         source.at("code").wrong(f"{table.code} is about the audit itself, which nothing accepts")
     for name in several(table.profiles):
         if name not in VARIANTS:  # what an alias stands for changes from version to version
-            source.at("profiles").wrong(f"{name!r} is no profile; expected names as in reports, e.g. fastdds-3.6")
+            expected = f"expected names as in reports, e.g. {facts.EXAMPLE_PROFILE}"
+            source.at("profiles").wrong(f"{name!r} is no profile; {expected}")
     return Acceptance(
         code=table.code,
         where=where,
