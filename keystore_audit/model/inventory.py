@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.crl import CrlFile
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
@@ -337,3 +338,15 @@ def unread_places(keystore: Keystore) -> tuple[str, ...]:
 def behind(place: str) -> str:
     """What whatever lies behind one of these is called."""
     return f"whatever is behind {place}"
+
+
+TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None, bool]
+
+
+def trust_files(enclave: Enclave) -> TrustFiles:
+    """What the realm of an enclave is made of: files, each one object however many enclaves share it.
+
+    The last: whether there is a `crl.pem` that was not read.
+    """
+    unread = enclave.files.files[Role.CRL].status.unknown
+    return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl, unread

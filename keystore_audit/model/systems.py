@@ -38,6 +38,7 @@ from keystore_audit.model.inventory import (
     instants_of,
     issuers_of,
     system_documents,
+    trust_files,
     unread_places,
 )
 from keystore_audit.model.participants.at_large import (
@@ -57,7 +58,7 @@ from keystore_audit.model.participants.lone_endpoints import (
     LoneRefusals,
     made_alone,
 )
-from keystore_audit.model.participants.views import Kind, Realms, Views, trust_files
+from keystore_audit.model.participants.views import Kind, Realms, Views
 from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
 from keystore_audit.model.trust.revocation import list_unread
 from keystore_audit.model.trust.verdicts import is_authority

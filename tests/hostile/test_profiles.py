@@ -211,11 +211,10 @@ class _Answers:
             for enclave in self._keystore.enclaves:
                 for operation in Operation:
                     allowed = self._local.allowed(enclave, profile, operation)
-                    may = self._effective.may(enclave.path, profile.name, operation)
-                    must = self._effective.must(enclave.path, profile.name, operation)
+                    accepted = self._effective.accepted(enclave.path, profile.name, operation)
                     for name, channel in channels.items():
                         key = (profile.name, enclave.path, operation.value, name)
-                        found[key] = (allowed >> channel & 1, may >> channel & 1, must >> channel & 1)
+                        found[key] = (allowed >> channel & 1, accepted.may >> channel & 1, accepted.must >> channel & 1)
         return found
 
     def usability(self) -> dict[object, object]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation, Rule
@@ -115,7 +115,7 @@ def enclaves_that_differ(store: Keystore, profiles: Sequence[Profile], accesses:
                 for profile in profiles:
                     allowed = local.allowed(each, profile, operation) if usable[profile.name] else 0
                     decided.append((allowed & here, -1 if usable[profile.name] is None else allowed & here))
-                    must, may = (ask(each.path, profile.name, operation) for ask in (peers.must, peers.may))
+                    must, may = astuple(peers.accepted(each.path, profile.name, operation))
                     accepted.append((must & here, may))
                 if differ(decided) or differ(accepted):
                     found.add(each.path)
@@ -170,7 +170,7 @@ def test_examples_hold(drawn: tuple[Any, ...], zone: str | None) -> None:
                 usable = usabilities.of(each, AT, profile).usable
                 allowed = local.allowed(each, profile, example.operation) if usable else 0
             else:
-                allowed = peers.must(each.path, profile.name, example.operation)
+                allowed = peers.accepted(each.path, profile.name, example.operation).must
             assert (profile.name in example.allowing) is bool(allowed >> channel & 1)
         assert example.allowing
         assert example.denying

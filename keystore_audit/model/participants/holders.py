@@ -27,16 +27,17 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.model.inventory import (
     Document,
+    TrustFiles,
     governance_at_large,
     identities_at_large,
     may_be_taken,
     named_by_some,
     permissions_at_large,
+    trust_files,
 )
 from keystore_audit.model.participants.at_large import Candidate
 from keystore_audit.model.participants.doubt import at_large_doubt, realm_doubt
 from keystore_audit.model.participants.lone_endpoints import Alone, Timeline
-from keystore_audit.model.participants.views import TrustFiles, trust_files
 from keystore_audit.model.trust.verdicts import MAX_AUTHORITIES, may_take
 from keystore_audit.profiles import Profile, Trust
 

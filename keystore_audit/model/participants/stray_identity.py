@@ -24,8 +24,8 @@ from keystore_audit.model.inventory import (
     may_be_taken,
     named_by_some,
     permissions_cas,
+    trust_files,
 )
-from keystore_audit.model.participants.views import trust_files
 from keystore_audit.model.trust.revocation import revoked
 from keystore_audit.model.trust.verdicts import is_authority, is_issued, may_have_issued, signing_authorities
 from keystore_audit.model.validity import ANY_ZONE, read_date

@@ -9,14 +9,11 @@ from typing import NamedTuple
 from keystore_audit.assumptions import Assumption
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
-from keystore_audit.keystore.crl import CrlFile
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import RealmAtom
-from keystore_audit.model.inventory import Document, permissions_cas
+from keystore_audit.model.inventory import Document, TrustFiles, permissions_cas, trust_files
 from keystore_audit.model.participants.doubt import may_say_anything
 from keystore_audit.model.participants.lone_endpoints import Alone, LoneEndpoints, LoneRefusals, Timeline
 from keystore_audit.model.subjects.comparison import matching
@@ -34,8 +31,6 @@ from keystore_audit.model.trust.verdicts import (
 from keystore_audit.model.validity import SECOND
 from keystore_audit.profiles import Access, Profile, SubjectComparison, Trust
 
-TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None, bool]
-
 
 class Kind(NamedTuple):
     """Implementations that read a keystore alike, by the rows of one of them.
@@ -49,15 +44,6 @@ class Kind(NamedTuple):
     access: Access
     alone: tuple[Alone, ...] = ()
     refusals: tuple[Timeline, ...] = ()
-
-
-def trust_files(enclave: Enclave) -> TrustFiles:
-    """What the realm of an enclave is made of: files, each one object however many enclaves share it.
-
-    The last: whether there is a `crl.pem` that was not read.
-    """
-    unread = enclave.files.files[Role.CRL].status.unknown
-    return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl, unread
 
 
 class Realms:
