@@ -30,7 +30,6 @@ from keystore_audit.rules import (  # noqa: F401 - each registers its rules
     restrictions,
     revocation,
     ros,
-    rule_order,
     signature,
     stray,
 )

@@ -30,7 +30,7 @@ from tests.rules.evidence import (
 )
 
 P7S = "enclaves/talker/permissions.p7s"
-OWN = rules_of("divergence", "rule_order", "portability")
+OWN = rules_of("divergence", "portability")
 Domains = tuple[tuple[int | None, int | None], ...]
 Listed = Sequence[tuple[Sequence[str], Sequence[str] | None]]
 """Criteria: topics, and partitions if any are listed."""
