@@ -12,7 +12,6 @@ from typing import Final
 from msgspec import Struct
 
 from keystore_audit.keystore.certificate import CertificateFile
-from keystore_audit.keystore.digest import records
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.key_quality import Material, material_of
@@ -20,7 +19,8 @@ from keystore_audit.keystore.keystore import Keystore, Reader, with_subject_as_p
 from keystore_audit.keystore.layout import Role, discover
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import read_signed
-from keystore_audit.keystore.stray_identity import loose_keys
+from keystore_audit.keystore.stray import loose_keys
+from keystore_audit.keystore.walk import records
 
 MAX_NAMED: Final = 10_000
 """Subjects that the grants of one keystore name: of more of them nobody says whose they are."""

@@ -14,7 +14,6 @@ from msgspec.structs import replace
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect
-from keystore_audit.keystore.digest import contents, digest, records, uncovered
 from keystore_audit.keystore.files import UNREAD_BUT_THERE, File, Status
 from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles, Foreign, find_foreign
 from keystore_audit.keystore.governance import GovernanceFile, read_governance
@@ -24,8 +23,15 @@ from keystore_audit.keystore.permissions import Grant, PermissionsFile, read_per
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
-from keystore_audit.keystore.stray import Stray, read_strays
-from keystore_audit.keystore.stray_identity import Carried, StrayIdentities, own_places, read_stray_identities
+from keystore_audit.keystore.stray import (
+    Carried,
+    Stray,
+    StrayIdentities,
+    own_places,
+    read_stray_identities,
+    read_strays,
+)
+from keystore_audit.keystore.walk import contents, digest, records, uncovered
 
 MAX_FURTHER_KEYS: Final = 64
 """Files with private keys in odd places that are parsed: of the rest it is not said whose key they hold."""

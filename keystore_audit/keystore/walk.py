@@ -1,13 +1,17 @@
-"""Every directory of a keystore, in order of path, over such links to directories as are to be entered."""
+"""Every directory of a keystore, in order of path, over such links to directories as are to be entered,
+and the digest of all that lies there.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import hashlib
+from collections.abc import Callable, Iterable, Iterator
 from typing import Final
 
 from keystore_audit.keystore.descent import Place
 from keystore_audit.keystore.files import EntryKind, Listing, Status
 from keystore_audit.keystore.root import Root
+from keystore_audit.text import percent_path
 
 VOLUME: Final = b"..data"
 """The link by which Kubernetes swaps the files of a mounted secret at once, to a folder beside it whose name begins
@@ -57,3 +61,61 @@ def is_volume(root: Root, path: bytes, end: Place) -> bool:
     if name != VOLUME or end[:-1] != root.real(above) or not end[-1].startswith(b".."):
         return False
     return any((entry.target or b"").startswith(VOLUME + b"/") for entry in root.entries(above).entries)
+
+
+# --- what identifies a content
+
+Record = tuple[bytes, bytes, bytes]
+"""Path, type and value of an entry."""
+
+_HASH_LENGTH: Final = hashlib.sha256().digest_size * 2
+_FILE: Final = EntryKind.FILE.value.encode()
+_DIRECTORY: Final = EntryKind.DIRECTORY.value.encode()
+
+
+def digest(records: Iterable[Record]) -> str:
+    """Hash the tree: for each entry, in order of path, path, type and value, each ended by NUL.
+
+    The value is the SHA-256 of a file's content in hexadecimal (its status where it was not hashed), a link's
+    target, and nothing for a directory (its status where it was not listed). No modes and times: a copy has
+    the same digest.
+    """
+    hashed = hashlib.sha256()
+    for record in records:
+        for part in record:
+            hashed.update(part + b"\0")
+    return hashed.hexdigest()
+
+
+def contents(records: Iterable[Record]) -> Iterator[tuple[str, str]]:
+    """Files with the hash of what is in them."""
+    for path, kind, value in records:
+        if kind == _FILE and _is_hash(value):
+            yield percent_path(path), value.decode()
+
+
+def uncovered(records: Iterable[Record]) -> Iterator[str]:
+    """Files that were not hashed and directories that were not listed: their values are statuses."""
+    for path, kind, value in records:
+        if (kind == _FILE and not _is_hash(value)) or (kind == _DIRECTORY and value):
+            yield percent_path(path) or "."
+
+
+def _is_hash(value: bytes) -> bool:
+    """Whether it is a SHA-256 in hexadecimal; every status is shorter."""
+    return len(value) == _HASH_LENGTH
+
+
+def records(root: Root) -> Iterator[Record]:
+    """Every entry below the root, and what links lead to in other roots; with it, every file has been read."""
+    for place, listing in walk(root, in_other_root):
+        status = listing.directory.status
+        yield place, _DIRECTORY, b"" if status is Status.DIRECTORY else status.value.encode()
+        for entry in listing.entries:
+            path = below(place, entry.name)
+            if entry.kind is EntryKind.LINK:
+                yield path, entry.kind.value.encode(), entry.target or b""
+                if root.sealed(path).place.startswith("/"):
+                    yield path, _FILE, root.fingerprint(path).encode()
+            elif entry.kind is not EntryKind.DIRECTORY:
+                yield path, entry.kind.value.encode(), root.fingerprint(path).encode()

@@ -13,7 +13,7 @@ from keystore_audit.keystore.defect import first_opaque
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.stray_identity import StrayIdentity
+from keystore_audit.keystore.stray import StrayIdentity
 from keystore_audit.model.inventory import certified_again, identities_at_large
 from keystore_audit.model.participants.stray_identity import admitted
 from keystore_audit.model.trust.chain import chain_refusal

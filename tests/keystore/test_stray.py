@@ -21,13 +21,12 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.foreign import DeclaredFiles
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore, read_keystore
-from keystore_audit.keystore.message import may_be_message
 from keystore_audit.keystore.mime import MimeError, read_message
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.stray import MAX_STRAYS, read_strays
-from keystore_audit.keystore.traces import look
+from keystore_audit.keystore.traces import look, may_be_message
 from tests.conftest import libcrypto
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, flat, present, signed_document, sros2
 from tests.keystore.test_traces import PLACEHOLDERS

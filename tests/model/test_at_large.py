@@ -19,7 +19,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.flow import FlowQuestion, find_flow
-from keystore_audit.keystore import stray_identity
+from keystore_audit.keystore import stray
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.globs import Globs
@@ -350,7 +350,7 @@ def test_one_whose_subject_cannot_be_told_may_be_anybody(tmp_path: Path) -> None
 
 
 def test_what_was_not_read_may_be_anybody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stray_identity, "MAX_BYTES", 10)
+    monkeypatch.setattr(stray, "MAX_BYTES", 10)
     root = written(tmp_path, {"backup/cert.pem": identity("/admin", "admin", authority("other")).pem})
     found = {system.reading: [(each.label, each.opaque) for each in added(system)] for system in understood(root)}
     assert found == {Reading.MAY: [("whoever is in backup/cert.pem", True)], Reading.MUST: []}

@@ -224,7 +224,7 @@ def test_what_was_not_read_is_assumed_to_hold_none(files: Files, tmp_path: Path)
     assert len(read_keystore(root).unread_foreign) == 1
 
 
-@pytest.mark.parametrize("limit", ["stray_identity.MAX_ARMOURED", "private_key.MAX_HELD_KEYS"])
+@pytest.mark.parametrize("limit", ["stray.MAX_ARMOURED", "private_key.MAX_HELD_KEYS"])
 def test_what_is_too_much_to_look_at_may_be_one(limit: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = identity("/other", "other")
     keys = {"backup/keys.pem": other.key_pem + identity("/third", "third").key_pem}

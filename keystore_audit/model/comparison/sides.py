@@ -17,8 +17,7 @@ from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
 from keystore_audit.keystore.permissions import Operation, PermissionsFile, read_permissions
 from keystore_audit.keystore.smime import Candidates
-from keystore_audit.keystore.stray import Stray
-from keystore_audit.keystore.stray_identity import StrayIdentity
+from keystore_audit.keystore.stray import Stray, StrayIdentity
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.claims.globs import region_of

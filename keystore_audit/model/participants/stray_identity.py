@@ -16,7 +16,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
-from keystore_audit.keystore.stray_identity import StrayIdentity
+from keystore_audit.keystore.stray import StrayIdentity
 from keystore_audit.model.inventory import (
     authorities_of,
     documents_of,
