@@ -49,7 +49,7 @@ _SPELLINGS: Final = (
         facts.REFERENCE_TO_BLANK,
     ),
     (
-        re.compile(rb"""=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])"""),
+        re.compile(rb"""\s[\w:.-]+\s*=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])"""),
         "a tab or line end in an attribute, which some parsers turn into a blank",
     ),
 )
