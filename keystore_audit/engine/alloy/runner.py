@@ -237,17 +237,15 @@ class Question(Struct, frozen=True, kw_only=True):
 
 
 def questions(system: System, properties: Sequence[Property], assertions: str) -> Iterator[Question]:
-    """Every question about a system. `assertions`: text of `properties.als`; EngineFailed if one is not there."""
+    """Every question about a system. `assertions`: text of `properties.als`; without one, a condition is empty."""
     bodies = {match[1]: match[2].strip() for match in _ASSERTION.finditer(assertions)}
     consistent = Command(kind="run", name=CONSISTENCY)
     yield Question(id="", command=consistent, text=f"run {CONSISTENCY} for 0", condition=CONSISTENCY)
     for prop in properties:
         name = prop.assertion
-        if name not in bodies:
-            raise EngineFailed(f"This installation is damaged: properties.als has no assertion {name}.")
         asked = Command(kind="check", name=name)
         text, roles = f"check {name} for 0", prop.roles
-        yield Question(id=prop.id, command=asked, text=text, condition=bodies[name], roles=roles)
+        yield Question(id=prop.id, command=asked, text=text, condition=bodies.get(name, ""), roles=roles)
     for number, claim in enumerate(system.claims):
         command = claims.command_of(claim, number)
         yield Question(
@@ -261,8 +259,13 @@ def questions(system: System, properties: Sequence[Property], assertions: str) -
 
 
 def expected_true(system: System, asked: Sequence[Question], expected: Mapping[str, Status]) -> list[Question]:
-    """Those whose conditions are true if all is as `expected`, by id; of a flow that is expected, that it is one."""
+    """Those whose conditions are true if all is as `expected`, by id; of a flow that is expected, that it is one.
+
+    Raises EngineFailed if a condition is not known.
+    """
     together = [each for each in asked if not each.id or expected.get(each.id) is each.when_true]
+    for name in (each.command.name for each in together if not each.condition):
+        raise EngineFailed(f"This installation is damaged: properties.als has no assertion {name}.")
     by_id = {each.id: each for each in asked}
     flowing = [
         number

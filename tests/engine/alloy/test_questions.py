@@ -89,7 +89,7 @@ def test_an_expectation_is_no_answer(says: Status, analyzer: Engine) -> None:
 
 def test_an_assertion_that_is_not_there_is_a_fault() -> None:
     with pytest.raises(EngineFailed, match="no assertion"):
-        list(questions(healthy(), PROPERTIES, "module properties\n"))
+        expected_true(healthy(), [*questions(healthy(), PROPERTIES, "module properties\n")], expected(healthy()))
 
 
 @pytest.mark.usefixtures("resident_analyzer")
