@@ -16,7 +16,7 @@ from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from msgspec import Struct
 
@@ -50,52 +50,6 @@ class Lost(Struct, frozen=True, kw_only=True):
     """A task that has no result, and never will: whoever was at it has ended. `reason`: a sentence."""
 
     reason: str
-
-
-class Pool(Protocol):
-    """Who carries out tasks beside this process."""
-
-    def room(self) -> int:
-        """How many tasks there may be at a time."""
-
-    def submit(self, work: Callable[[Any], Any], task: object) -> Future[Any]:
-        """Hand over a task. `work` is a module's function: whoever does it looks it up by its name."""
-
-    def result(self, future: Future[Any]) -> Any:
-        """What came of a task that has ended, a Lost if nothing did."""
-
-    def close(self) -> None:
-        """End what is under way, and leave nothing running."""
-
-
-def carried_out(
-    pool: Pool | None, work: Callable[[T], R], tasks: Iterable[T]
-) -> Generator[tuple[int, R | Lost], None, None]:
-    """Yield the number of each task and its result as they come, in any order; `pool` None: here, one after the other.
-
-    `tasks` are taken as they are needed, so that few are there at a time. Closing the generator closes the pool.
-    """
-    if pool is None:
-        for number, task in enumerate(tasks):
-            yield number, work(task)
-        return
-    waiting = iter(enumerate(tasks))
-    under_way: dict[Future[Any], int] = {}
-
-    def hand_over() -> None:
-        for number, task in islice(waiting, max(0, pool.room() - len(under_way))):
-            under_way[pool.submit(work, task)] = number
-
-    try:
-        hand_over()
-        while under_way:
-            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
-                number, result = under_way.pop(future), pool.result(future)
-                hand_over()
-                yield number, result
-    finally:
-        if under_way:
-            pool.close()
 
 
 def _error(future: Future[Any]) -> BaseException | None:
@@ -244,6 +198,40 @@ class Cluster:
         """Leave the cluster as it was."""
         self._executor.shutdown(wait=False)
         self._client.close()
+
+
+Pool = Processes | Cluster
+"""Who carries out tasks beside this process, each a function of a module that is looked up there by its name."""
+
+
+def carried_out(
+    pool: Pool | None, work: Callable[[T], R], tasks: Iterable[T]
+) -> Generator[tuple[int, R | Lost], None, None]:
+    """Yield the number of each task and its result as they come, in any order; `pool` None: here, one after the other.
+
+    `tasks` are taken as they are needed, so that few are there at a time. Closing the generator closes the pool.
+    """
+    if pool is None:
+        for number, task in enumerate(tasks):
+            yield number, work(task)
+        return
+    waiting = iter(enumerate(tasks))
+    under_way: dict[Future[Any], int] = {}
+
+    def hand_over() -> None:
+        for number, task in islice(waiting, max(0, pool.room() - len(under_way))):
+            under_way[pool.submit(work, task)] = number
+
+    try:
+        hand_over()
+        while under_way:
+            for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                number, result = under_way.pop(future), pool.result(future)
+                hand_over()
+                yield number, result
+    finally:
+        if under_way:
+            pool.close()
 
 
 def _client(address: str) -> Client:

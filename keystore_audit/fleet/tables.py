@@ -119,17 +119,7 @@ def rows_of_identities(keystore: str, at: datetime, identities: Sequence[Identit
     """The rows of a keystore's identities."""
     return {
         "identities": [
-            (
-                at,
-                keystore,
-                identity.enclave,
-                identity.path,
-                identity.subject,
-                identity.issuer,
-                identity.key,
-                identity.not_before,
-                identity.not_after,
-            )
+            (at, keystore, *(getattr(identity, column) for column in [*COLUMNS["identities"]][2:]))
             for identity in identities
         ]
     }
