@@ -77,7 +77,7 @@ WRONG = [
 
 
 @pytest.mark.parametrize(("text", "where", "what"), WRONG)
-def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
+def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, where: str, what: str) -> None:
     said = wrong(tmp_path, text)
     assert said.startswith(where)
     assert what in said

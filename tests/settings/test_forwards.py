@@ -98,7 +98,7 @@ deterministic = {{ low = "/move_turtle", high = "topic:/low_priority" }}
         ("forward = 1\n", ":1", "Expected `array`, got `int`"),
     ],
 )
-def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
+def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, where: str, what: str) -> None:
     said = wrong(tmp_path, text)
     assert said.startswith(f"{where}: ")
     assert what in said

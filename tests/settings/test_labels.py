@@ -138,7 +138,7 @@ def test_categories_and_orders(tmp_path: Path) -> None:
         ('single_writer = "cmd"\n', ":1", 'expected a topic as "/cmd_vel"'),
     ],
 )
-def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
+def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, where: str, what: str) -> None:
     said = wrong(tmp_path, text)
     assert said.startswith(f"{where}: ")
     assert what in said

@@ -112,7 +112,7 @@ to = "/b"
         (f'{HEAD}able = {{ from = "/a", to = "/b" }}\n' * 2, ":5", "there is a property 'a' already"),
     ],
 )
-def test_what_is_wrong_is_said_with_line_and_column(tmp_path: Path, text: str, where: str, what: str) -> None:
+def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, where: str, what: str) -> None:
     said = wrong(tmp_path, text)
     assert said.startswith(f"{where}: ")
     assert what in said
