@@ -29,7 +29,7 @@ from keystore_audit.model.inventory import documents_of, system_documents
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.tables.named import Named, names_of
-from keystore_audit.profiles import Profile, in_order
+from keystore_audit.profiles import Profile
 
 MAX_RANKED: Final = 2_000
 """Enclaves beyond which none is ranked: five seconds and more."""
@@ -323,7 +323,7 @@ def rankings(known: Ground) -> tuple[Ranking, ...]:
         if system.reading is Reading.MAY:
             ranked = sorted(_ranked(known, system), key=lambda one: ([-number for number in one.size], one.path))
             found.setdefault(tuple(ranked), []).extend(system.profiles)
-    every = (Ranking(profiles=in_order(profiles), enclaves=ranked) for ranked, profiles in found.items())
+    every = (Ranking(profiles=tuple(profiles), enclaves=ranked) for ranked, profiles in found.items())
     return tuple(sorted(every, key=lambda ranking: -len(ranking.profiles)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from keystore_audit.errors import UsageError
@@ -53,11 +53,6 @@ def resolve(names: Iterable[str]) -> tuple[Profile, ...]:
             raise UsageError(f"Unknown profile {name!r}.{meant(name, known)} Known: {', '.join(known)}.")
     chosen = wanted or set(DEFAULT)
     return tuple(profile for name, profile in VARIANTS.items() if name in chosen)
-
-
-def in_order(names: Collection[str]) -> tuple[str, ...]:
-    """The variants of these names in canonical order."""
-    return tuple(name for name in VARIANTS if name in names)
 
 
 def in_scope(distributions: Sequence[str], middleware: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:

@@ -62,6 +62,9 @@ _CURED: Final = tuple((name, Cause(quirk.cause)) for name, quirk in QUIRKS.items
 """Peculiarities in the order in which they are cured: what makes a document count at all comes before what single
 rules mean."""
 
+_HARMLESS: Final = frozenset({"binds_domains", "starts_ungoverned", "joins"})
+"""What implementations ask of their own participants, and every plain pair grants; `joins` but for Table 63."""
+
 PARTITION_CAUSES: Final = frozenset(
     {Cause.DENY_IN_PARTITION, Cause.DENY_WITHOUT_PARTITION, Cause.CROSSED_PARTITIONS, Cause.FINAL_RULE}
 )
@@ -155,7 +158,7 @@ class PlainPairs:
         self._accesses = accesses
         self._domain = domain
         self._access = profiles[0].access
-        self._to_the_letter = any(profile.local.joins is JoinCheck.TABLE_63 for profile in profiles)
+        self._may_differ = any(_is_picky(profile) for profile in profiles)
         self._known: dict[tuple[GovernanceFile | None, PermissionsFile | None], bool] = {}
 
     def has(self, enclave: Enclave) -> bool:
@@ -163,7 +166,7 @@ class PlainPairs:
         pair = enclave.governance, enclave.permissions
         known = self._known.get(pair)
         if known is None:
-            known = self._known[pair] = not self._to_the_letter and self._is_plain(*pair)
+            known = self._known[pair] = not self._may_differ and self._is_plain(*pair)
         return known
 
     def _is_plain(self, governance: GovernanceFile | None, permissions: PermissionsFile | None) -> bool:
@@ -179,6 +182,14 @@ class PlainPairs:
             and all(_holds(rule.domains, interval) for rule in grant.rules for interval in governed)
             for grant in grants
         )
+
+
+def _is_picky(profile: Profile) -> bool:
+    """Whether its own participants may do less by a plain pair: so of what is not known to let them do all."""
+    others = (name for name, _cause in _CURED if GROUP[name] == "local" and name not in _HARMLESS)
+    return profile.local.joins is JoinCheck.TABLE_63 or any(
+        value_of(profile, name) != value_of(SPEC, name) for name in others
+    )
 
 
 def _holds(cover: Iterable[Interval], interval: Interval) -> bool:
