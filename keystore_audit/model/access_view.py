@@ -66,7 +66,10 @@ class ReadDocument(Struct, frozen=True, kw_only=True):
 _UNPARSED: Final = ReadDocument()
 
 _LATER: Final = tuple(name for name, quirk in QUIRKS.items() if quirk.matters in OCCASIONS)
-"""Peculiarities that count when rights are decided; the others are done with when a document is read."""
+"""Peculiarities that count when rights are decided."""
+
+_DONE_WITH: Final = frozenset(QUIRKS) - {*_LATER}
+"""Those that are done with when a document is read. Whatever else a row has counts later."""
 
 ZONE_DECIDES: Final = "is read in the robot's zone (--time-zone), which decides whether the grant counts now"
 """How a doubt ends that the robots' zone would settle."""
@@ -201,7 +204,8 @@ class AccessViews:
 
     def _answers(self, access: Access) -> object:
         """What the documents say, and what counts later, when rights are decided by that."""
-        return tuple([id(self.read(file, access)) for file in self._held.files]), *(getattr(access, n) for n in _LATER)
+        later = [getattr(access, name) for name in access.__struct_fields__ if name not in _DONE_WITH]
+        return tuple([id(self.read(file, access)) for file in self._held.files]), *later
 
     def _reduced(self, access: Access) -> Access:
         """The row with what no document gives an occasion for as the specification has it."""
