@@ -50,14 +50,20 @@ Part = str | Reference | Unknown
 Text = tuple[Part, ...]
 """A text in pieces, which join without anything between them."""
 
-RUN: Final = {
-    **dict.fromkeys(("find-pkg-share", "find-pkg-prefix"), "where a package is installed"),
-    **dict.fromkeys(("find-exec", "exec-in-pkg"), "where a program is installed"),
-    "command": "the output of a command, which is not run",
-    "eval": "the result of an expression, which is not evaluated",
+INSTALLED: Final = {
+    **dict.fromkeys(("find-pkg-share", "FindPackageShare"), "where a package is installed"),
+    **dict.fromkeys(("find-pkg-prefix", "FindPackagePrefix"), "where a package is installed"),
+    **dict.fromkeys(("get_package_share_directory", "get_package_prefix"), "where a package is installed"),
+    **dict.fromkeys(("find-exec", "exec-in-pkg", "FindExecutable"), "where a program is installed"),
     "anon": "a name with a part that is new each time",
 }
-"""Substitutions that only a running launch works out."""
+"""Substitutions, as XML and as Python call them, that hang on where launch runs."""
+
+COMMANDS: Final = {
+    **dict.fromkeys(("command", "Command"), "the output of a command, which is not run"),
+    **dict.fromkeys(("eval", "PythonExpression"), "the result of an expression, which is not evaluated"),
+}
+"""Substitutions that hold code, which is not read."""
 
 REQUIRED: Final[Mapping[str, tuple[str, ...]]] = {
     "arg": ("name",),
@@ -350,10 +356,12 @@ class _Reader:
                     return Reference(name=name, environment=True)
                 case ["dirname"]:
                     return self._source.directory
+        name = inner.split(maxsplit=1)[0]
+        if name in INSTALLED:
+            return Unknown(reason=INSTALLED[name])
         if word := speaks_of(inner):
             self._speaking.append(Element(kind="speaks", line=line, attributes={"word": (word,)}))
-        name = inner.split(maxsplit=1)[0]
-        return Unknown(reason=RUN.get(name, f"a substitution of the sort {shown(name)}"))
+        return Unknown(reason=COMMANDS.get(name, f"a substitution of the sort {shown(name)}"))
 
 
 def _end(text: str, at: int) -> int:

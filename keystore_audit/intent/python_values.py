@@ -10,7 +10,17 @@ from typing import Final
 
 from msgspec import Struct
 
-from keystore_audit.intent.launch_elements import REQUIRED, RUN, Element, Part, Reference, Text, Unknown, bounded
+from keystore_audit.intent.launch_elements import (
+    COMMANDS,
+    INSTALLED,
+    REQUIRED,
+    Element,
+    Part,
+    Reference,
+    Text,
+    Unknown,
+    bounded,
+)
 from keystore_audit.intent.source import Source
 
 MAX_DEPTH: Final = 64
@@ -74,17 +84,6 @@ _PAIRS: Final[Mapping[str, tuple[str, str, str]]] = {
     "additional_env": ("env", "name", "value"),
 }
 """Arguments that hold pairs, and what each of those is."""
-
-_RUN_ONLY: Final[Mapping[str, str]] = {
-    "FindPackageShare": "find-pkg-share",
-    "FindPackagePrefix": "find-pkg-prefix",
-    "FindExecutable": "find-exec",
-    "Command": "command",
-    "PythonExpression": "eval",
-    "get_package_share_directory": "find-pkg-share",
-    "get_package_prefix": "find-pkg-prefix",
-}
-"""What only a running launch works out, as XML calls it."""
 
 _TRANSPARENT: Final = frozenset(
     {"TextSubstitution", *(f"{form}LaunchDescriptionSource" for form in ("Python", "XML", "YAML", "Any", "Frontend"))}
@@ -207,8 +206,10 @@ class Expressions:
         name = function.path.rpartition(".")[2]
         given = [self._value(each, depth + 1) for each in node.args]
         named = {str(each.arg): self._value(each.value, depth + 1) for each in node.keywords}
-        if name in _RUN_ONLY:
-            return (Unknown(reason=RUN[_RUN_ONLY[name]]),)
+        if name in INSTALLED:
+            return (Unknown(reason=INSTALLED[name]),)
+        if name in COMMANDS:
+            return self._opaque(node, COMMANDS[name])
         if function.path.partition(".")[0] in _OWN_PACKAGES:
             return self._made(node, name, given, named)
         texts = [self._text(each) for each in given]
