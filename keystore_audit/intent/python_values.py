@@ -127,9 +127,10 @@ class Expressions:
 
     def _forget(self, node: ast.AST) -> None:
         """Code that is not read may change the lists that it names; those of elements still have what they had."""
-        for name in names_in(node):
-            held = self._names.get(name)
-            if isinstance(held, (list, dict)):
+        named = [self._names.get(name) for name in names_in(node)]
+        changed = {id(held) for held in named if isinstance(held, (list, dict))}
+        for name, held in [*self._names.items()] if changed else ():  # one may have several names
+            if id(held) in changed:
                 self._names[name] = self._changed(held, node)
 
     def _changed(self, held: Value, node: ast.AST) -> Value:

@@ -295,6 +295,15 @@ def test_a_name_that_may_have_changed_is_not_known(change: str, tmp_path: Path) 
     assert intent.unresolved != ()
 
 
+@pytest.mark.parametrize("change", ["k['a'] = other()", "j['a'] = other()", "x = other(j)", "j.update(other())"])
+def test_what_has_two_names_is_not_known_by_the_other(change: str, tmp_path: Path) -> None:
+    node = "Node(executable='e', additional_env=k)"
+    body = f"k = {{'ROS_DOMAIN_ID': '3'}}\nj = k\n{change}\nreturn LaunchDescription([{node}])"
+    intent = launch(tmp_path, function(body), "py")
+    assert {variable.value for variable in intent.variables} == {None}
+    assert intent.speaking != ()
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
