@@ -78,7 +78,7 @@ def test_include_directory(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("nodes:\n  talker:\n", "Ardent"),
+        ("nodes:\n  talker:\n", "no well-formed XML"),
         ("<dds/>", ":1: this is no SROS2 policy"),
         ('<policy version="0.2.0">\n<enclaves/></policy>', ":2: this is no SROS2 policy"),
         ("\x1b[31m<", ":1: "),
