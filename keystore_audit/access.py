@@ -13,7 +13,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.model.channels import Point, governed_domains
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import Interval
-from keystore_audit.model.formal.effective import EffectiveRights
+from keystore_audit.model.formal.rights import EffectiveRights
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Answer, Question, Ruling, Usability, joint
 from keystore_audit.model.systems import SystemBuilder

@@ -96,7 +96,7 @@ def audit(
     a damaged installation.
     """
     given = _checked(locals())
-    from keystore_audit.model.local_time import time_zone as zone_named
+    from keystore_audit.model.validity import time_zone as zone_named
     from keystore_audit.rules.registry import rule_code
     from keystore_audit.settings.settings import read_settings
 

@@ -11,8 +11,8 @@ from keystore_audit.engine.alloy.export import write_model
 from keystore_audit.engine.alloy.user_file import UserFile, identifier
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.intent.intent import Intent
-from keystore_audit.model.claims.places import NamedPlace
-from keystore_audit.model.intended.wiring import wiring
+from keystore_audit.model.claims.named import NamedPlace
+from keystore_audit.model.intended.observed_rights import wiring
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.participants.usability import Usabilities
 

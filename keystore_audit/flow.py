@@ -15,7 +15,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.model.claims.claims import with_claims
 from keystore_audit.model.claims.stated import Claim
-from keystore_audit.model.formal.claim import ATTACKERS, Attacker, ClaimKind
+from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.properties.property import Status

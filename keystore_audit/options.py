@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from keystore_audit.engine.alloy.user_file import UserFile
     from keystore_audit.keystore.foreign import DeclaredFiles
-    from keystore_audit.model.trust.authorities import Authorities
+    from keystore_audit.model.trust.chain import Authorities
     from keystore_audit.settings.settings import Baseline, Settings
 
 ENGINES: Final = ("auto", "both", "alloy", "native")
@@ -66,7 +66,7 @@ def options_of(given: Mapping[str, Any], keystores: Sequence[str], settings: Set
     Beside those, `identity_cas` and `permissions_cas` as users write authorities; `baseline` and `alloy_properties` are
     paths there. Raises errors.UsageError for files that are none.
     """
-    from keystore_audit.model.trust.authorities import Authorities
+    from keystore_audit.model.trust.chain import Authorities
     from keystore_audit.settings.authorities import expected
     from keystore_audit.settings.settings import read_baseline
 

@@ -44,7 +44,7 @@ from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import certificates_of, system_documents
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.trust import authorities as trust
+from keystore_audit.model.trust import chain as trust
 from keystore_audit.options import Options, Progress
 from keystore_audit.profiles import Profile, resolve, scope_of
 from keystore_audit.properties.property import Status
@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from keystore_audit.model.claims.stated import Claim
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
-    from keystore_audit.model.intended.wiring import WiredNode
+    from keystore_audit.model.intended.observed_rights import WiredNode
 
 
 def audit(
@@ -198,7 +198,7 @@ def _nodes(
     """The nodes and their wiring: for users' files alone, since nothing else asks."""
     if not options.alloy_properties or not (intents or policy):
         return ()
-    from keystore_audit.model.intended.wiring import wiring
+    from keystore_audit.model.intended.observed_rights import wiring
 
     return wiring((*intents, *((policy.intent,) if policy else ())), keystore.layout.kind)
 

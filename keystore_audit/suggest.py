@@ -17,8 +17,13 @@ from keystore_audit.keystore.document import DomainRange, Text
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
 from keystore_audit.model.domains import covered
-from keystore_audit.model.intended.least_policy import EnclavePolicy, LeastPolicy, PolicyRight, least_policy
-from keystore_audit.model.intended.observed_needs import DISCOVERY
+from keystore_audit.model.intended.observed_needs import (
+    DISCOVERY,
+    EnclavePolicy,
+    LeastPolicy,
+    PolicyRight,
+    least_policy,
+)
 from keystore_audit.model.intended.observed_rights import Deciders, listed_usages
 from keystore_audit.model.names import dds_expressions
 from keystore_audit.text import terminal

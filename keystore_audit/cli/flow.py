@@ -74,7 +74,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         raise click.UsageError("Expected FROM and TO, or --from-compromised.")
     from keystore_audit.engine.engines import Engines
     from keystore_audit.flow import FlowQuestion, find_flow
-    from keystore_audit.model.formal.claim import Attacker
+    from keystore_audit.model.formal.asked import Attacker
 
     question = FlowQuestion(
         source=source,

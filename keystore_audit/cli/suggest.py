@@ -15,7 +15,7 @@ from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE, UsageError
 
 if TYPE_CHECKING:
-    from keystore_audit.model.intended.least_policy import EnclavePolicy
+    from keystore_audit.model.intended.observed_needs import EnclavePolicy
     from keystore_audit.suggest import Suggester, Suggestion
 
 POLICY: Final = "policy"

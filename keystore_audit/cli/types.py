@@ -169,7 +169,7 @@ def codes() -> Iterable[str]:
 
 def zone_name(value: str) -> ZoneInfo:
     """Return the zone of the IANA database that is called so."""
-    from keystore_audit.model.local_time import time_zone
+    from keystore_audit.model.validity import time_zone
 
     return read(time_zone, value)
 

@@ -13,9 +13,9 @@ from keystore_audit.engine.case import plainest
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, forgers
 from keystore_audit.engine.shorter_subjects import shorter_subjects
-from keystore_audit.model.claims.forwards import Determinism
+from keystore_audit.model.claims.named import Determinism
 from keystore_audit.model.claims.stated import Claim, LabelPair
-from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.asked import ClaimKind
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from keystore_audit.properties.counterexample import Counterexample

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from keystore_audit.engine.kept import KeptFlows
 from keystore_audit.engine.native_claims import Claims, claims_at
-from keystore_audit.model.formal.claim import ATTACKERS, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.asked import ATTACKERS, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties.property import Answer, Role, Status, Witness

@@ -11,11 +11,11 @@ from keystore_audit.engine.case import Case, step_at
 from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.engine.ways import Way, as_anybody, way
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.claims.elsewhere import UNREAD, same_elsewhere
+from keystore_audit.model.claims.named import UNREAD_IDENTITY, same_elsewhere
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.formal.asked import Place as ClaimPlace
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import bits, union
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind
-from keystore_audit.model.formal.claim import Place as ClaimPlace
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import DocumentAtom, System
@@ -369,7 +369,7 @@ def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
         for certificate, able in view.elsewhere.items():
             if able.forges & asked and certificate not in claim.source.certificates:
                 named = permissions.admitting(certificate, view.accepted)  # else by what could not be read alone
-                who = shorten(system.certificates[certificate].label, MAX_SUBJECT) if named else UNREAD
+                who = shorten(system.certificates[certificate].label, MAX_SUBJECT) if named else UNREAD_IDENTITY
                 names[_left_out(system, certificate) or f"whoever is {who}"] = None
     if any(view.injectable & asked for view in views):
         names[ANYBODY] = None

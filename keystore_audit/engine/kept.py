@@ -12,8 +12,8 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from keystore_audit.engine.counterexample_claims import UNDER, by_right, hop_ways, route, then_at
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.attacker import realm_views
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.flow import Flows, Leg, Search, search_of
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System

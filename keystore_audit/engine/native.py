@@ -12,10 +12,9 @@ from itertools import islice, permutations, product
 
 from keystore_audit.assumptions import DOCUMENTS
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal import outsiders
-from keystore_audit.model.formal.abilities import Abilities
+from keystore_audit.model.formal import rights as outsiders
 from keystore_audit.model.formal.attacker import RealmView, realm_views
-from keystore_audit.model.formal.bit_sets import members, union
+from keystore_audit.model.formal.bit_sets import Abilities, members, union
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, System

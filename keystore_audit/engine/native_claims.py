@@ -7,10 +7,9 @@ from functools import cached_property
 
 from msgspec.structs import replace
 
-from keystore_audit.model.formal.abilities import Abilities
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.attacker import RealmView, realm_views
-from keystore_audit.model.formal.bit_sets import bits, members, union
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.flow import Flows, Leg, search_of
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System

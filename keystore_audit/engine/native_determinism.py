@@ -17,7 +17,7 @@ from msgspec import Struct
 
 from keystore_audit.engine.case import Case, step_at
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom, Scheduler
+from keystore_audit.model.formal.asked import Behaviour, DeterminismAtom, Scheduler
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import ros_name
 from keystore_audit.properties.counterexample import Counterexample, Step

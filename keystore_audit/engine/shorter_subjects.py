@@ -12,9 +12,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal.asked import ClaimAtom
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import bits
-from keystore_audit.model.formal.claim import ClaimAtom
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.subjects.comparison import MAX_PIECES, TOKENWISE, matching

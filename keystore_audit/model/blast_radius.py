@@ -19,16 +19,16 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import ANY_TOPIC, MAX_CELLS, Channels
+from keystore_audit.model.formal.asked import Attacker, Place
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import bits, members, union
-from keystore_audit.model.formal.claim import Attacker, Place
 from keystore_audit.model.formal.flow import Flows, Lane, Search
 from keystore_audit.model.formal.influence import Influence
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.inventory import documents_of, system_documents
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.tables.named import Named, names_of
+from keystore_audit.model.tables.access_table import Named, names_of
 from keystore_audit.profiles import Profile
 
 MAX_RANKED: Final = 2_000

@@ -1,6 +1,6 @@
 """What an enclave's own implementation lets it do: topics and endpoints, with the line that decides.
 
-What its peers accept from it is another question (`model.formal.effective`): a compromised enclave skips its
+What its peers accept from it is another question (`model.formal.rights`): a compromised enclave skips its
 own checks.
 """
 

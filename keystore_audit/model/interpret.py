@@ -17,14 +17,12 @@ from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.channels import ReadRegion
 from keystore_audit.model.claims.claims import lasting, with_claims
 from keystore_audit.model.claims.forwarding import with_determinism
-from keystore_audit.model.claims.forwards import Declared
-from keystore_audit.model.claims.places import NamedPlace, place_regions, with_places
+from keystore_audit.model.claims.named import Declared, NamedPlace, place_regions, with_places
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.divergence.find import divergences
 from keystore_audit.model.formal.attacker import enclaves_views
 from keystore_audit.model.formal.bit_sets import members
-from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.protection import protection
+from keystore_audit.model.formal.permission import Permissions, protection
 from keystore_audit.model.formal.system import ChannelAtom, Reading, System
 from keystore_audit.model.meaning import Meaning, UngovernedTopics
 from keystore_audit.model.names import DISCOVERY_TOPIC
@@ -36,7 +34,7 @@ from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import SPEC, Profile
 
 if TYPE_CHECKING:  # an audit without a property in Alloy needs none of it
-    from keystore_audit.model.intended.wiring import WiredNode
+    from keystore_audit.model.intended.observed_rights import WiredNode
 
 
 def interpret(
@@ -72,7 +70,7 @@ def interpret(
         systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities)
         systems = with_places(systems, places, builder.channels, keystore)
         if nodes:
-            from keystore_audit.model.intended.wiring import with_nodes
+            from keystore_audit.model.intended.observed_rights import with_nodes
 
             systems = with_nodes(systems, nodes, builder.channels, keystore)
         systems = with_determinism(systems, declared, builder.channels, keystore, usability, domain)
@@ -95,7 +93,7 @@ def _wires(nodes: Sequence[WiredNode]) -> tuple[ReadRegion, ...]:
     """The topics that nodes use."""
     if not nodes:
         return ()
-    from keystore_audit.model.intended.wiring import wiring_regions
+    from keystore_audit.model.intended.observed_rights import wiring_regions
 
     return wiring_regions(nodes)
 

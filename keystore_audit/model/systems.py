@@ -59,7 +59,7 @@ from keystore_audit.model.participants.lone_endpoints import (
     made_alone,
 )
 from keystore_audit.model.participants.views import Kind, Realms, Views
-from keystore_audit.model.rule_atoms import Atoms, RuleAtoms
+from keystore_audit.model.rights import Atoms, RuleAtoms
 from keystore_audit.model.trust.revocation import list_unread
 from keystore_audit.model.trust.verdicts import is_authority
 from keystore_audit.profiles import Access, Profile

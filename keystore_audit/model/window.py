@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.formal.safeguard import Safeguard, safeguards
+from keystore_audit.model.formal.rights import Safeguard, safeguards
 from keystore_audit.model.formal.system import System
 
 

@@ -71,7 +71,7 @@ class Hop(Struct, frozen=True, kw_only=True):
 
 
 class Acts(Struct, frozen=True, kw_only=True):
-    """What one of two runs does in a round (`model.formal.behaviour`).
+    """What one of two runs does in a round (`model.formal.asked`).
 
     `sent`: by writer, which of two values it publishes, None for nothing. `taken`: the slots that forwards emptied.
     """
@@ -92,7 +92,7 @@ class Answer(Struct, frozen=True, kw_only=True):
 
     An engine may give one witness or several, the most telling first; UNKNOWN only of determinism: within one reading
     everything else is decided. Of determinism: `rounds` are two runs that differ in the last one, in the behaviour of
-    this index. Of a claim (`model.formal.claim`): `path` is a shortest flow that violates it, where its kind has
+    this index. Of a claim (`model.formal.asked`): `path` is a shortest flow that violates it, where its kind has
     flows, and `moment`, where the engine says so, the first at which it is violated: twice the index of an instant,
     plus one for the time between it and the next.
     """

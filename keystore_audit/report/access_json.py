@@ -8,7 +8,7 @@ from io import StringIO
 from typing import Any, Final
 
 from keystore_audit import __version__
-from keystore_audit.model.formal.safeguard import Safeguard
+from keystore_audit.model.formal.rights import Safeguard
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.question import Ruling
 from keystore_audit.model.tables.access_rows import label

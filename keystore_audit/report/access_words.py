@@ -10,7 +10,7 @@ from typing import Final
 
 from msgspec import Struct
 
-from keystore_audit.model.formal.safeguard import Safeguard
+from keystore_audit.model.formal.rights import Safeguard
 from keystore_audit.model.tables.access_rows import (
     Disagreement,
     Row,

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from keystore_audit.assumptions import Needed
 from keystore_audit.model.blast_radius import Ground
-from keystore_audit.model.formal.claim import Attacker
+from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius
 from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult

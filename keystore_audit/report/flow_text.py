@@ -8,9 +8,9 @@ from typing import Final
 from keystore_audit.assumptions import holds_if
 from keystore_audit.findings import Location
 from keystore_audit.model.blast_radius import BlastRadius, Ground, Topic
-from keystore_audit.model.formal.claim import Attacker
+from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.model.names import PARAMETER_SERVICES, RosKind, parse_dds_name, ros_name
-from keystore_audit.model.tables.named import Named
+from keystore_audit.model.tables.access_table import Named
 from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.property import Status

@@ -12,8 +12,7 @@ from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.tables.access_rows import label
 from keystore_audit.model.tables.access_table import AccessTable
 from keystore_audit.model.tables.neighbours import Neighbourhood, PeerGroup
-from keystore_audit.model.tables.overview import Overview
-from keystore_audit.model.tables.periods import Period
+from keystore_audit.model.tables.overview import Overview, Period
 from keystore_audit.report.access_words import namespace, protected
 from keystore_audit.text import counted, shorten, terminal
 

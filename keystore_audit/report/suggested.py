@@ -9,7 +9,7 @@ from typing import Final
 from keystore_audit.intent.intent import Action
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Rule
-from keystore_audit.model.intended.least_policy import LeastPolicy, NodePolicy, PolicyRight
+from keystore_audit.model.intended.observed_needs import LeastPolicy, NodePolicy, PolicyRight
 from keystore_audit.text import html
 
 _SCHEMA: Final = "http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_permissions.xsd"

@@ -10,7 +10,7 @@ from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.trust.authorities import Anchors, authority_files, trusted
+from keystore_audit.model.trust.chain import Anchors, authority_files, trusted
 from keystore_audit.model.trust.verdicts import is_authority
 from keystore_audit.remedy import decision
 from keystore_audit.rules.certificate import at, what

@@ -14,7 +14,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
-from keystore_audit.model.trust.authorities import trusted
+from keystore_audit.model.trust.chain import trusted
 from keystore_audit.profiles import VARIANTS, doing, facts
 from keystore_audit.remedy import Remedy, decision, outside
 from keystore_audit.rules.private_key import authority_anew

@@ -17,7 +17,7 @@ from keystore_audit.intent.environment import Environment
 from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.meaning import Meaning
-from keystore_audit.model.trust.authorities import Authorities
+from keystore_audit.model.trust.chain import Authorities
 from keystore_audit.profiles import Profile
 from keystore_audit.properties.result import EngineRun, PropertyResult
 from keystore_audit.remedy import Remedy

@@ -13,7 +13,7 @@ from keystore_audit.keystore.permissions import Criterion, Grant, Operation
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.matching.expression import has_wildcard, parse
-from keystore_audit.model.matching.partition_patterns import EVERY_PARTITION
+from keystore_audit.model.matching.patterns import EVERY_PARTITION
 from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
 from keystore_audit.model.semantics import DEFAULT_PARTITION
 from keystore_audit.profiles import TESTED_ON, VARIANTS, Matcher, OpenRange, PartitionReading, doing, facts

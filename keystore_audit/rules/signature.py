@@ -15,7 +15,7 @@ from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.smime import Signature
-from keystore_audit.model.trust.signer_path import path_refusal, signer_refusal
+from keystore_audit.model.trust.chain import path_refusal, signer_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, may_sign, vouches
 from keystore_audit.profiles import VARIANTS, Profile, facts, implementations
 from keystore_audit.remedy import Act, decision

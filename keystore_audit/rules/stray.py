@@ -12,7 +12,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.stray import Stray
-from keystore_audit.model.formal.surplus import StrayGrant, stray_grants
+from keystore_audit.model.formal.rights import StrayGrant, stray_grants
 from keystore_audit.model.inventory import (
     governance_apart,
     governance_at_large,

@@ -14,7 +14,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.given import check_beside
 from keystore_audit.keystore.certificate import Certificate, read_certificate, read_certificates
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.model.trust.authorities import Authorities
+from keystore_audit.model.trust.chain import Authorities
 from keystore_audit.settings.document import Table, several
 
 PREFIX: Final = "sha256:"

@@ -9,11 +9,10 @@ from msgspec import Meta, field
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
-from keystore_audit.model.claims.forwards import Declared, Determinism, Forward, leading_to
 from keystore_audit.model.claims.globs import Globs
+from keystore_audit.model.claims.named import Declared, Determinism, Forward, leading_to
 from keystore_audit.model.claims.stated import Claim
-from keystore_audit.model.formal.behaviour import Scheduler
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind, Scheduler
 from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.properties import BY_ID
 from keystore_audit.settings.document import (

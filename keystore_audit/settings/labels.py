@@ -21,7 +21,7 @@ from keystore_audit.model.claims.stated import (
     ordered,
     powerset,
 )
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.settings.document import (
     Enclaves,

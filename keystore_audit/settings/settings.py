@@ -12,9 +12,9 @@ from keystore_audit.assumptions import Assumption, Declaration
 from keystore_audit.errors import UsageError
 from keystore_audit.given import GivenFile
 from keystore_audit.keystore.foreign import DeclaredFiles
-from keystore_audit.model.claims.forwards import Declared, Determinism
+from keystore_audit.model.claims.named import Declared, Determinism
 from keystore_audit.model.claims.stated import Claim, Labelling
-from keystore_audit.model.trust.authorities import Authorities
+from keystore_audit.model.trust.chain import Authorities
 from keystore_audit.profiles import in_scope
 from keystore_audit.settings.acceptances import AcceptedTable, SuppressionTable, read_accepted, read_suppressions
 from keystore_audit.settings.authorities import AuthoritiesTable, declared_authorities

@@ -6,7 +6,7 @@ import random
 from collections.abc import Iterable, Iterator
 from itertools import product
 
-from keystore_audit.model.formal.behaviour import Behaviour, Differs, ForwardAtom, InputAtom, Scheduler, SlotAtom
+from keystore_audit.model.formal.asked import Behaviour, Differs, ForwardAtom, InputAtom, Scheduler, SlotAtom
 
 Run = tuple[int | None, ...]
 

@@ -12,9 +12,9 @@ from functools import cached_property
 from msgspec import Struct
 
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.bit_sets import members
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from tests.engine.strangers_by_hand import published_elsewhere, read_elsewhere

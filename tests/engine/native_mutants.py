@@ -9,7 +9,8 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
-from keystore_audit.model.formal import attacker, permission, protection
+from keystore_audit.model.formal import attacker, permission
+from keystore_audit.model.formal import permission as protection
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System

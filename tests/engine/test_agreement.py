@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.asked import ClaimKind
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from tests.engine.alloy.flow_builders import at, claim

@@ -13,9 +13,9 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.bit_sets import members
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import Answer, Status

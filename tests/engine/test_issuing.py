@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.property import Role

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from keystore_audit.engine.kept import KeptFlows, Stage
 from keystore_audit.findings import Location
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System
 from tests.engine.flows_by_hand import OUTSIDER, ByHand, Flow
 from tests.engine.systems import GOVERNANCE, INSTANTS, PERMISSIONS_CA, healthy_builder

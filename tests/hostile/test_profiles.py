@@ -22,7 +22,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import contains
-from keystore_audit.model.formal.effective import EffectiveRights
+from keystore_audit.model.formal.rights import EffectiveRights
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.participants.usability import Usabilities

@@ -17,7 +17,7 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.stated import Claim
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants import lone_participants

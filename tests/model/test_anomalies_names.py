@@ -16,10 +16,9 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
-from keystore_audit.model.anomalies.classes import Effort, name_classes
-from keystore_audit.model.anomalies.expressions import are_ros_names, foreign, void
+from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort, name_classes
 from keystore_audit.model.anomalies.find import anomalies
+from keystore_audit.model.anomalies.grants import are_ros_names, foreign, void
 from keystore_audit.model.matching.atoms import classify
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.names import is_ros_dds_name

@@ -12,8 +12,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.bit_sets import bits
-from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.protection import protection
+from keystore_audit.model.formal.permission import Permissions, protection
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.systems import SystemBuilder

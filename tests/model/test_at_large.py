@@ -23,10 +23,10 @@ from keystore_audit.keystore import stray
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.claims.places import NamedPlace
+from keystore_audit.model.claims.named import NamedPlace
 from keystore_audit.model.claims.stated import Claim
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.attacker import realm_views
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
 from keystore_audit.model.formal.system import EnclaveAtom, Reading, System
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of, identities_at_large

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.compromise import find_blast_radius
-from keystore_audit.model.formal.claim import Attacker
+from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
 from tests.keystore.builder import Signed, certificate

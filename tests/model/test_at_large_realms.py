@@ -17,10 +17,10 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.comparison.compare import compare
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
-from keystore_audit.model.formal.effective import EffectiveRights
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
+from keystore_audit.model.formal.rights import EffectiveRights
 from keystore_audit.model.participants import holders
-from keystore_audit.model.tables.issuance import issuance
+from keystore_audit.model.tables.overview import issuance
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.profiles import resolve

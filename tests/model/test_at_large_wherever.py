@@ -22,7 +22,7 @@ from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.system import Reading
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status

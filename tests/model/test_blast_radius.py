@@ -16,8 +16,8 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model import blast_radius, stolen_key
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Ground, Radii, ground, ranked_enclaves, rankings
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.bit_sets import members
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.stolen_key import authorities, holding, holding_both, radius, radius_of_enclave

@@ -13,7 +13,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.inventory import documents_of, identities_at_large
 from keystore_audit.model.participants import holders
 from keystore_audit.profiles import resolve

@@ -22,7 +22,7 @@ from keystore_audit.model.claims.stated import (
     ordered,
     powerset,
 )
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Status
 from tests.engine.systems import random_system

@@ -11,8 +11,8 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.bit_sets import bits
-from keystore_audit.model.formal.own_rights import OwnRights
 from keystore_audit.model.formal.permission import Permissions
+from keystore_audit.model.formal.rights import OwnRights
 from keystore_audit.profiles import Profile
 from tests.model.comparing import (
     Store,

@@ -14,8 +14,7 @@ from keystore_audit.intent.intent import Action, IntendedRight, Intent
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation, Rule
-from keystore_audit.model.intended.least_policy import EnclavePolicy, least_policy
-from keystore_audit.model.intended.observed_needs import needs, usual_channels
+from keystore_audit.model.intended.observed_needs import EnclavePolicy, least_policy, needs, usual_channels
 from keystore_audit.model.names import dds_channels, dds_expressions
 from tests.rules.evidence import allow, domain_rule, enclave, governance, grant, keystore, permissions
 from tests.rules.observed import DISCOVERY, does, graph, log, observed

@@ -15,15 +15,14 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.formal.asked import Attacker, Place
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import members
-from keystore_audit.model.formal.claim import Attacker, Place
 from keystore_audit.model.formal.flow import Flows, Search
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.question import Question, Ruling
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.tables.overview import MAX_VIEWS, Overview, overview
-from keystore_audit.model.tables.periods import Dated
+from keystore_audit.model.tables.overview import MAX_VIEWS, Dated, Overview, overview
 from keystore_audit.profiles import VARIANTS, resolve
 from tests.cli.keystores import keystore, rule
 

@@ -11,9 +11,8 @@ import pytest
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.channels import build_channels
 from keystore_audit.model.domains import domain_classes
-from keystore_audit.model.matching import partition_patterns
-from keystore_audit.model.matching.partition_patterns import meetings
-from keystore_audit.model.matching.patterns import Patterns
+from keystore_audit.model.matching import patterns as partition_patterns
+from keystore_audit.model.matching.patterns import Patterns, meetings
 from keystore_audit.model.semantics import Area, Region
 from keystore_audit.profiles import Matcher
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
+from keystore_audit.model.matching.automaton import PatternIndex
 from keystore_audit.model.matching.expression import parse
-from keystore_audit.model.matching.pattern_index import PatternIndex
 from keystore_audit.profiles import Matcher
 
 TEXTS = st.text("ab*?[]!\\", max_size=6)

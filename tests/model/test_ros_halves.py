@@ -18,7 +18,7 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.names import dds_channels, is_ros_dds_name
 from keystore_audit.model.ros.halves import Half, halves
-from keystore_audit.model.ros.texts import is_surely_whole
+from keystore_audit.model.ros.holders import is_surely_whole
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import VARIANTS, Matcher
 from tests.rules.divergent import ruled

@@ -11,7 +11,7 @@ from cryptography import x509
 from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.trust.signer_path import path_refusal
+from keystore_audit.model.trust.chain import path_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
 from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import END, START, Signed, authority, certificate

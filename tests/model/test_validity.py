@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from keystore_audit.errors import UsageError
-from keystore_audit.model.local_time import time_zone
-from keystore_audit.model.validity import BEGINNING, END, counts_at, read_date
+from keystore_audit.model.validity import BEGINNING, END, counts_at, read_date, time_zone
 from keystore_audit.profiles import DateReading
 
 SCHEMA = etree.XMLSchema(

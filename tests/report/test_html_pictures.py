@@ -14,11 +14,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from keystore_audit.model.formal.safeguard import Safeguard
-from keystore_audit.model.tables.access_table import AccessTable, Group
-from keystore_audit.model.tables.named import Named
+from keystore_audit.model.formal.rights import Safeguard
+from keystore_audit.model.tables.access_table import AccessTable, Group, Named
 from keystore_audit.model.tables.neighbours import Neighbourhood, PeerGroup
-from keystore_audit.model.tables.periods import Dated, Period
+from keystore_audit.model.tables.overview import Dated, Period
 from keystore_audit.report import html, html_tables, pictures
 from tests.cli.keystores import AT, answer, keystore, rule
 

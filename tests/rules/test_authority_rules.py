@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.trust.authorities import Authorities, trusted
+from keystore_audit.model.trust.chain import Authorities, trusted
 from tests.rules.evidence import (
     IDENTITY_CA,
     PERMISSIONS_CA,

@@ -15,7 +15,7 @@ from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.divergence.substitution import Cause
-from keystore_audit.model.formal.effective import EffectiveRights
+from keystore_audit.model.formal.rights import EffectiveRights
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import DEFAULT, Profile

@@ -10,7 +10,7 @@ from keystore_audit.engine.agreement import with_label_answers
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.stated import Claim, Labelled, Labelling, LabelPair, chain
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.counterexample import Counterexample, Step
 from keystore_audit.properties.result import AssertedResult, LabelResult, ProfileResult

@@ -13,7 +13,7 @@ from keystore_audit.model.interpret import interpret
 from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.model.names import PARAMETER_SERVICES
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.ros import usual_topics
+from keystore_audit.model.ros import patterns as usual_topics
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import chosen, ruled, views
 from tests.rules.evidence import (

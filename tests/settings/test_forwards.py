@@ -14,7 +14,7 @@ from keystore_audit.engine.alloy.user_file import read_user_files
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.formal.behaviour import Scheduler
+from keystore_audit.model.formal.asked import Scheduler
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report

@@ -9,7 +9,7 @@ import pytest
 
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from tests.cli.test_flow import SAMPLES, audit
 from tests.schemas import schema
 from tests.settings.files import plain, read, wrong

@@ -18,7 +18,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.stated import Claim
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.settings.document import lines_of
 from keystore_audit.settings.settings import read_settings
 from tests.schemas import schema

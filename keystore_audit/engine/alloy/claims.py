@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from keystore_audit import text
 from keystore_audit.engine.alloy.atoms import Relations, function, name_atoms
 from keystore_audit.engine.alloy.process import Command
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Role, Status
 

@@ -20,7 +20,7 @@ from keystore_audit.engine.alloy.facts import MODULES, count_atoms, fact_modules
 from keystore_audit.engine.alloy.process import Analyzer, Command, Job, run
 from keystore_audit.engine.native_determinism import explore
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
-from keystore_audit.model.formal.behaviour import Behaviour, DeterminismAtom, Scheduler
+from keystore_audit.model.formal.asked import Behaviour, DeterminismAtom, Scheduler
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.property import Answer, Status
 

@@ -19,7 +19,7 @@ from keystore_audit.engine.alloy.atoms import Atom, Relations, Sort, declare, ma
 from keystore_audit.engine.alloy.claims import Places, attackers, write_places
 from keystore_audit.engine.alloy.facts import CONSISTENCY, KEYSTORE, MAIN, MODULES, facts
 from keystore_audit.errors import UsageError
-from keystore_audit.model.formal.claim import ClaimKind
+from keystore_audit.model.formal.asked import ClaimKind
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.property import Property

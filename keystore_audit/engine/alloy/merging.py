@@ -20,7 +20,7 @@ from keystore_audit.engine.alloy.facts import CHILDREN
 from keystore_audit.engine.alloy.moments import redated
 from keystore_audit.engine.alloy.twins import find_twins, mentions, surroundings
 from keystore_audit.grouped import gathered
-from keystore_audit.model.formal.claim import ClaimAtom, Place
+from keystore_audit.model.formal.asked import ClaimAtom, Place
 from keystore_audit.model.formal.system import (
     CertificateAtom,
     DocumentAtom,

@@ -33,8 +33,8 @@ from keystore_audit.engine.alloy.facts import (
 from keystore_audit.engine.alloy.merging import Merged, merge
 from keystore_audit.engine.alloy.process import Analyzer, Command, Job, run, witness
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
+from keystore_audit.model.formal.asked import ClaimAtom, ClaimKind
 from keystore_audit.model.formal.attacker import realm_views
-from keystore_audit.model.formal.claim import ClaimAtom, ClaimKind
 from keystore_audit.model.formal.flow import Flows, Leg, search_of
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES

@@ -23,9 +23,8 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.given import GivenFile, check_beside
 from keystore_audit.intent.source import Source, read_source
-from keystore_audit.model.claims.forwards import Determinism
 from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.claims.places import NamedPlace
+from keystore_audit.model.claims.named import Determinism, NamedPlace
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.properties import BY_ID
 from keystore_audit.settings.document import dds_topic

@@ -17,10 +17,8 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import AccessViews, ReadDocument
-from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
-from keystore_audit.model.anomalies.classes import Effort
-from keystore_audit.model.anomalies.counterparts import Counterparts
-from keystore_audit.model.anomalies.governance import governance_anomalies
+from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort
+from keystore_audit.model.anomalies.governance import Counterparts, governance_anomalies
 from keystore_audit.model.anomalies.grants import (
     counterpart_anomalies,
     expression_anomalies,

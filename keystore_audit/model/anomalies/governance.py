@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from keystore_audit.grouped import gathered
-from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
+from keystore_audit.keystore.governance import DomainRule, GovernanceFile, ProtectionKind, TopicRule
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
-from keystore_audit.model.anomalies.classes import Effort, NameClass, name_classes
+from keystore_audit.model.access_view import ReadDocument
+from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort, NameClass, Point, name_classes
 from keystore_audit.model.domains import describe, domain_bits
-from keystore_audit.model.names import is_ros_dds_name
-from keystore_audit.model.semantics import ReadDomainRule
+from keystore_audit.model.matching.expression import Pattern, any_matches, has_wildcard, parse
+from keystore_audit.model.names import (
+    ACTION_PART,
+    AMBIENT,
+    REPLY_PREFIX,
+    REQUEST_PREFIX,
+    SERVICE_PREFIX,
+    Use,
+    is_ros_dds_name,
+)
+from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, is_controlled
 from keystore_audit.profiles import Matcher
 
 
@@ -160,3 +169,162 @@ def _protections(*named: tuple[str, bool | ProtectionKind]) -> frozenset[str]:
         elif value:
             found.add(name)
     return frozenset(found)
+
+
+# Topics that somebody may write and nobody may read, or the reverse, in no domain that they share.
+
+
+_OF_SERVICES: Final = (f"{REQUEST_PREFIX}/", f"{REPLY_PREFIX}/", f"{SERVICE_PREFIX}/")
+"""Services, and actions, are looked at as a whole elsewhere, and offered to tools without anybody in the keystore."""
+
+_COUNTERPART: Final = {
+    Operation.PUBLISH: (Operation.SUBSCRIBE, Operation.RELAY),
+    Operation.SUBSCRIBE: (Operation.PUBLISH, Operation.RELAY),
+}
+
+
+class Counterparts:
+    """Who may read and write what, by the grants of all documents of a keystore, as one implementation reads them.
+
+    Grants count for everybody whom they name, also for those who are not in the keystore.
+    """
+
+    def __init__(
+        self, documents: Iterable[ReadDocument], governances: Iterable[GovernanceFile], matcher: Matcher, effort: Effort
+    ) -> None:
+        self._matcher = matcher
+        self._effort = effort
+        self._grants = [grant for document in documents for grant in document.grants or ()]
+        rules = [rule for grant in self._grants for rule in grant.rules]
+        self._simple = _is_simple(rules)
+        listed = {operation: _listed(rules, operation) for operation in Operation}
+        undisputed = {operation: listed[operation] - _disputed(rules, operation) for operation in Operation}
+        if any(rule.domains != rules[0].domains for rule in rules):
+            undisputed = {operation: set() for operation in Operation}
+        self._met_by_name = {
+            operation: set().union(*(undisputed[other] for other in others))
+            for operation, others in _COUNTERPART.items()
+        }
+        self._wild = {
+            operation: [text for other in others for text in listed[other] if has_wildcard(text)]
+            for operation, others in _COUNTERPART.items()
+        }
+        self._default = any(grant.default_allow for grant in self._grants)
+        self._open = {operation: _open(governances, operation) for operation in _COUNTERPART}
+        self._by_topic: Mapping[str, Sequence[ReadGrant]] | None = None
+        self._decisions: dict[tuple[int, Operation], _Decisions] = {}
+
+    def missing(self, grant: ReadGrant) -> Iterator[Use]:
+        """The topics that the grant allows by name and nobody may be at the other end of."""
+        if self._default:
+            return
+        for operation in _COUNTERPART:
+            for topic in sorted(_listed(grant.rules, operation) - self._met_by_name[operation]):
+                if not _is_usual(topic) and not self._met(grant, operation, topic):
+                    yield operation, topic
+
+    def _met(self, grant: ReadGrant, operation: Operation, topic: str) -> bool:
+        """Whether somebody may be at the other end; also where the topic is no single name, or not allowed at all."""
+        self._effort.compare(1)
+        if parse(topic, self._matcher).literal != topic:
+            return True
+        if any_matches(self._open[_COUNTERPART[operation][0]], topic, self._matcher):
+            return True
+        mine = domain_bits(grant.rules[0].domains) if self._simple else self._places(grant, operation, topic)
+        if not mine:
+            return True
+        if self._simple:
+            self._effort.compare(len(self._wild[operation]) // 64)
+            return any_matches(self._wild[operation], topic, self._matcher)
+        return any(
+            mine & self._places(each, other, topic)
+            for each in self._candidates(topic)
+            for other in _COUNTERPART[operation]
+        )
+
+    def _candidates(self, topic: str) -> Iterator[ReadGrant]:
+        """The grants that name the topic or have wildcards."""
+        if self._by_topic is None:
+            found: dict[str, list[ReadGrant]] = {"*": []}
+            for grant in self._grants:
+                texts = set().union(*(_listed(grant.rules, operation) for operation in Operation))
+                if any(map(has_wildcard, texts)):
+                    found["*"].append(grant)
+                for text in texts - {"*"}:
+                    found.setdefault(text, []).append(grant)
+            self._by_topic = found
+        for grant in (*self._by_topic.get(topic, ()), *self._by_topic["*"]):
+            self._effort.compare(1)
+            yield grant
+
+    def _places(self, grant: ReadGrant, operation: Operation, topic: str) -> int:
+        """The domains in which the grant allows it, in whatever partition."""
+        known = self._decisions.get((id(grant), operation))
+        if known is None:
+            known = self._decisions[id(grant), operation] = _Decisions(grant, operation, self._matcher)
+        self._effort.compare(len(known.wild) // 64)
+        return known.places(topic)
+
+
+class _Decisions:
+    """What the rules of a grant decide about an operation, in their order: found by name, or by wildcards.
+
+    `wild`: patterns with their places in that order.
+    """
+
+    def __init__(self, grant: ReadGrant, operation: Operation, matcher: Matcher) -> None:
+        self.grant = grant  # kept, so that its id stays its own
+        self.wild: list[tuple[int, Pattern]] = []
+        self._areas = [(rule, area) for rule in grant.rules for area in rule.region(operation)]
+        self._named: dict[str, list[int]] = {}
+        for place, (_rule, area) in enumerate(self._areas):
+            for text in area.topics:
+                self._named.setdefault(text, []).append(place)
+                if has_wildcard(text):
+                    self.wild.append((place, parse(text, matcher)))
+
+    def places(self, topic: str) -> int:
+        """The domains in which the topic is allowed, as bits."""
+        allowed, denied = 0, 0
+        found = {*self._named.get(topic, ()), *(place for place, pattern in self.wild if pattern.matches(topic))}
+        for rule, area in map(self._areas.__getitem__, sorted(found)):
+            domains = domain_bits(rule.domains)
+            if rule.allow:
+                allowed |= domains & ~denied
+            elif area.partitions is None:
+                denied |= domains
+        return allowed
+
+
+def _listed(rules: Iterable[ReadRule], operation: Operation) -> set[str]:
+    """What the allow rules list."""
+    return set().union(*(area.topics for rule in rules if rule.allow for area in rule.region(operation)))
+
+
+def _disputed(rules: Sequence[ReadRule], operation: Operation) -> set[str]:
+    """What some deny rule may be about; everything that is listed, where one has wildcards."""
+    denied = set().union(*(area.topics for rule in rules if not rule.allow for area in rule.region(operation)))
+    return _listed(rules, operation) if any(map(has_wildcard, denied)) else denied
+
+
+def _is_simple(rules: Sequence[ReadRule]) -> bool:
+    """Whether all rules allow, in the same domains: then whatever two of them list meets."""
+    return all(rule.allow and rule.domains == rules[0].domains for rule in rules)
+
+
+def _open(governances: Iterable[GovernanceFile], operation: Operation) -> tuple[str, ...]:
+    """Expressions of topics for which no grant is asked, in some domain of some governance."""
+    return tuple(
+        dict.fromkeys(
+            topic.expression.text
+            for file in governances
+            for domain_rule in (file.governance.domain_rules if file.governance else ())
+            for topic in domain_rule.topic_rules
+            if not is_controlled(topic, operation)
+        )
+    )
+
+
+def _is_usual(topic: str) -> bool:
+    """Whether nodes have it whether or not anybody is at the other end; Dashing has /rosout in a node's namespace."""
+    return topic in AMBIENT or topic.endswith("/rosout") or topic.startswith(_OF_SERVICES) or ACTION_PART in topic

@@ -16,11 +16,10 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.channels import Channels, illegal_names
-from keystore_audit.model.claims.globs import IN_DEFAULT_PARTITION, Globs, matching, region_of
-from keystore_audit.model.claims.named_enclaves import left_out
+from keystore_audit.model.claims.globs import IN_DEFAULT_PARTITION, Globs, left_out, matching, region_of
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.domains import contains
-from keystore_audit.model.formal.claim import Place
+from keystore_audit.model.formal.asked import Place
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.participants.usability import Usabilities, may_refuse_peers, refusals_of_peer
 from keystore_audit.model.question import Usability

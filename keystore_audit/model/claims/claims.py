@@ -18,11 +18,13 @@ from keystore_audit.model.claims.globs import (
     Globs,
     all_matching,
     at,
+    at_large,
+    named_enclaves,
     named_paths,
     region_of,
     topic_regions,
+    with_all_certificates,
 )
-from keystore_audit.model.claims.named_enclaves import at_large, named_enclaves, with_all_certificates
 from keystore_audit.model.claims.stated import (
     RESTING_ON_STARTS,
     RESTING_ON_SUBJECTS,
@@ -34,7 +36,7 @@ from keystore_audit.model.claims.stated import (
     label_regions,
     marked,
 )
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import Reading, System, apart, together
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.question import Usability
@@ -107,7 +109,7 @@ def with_claims(
         return tuple(map(resolved, systems))
     systems = apart(systems)
     if not kinds.isdisjoint(RESTING_ON_SUBJECTS):
-        from keystore_audit.model.claims.elsewhere import with_subjects_elsewhere  # most settings have none
+        from keystore_audit.model.claims.named import with_subjects_elsewhere  # most settings have none
 
         systems = with_subjects_elsewhere(systems)
     if kinds.isdisjoint(RESTING_ON_STARTS):
@@ -259,7 +261,7 @@ class _Resolution:
         """As the claim says; else the one enclave that may publish, if one may. That no other does, engines ask."""
         if claim.kind is not ClaimKind.ONLY_PUBLISH:
             return self._place(claim, claim.source, away)
-        from keystore_audit.model.claims.publishers import permitted  # most settings ask for none
+        from keystore_audit.model.claims.named import permitted  # most settings ask for none
 
         asked = self._place(claim, claim.target, frozenset()).channels
         return permitted(self._system, claim.source.enclaves, self._known, asked)

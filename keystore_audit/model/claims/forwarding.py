@@ -10,13 +10,11 @@ from msgspec.structs import replace
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.claims.forwards import UNREAD, Declared, Determinism, Forward
-from keystore_audit.model.claims.globs import by_default, matching, named_paths, nearest, region_of
-from keystore_audit.model.claims.named_enclaves import means_everybody
+from keystore_audit.model.claims.globs import by_default, matching, means_everybody, named_paths, nearest, region_of
+from keystore_audit.model.claims.named import UNREAD, Declared, Determinism, Forward
 from keystore_audit.model.claims.stated import check_granted, granted_channels, marked
 from keystore_audit.model.domains import contains
-from keystore_audit.model.formal.attacker import realm_views
-from keystore_audit.model.formal.behaviour import (
+from keystore_audit.model.formal.asked import (
     Behaviour,
     DeterminismAtom,
     Differs,
@@ -27,10 +25,11 @@ from keystore_audit.model.formal.behaviour import (
     SlotAtom,
     Spread,
 )
+from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.flow import Flows, Lane
-from keystore_audit.model.formal.own_rights import OwnRights
 from keystore_audit.model.formal.permission import Permissions
+from keystore_audit.model.formal.rights import OwnRights
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.question import Usability

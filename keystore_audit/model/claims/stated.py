@@ -18,7 +18,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims.globs import Globs, at, named_paths, region_of
-from keystore_audit.model.formal.claim import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.system import System
 
 RESTING_ON_STARTS: Final = frozenset({ClaimKind.ABLE, ClaimKind.SEPARATE_DOMAINS})

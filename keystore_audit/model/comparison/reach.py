@@ -25,10 +25,10 @@ from keystore_audit.model.comparison.grants import (
     right_drafts,
 )
 from keystore_audit.model.comparison.sides import Pair, Sides, View
-from keystore_audit.model.formal import outsiders
+from keystore_audit.model.formal import rights as outsiders
+from keystore_audit.model.formal.asked import Attacker, Place
 from keystore_audit.model.formal.attacker import RealmView, realm_views
 from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
-from keystore_audit.model.formal.claim import Attacker, Place
 from keystore_audit.model.formal.flow import Flows, Lane, Leg, Search
 from keystore_audit.model.formal.influence import Influence
 from keystore_audit.model.names import AMBIENT

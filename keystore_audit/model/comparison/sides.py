@@ -24,9 +24,8 @@ from keystore_audit.model.claims.globs import region_of
 from keystore_audit.model.comparison.change import Name, Names, Unread
 from keystore_audit.model.domains import Interval, contains, merged
 from keystore_audit.model.formal.bit_sets import bits, members, union
-from keystore_audit.model.formal.effective import Peers
-from keystore_audit.model.formal.own_rights import OwnRights
 from keystore_audit.model.formal.permission import Decisions
+from keystore_audit.model.formal.rights import OwnRights, Peers
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import Typed, documents_of, system_documents

@@ -44,7 +44,7 @@ from keystore_audit.model.comparison.identities import (
 from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import Typed, authorities_of, beside_enclaves, governance_apart
-from keystore_audit.model.trust.authorities import authority_files
+from keystore_audit.model.trust.chain import authority_files
 from keystore_audit.model.trust.verdicts import Acceptance, envelope, may_have_issued
 from keystore_audit.text import some
 

@@ -1,7 +1,7 @@
 """Where implementations decide differently about one keystore, and which line of which document is why.
 
 Compared are decisions (`model.decision`, with whether a participant starts there), what peers accept
-(`model.formal.effective`) and whether an enclave starts at all, over every class of names, partitions and domains.
+(`model.formal.rights`) and whether an enclave starts at all, over every class of names, partitions and domains.
 Whom an implementation trusts is left aside (`divergence.substitution`): that has rules of its own. So is what is
 unknown to one of the two: it leaves the audit incomplete.
 """
@@ -22,7 +22,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.divergence.lines import DecidingLines, Part
+from keystore_audit.model.divergence.lines import DecidingLines, LocalValues, Part, PeerValues, attributed, differing
 from keystore_audit.model.divergence.substitution import (
     PARTITION_CAUSES,
     Cause,
@@ -31,7 +31,6 @@ from keystore_audit.model.divergence.substitution import (
     Stages,
     odd_documents,
 )
-from keystore_audit.model.divergence.values import LocalValues, PeerValues, attributed, differing
 from keystore_audit.model.formal.bit_sets import Bounds, bits, members
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.meaning import Divergence, Example

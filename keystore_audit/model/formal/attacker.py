@@ -10,10 +10,8 @@ from functools import cached_property
 
 from keystore_audit.assumptions import Assumption
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.abilities import Abilities
-from keystore_audit.model.formal.bit_sets import bits, members, union
-from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.protection import Protection, open_protection, protection
+from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
+from keystore_audit.model.formal.permission import Permissions, Protection, open_protection, protection
 from keystore_audit.model.formal.system import System
 
 

@@ -15,11 +15,10 @@ from typing import NamedTuple
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.model.formal.abilities import Abilities
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.attacker import RealmView
-from keystore_audit.model.formal.bit_sets import bits, members, union
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.own_rights import OwnRights
+from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
+from keystore_audit.model.formal.rights import OwnRights
 from keystore_audit.model.formal.system import System, easiest
 
 

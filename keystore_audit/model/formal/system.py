@@ -23,8 +23,7 @@ from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.permissions import Operation, Rule
-from keystore_audit.model.formal.behaviour import DeterminismAtom
-from keystore_audit.model.formal.claim import ClaimAtom, PlaceAtom
+from keystore_audit.model.formal.asked import ClaimAtom, DeterminismAtom, PlaceAtom
 from keystore_audit.model.matching.expression import naming
 from keystore_audit.profiles import Matcher
 
@@ -45,7 +44,7 @@ class CertificateAtom(Struct, frozen=True, kw_only=True):
     `authority`: CA:TRUE and, where keyUsage is present, keyCertSign. `fit_to_sign`: fit for S/MIME signing.
     `not_before`, `not_after`: instants. `key`: equal keys have equal numbers. `opaque`: (MAY only) it stands
     for all that CA files that could not be read may hold. `elsewhere`: it is not here, and stands for whatever
-    certificate somebody has whose subject is `label` (`model.claims.elsewhere`).
+    certificate somebody has whose subject is `label` (`model.claims.named`).
     """
 
     label: str

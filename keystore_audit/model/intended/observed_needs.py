@@ -6,7 +6,7 @@ participant tells what it has. They are the usual ones here.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Final
 
@@ -15,11 +15,13 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
-from keystore_audit.intent.intent import Action, IntendedNode, Intent, Origin
+from keystore_audit.intent.intent import Action, IntendedNode, Intent, Origin, UsedName
 from keystore_audit.intent.ros_names import ROOT, is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.names import DISCOVERY_TOPIC, PARAMETER_SERVICES, Use, dds_channels
+from keystore_audit.model.matching.expression import UNESCAPED_WILDCARDS, parse
+from keystore_audit.model.names import DISCOVERY_TOPIC, PARAMETER_SERVICES, Use, dds_channels, dds_expressions
+from keystore_audit.profiles import Matcher
 
 LOG: Final = "/rosout"
 EVENTS: Final = "/parameter_events"
@@ -179,3 +181,166 @@ def usual_channels(nodes: Iterable[str]) -> Iterator[Use]:
     for node in nodes:
         for action, name, _usual in usual_rights(node):
             yield from dds_channels(action.value, name)
+
+
+# The least policy for what nodes were seen to do: for each right that is needed the literal name, and no other.
+#
+# Where nothing is denied but by default, that policy is the only least one: whatever is right allows at least that
+# (docs/intent.md). Names with wildcards come from policies alone, and stay.
+
+
+UNNAMED: Final = "/node"
+"""The node of a right that no file gives a node to; names are absolute, so that nothing hangs on it."""
+
+Usages = Callable[[str, str], tuple[Action, ...]]
+"""What the enclave (its path) is granted to do with a ROS name, which no launch file tells."""
+
+
+class PolicyRight(Struct, frozen=True, kw_only=True):
+    """`name`: fully qualified, or an expression of a policy. `usual`: every node has it, whatever it is for."""
+
+    action: Action
+    name: str
+    allow: bool
+    usual: bool
+
+
+class NodePolicy(Struct, frozen=True, kw_only=True):
+    """The rights of a node, by its fully qualified name: first what it is for, then the usual ones."""
+
+    name: str
+    rights: tuple[PolicyRight, ...]
+
+
+class EnclavePolicy(Struct, frozen=True, kw_only=True):
+    """What the nodes of an enclave need."""
+
+    path: str
+    nodes: tuple[NodePolicy, ...]
+
+    @property
+    def rights(self) -> tuple[PolicyRight, ...]:
+        """Of all nodes, each once."""
+        return tuple(dict.fromkeys(right for node in self.nodes for right in node.rights))
+
+
+class LeastPolicy(Struct, frozen=True, kw_only=True):
+    """Enclaves by path, nodes by name.
+
+    `doubts`: sentences about what may be missing. `wildcards`: expressions that policies hold, which are kept.
+    """
+
+    enclaves: tuple[EnclavePolicy, ...]
+    doubts: tuple[str, ...]
+    wildcards: tuple[str, ...]
+
+
+def least_policy(intents: Sequence[Intent], kind: LayoutKind, usages: Usages, *, usual: bool = True) -> LeastPolicy:
+    """What the files say that nodes do. `usual` False: without what every node does beside its work."""
+    draft = _Draft(usages)
+    for intent in in_layout(intents, kind):
+        draft.add(intent)
+    return draft.policy(usual=usual)
+
+
+class _Draft:
+    """A policy in the making: rights by enclave and node."""
+
+    def __init__(self, usages: Usages) -> None:
+        self._usages = usages
+        self._allowed: dict[str, dict[str, dict[tuple[Action, str], None]]] = {}
+        self._denied: dict[str, dict[tuple[Action, str], None]] = {}
+        self._doubts: dict[str, None] = {}
+
+    def add(self, intent: Intent) -> None:
+        """What one file says."""
+        for node in intent.nodes:
+            self._of(node.enclave, node.name)
+        for right in intent.rights:
+            if right.allow:
+                self._of(right.enclave, right.node)[right.action, right.name] = None
+            else:
+                self._denied.setdefault(right.enclave, {})[right.action, right.name] = None
+        for used in intent.names:
+            self._use(used)
+        if intent.origin is not Origin.POLICY:  # a policy says everything that it wants
+            for node, action, name in missing_usual(intent, frozenset({Usual.ALWAYS, Usual.OFTEN})):
+                self._of(node.enclave, node.name)[action, name] = None
+        for unresolved in intent.unresolved:
+            self._doubts[f"{unresolved.location}: {unresolved.reason.rstrip('.')}."] = None
+
+    def policy(self, *, usual: bool) -> LeastPolicy:
+        """The policy of all files."""
+        enclaves = tuple(
+            EnclavePolicy(path=path, nodes=tuple(self._nodes(path, nodes, usual=usual)))
+            for path, nodes in sorted(self._allowed.items())
+        )
+        names = (right.name for enclave in enclaves for right in enclave.rights if right.allow)
+        wildcards = tuple(dict.fromkeys(name for name in names if not UNESCAPED_WILDCARDS.isdisjoint(name)))
+        return LeastPolicy(enclaves=enclaves, doubts=tuple(self._doubts), wildcards=wildcards)
+
+    def _of(self, enclave: str, node: str) -> dict[tuple[Action, str], None]:
+        return self._allowed.setdefault(enclave, {}).setdefault(node or UNNAMED, {})
+
+    def _use(self, used: UsedName) -> None:
+        """A name that a node uses in a way that only the keystore tells."""
+        rights = self._of(used.enclave, used.node)
+        actions = self._usages(used.enclave, used.name)
+        for action in actions:
+            rights[action, used.name] = None
+        if not actions:
+            who = used.node or f"a node of {used.enclave}"
+            reason = f"{who} uses {used.name}, and neither the file nor the keystore says how"
+            self._doubts[f"{used.location}: {reason}."] = None
+
+    def _nodes(
+        self, path: str, nodes: Mapping[str, Iterable[tuple[Action, str]]], *, usual: bool
+    ) -> Iterator[NodePolicy]:
+        denied = _Denials(self._denied.get(path, ()))
+        kept = denied.kept(right for rights in nodes.values() for right in rights)
+        for number, (node, rights) in enumerate(sorted(nodes.items())):
+            everyday = {(action, name) for action, name, _usual in usual_rights(node)}
+            made = {
+                PolicyRight(action=action, name=name, allow=True, usual=(action, name) in everyday)
+                for action, name in rights
+                if not denied.covers(action, name)
+            }
+            if number == 0:  # a deny rule is the whole enclave's, whichever profile it stands in
+                made |= {PolicyRight(action=a, name=name, allow=False, usual=False) for a, name in kept}
+            yield NodePolicy(name=node, rights=tuple(sorted((r for r in made if usual or not r.usual), key=_order)))
+
+
+_ACTIONS: Final = tuple(Action)
+
+
+def _order(right: PolicyRight) -> tuple[object, ...]:
+    return right.usual, right.allow, _ACTIONS.index(right.action), right.name
+
+
+class _Denials:
+    """What a policy denies an enclave."""
+
+    def __init__(self, rights: Iterable[tuple[Action, str]]) -> None:
+        self.rights = tuple(rights)
+        channels = dict.fromkeys(c for action, name in self.rights for c in dds_expressions(action.value, name))
+        patterns = [(operation, parse(text, Matcher.POSIX)) for operation, text in channels]
+        self._names = frozenset((each, pattern.literal) for each, pattern in patterns if pattern.literal is not None)
+        self._patterns = [(each, pattern) for each, pattern in patterns if pattern.literal is None]
+
+    def covers(self, action: Action, name: str) -> bool:
+        """Whether everything that the right takes is denied."""
+        return is_ros_name(name) and all(self._hits(channel) for channel in dds_expressions(action.value, name))
+
+    def kept(self, allowed: Iterable[tuple[Action, str]]) -> tuple[tuple[Action, str], ...]:
+        """Those without which more would be allowed: beside wildcards, and where they take part of a right."""
+        for action, name in allowed if self.rights else ():
+            partly = any(self._hits(channel) for channel in dds_expressions(action.value, name))
+            if not is_ros_name(name) or (partly and not self.covers(action, name)):
+                return self.rights
+        return ()
+
+    def _hits(self, channel: Use) -> bool:
+        operation, topic = channel
+        return channel in self._names or any(
+            each is operation and pattern.matches(topic) for each, pattern in self._patterns
+        )

@@ -19,9 +19,7 @@ from msgspec import Struct
 
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.permissions import Operation, Rule
-from keystore_audit.model.matching.posix import parse_posix
-from keystore_audit.model.matching.simple_brackets import parse_simple_brackets
-from keystore_audit.model.matching.single_try import parse_single_try
+from keystore_audit.model.matching.languages import parse_posix, parse_simple_brackets, parse_single_try
 from keystore_audit.model.matching.tokens import (
     ANY_CHARACTER,
     SEARCH,

@@ -27,9 +27,8 @@ from keystore_audit.model.participants.sight import (
 )
 from keystore_audit.model.question import Usability
 from keystore_audit.model.semantics import ReadGrant
-from keystore_audit.model.trust.chain import chain_refusal
+from keystore_audit.model.trust.chain import chain_refusal, path_refusal
 from keystore_audit.model.trust.revocation import list_broken, list_missing, list_used, lists_read, revoked
-from keystore_audit.model.trust.signer_path import path_refusal
 from keystore_audit.model.trust.verdicts import (
     Acceptance,
     document_verdict,

@@ -25,9 +25,8 @@ from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.names import ACTION_PART, ACTION_ROLES, ACTION_SERVICES, SERVICE_ROLES, Use, dds_expressions
 from keystore_audit.model.question import Usability
 from keystore_audit.model.rights import allowed
-from keystore_audit.model.ros.channels import RosChannels, ros_channels
-from keystore_audit.model.ros.classes import OF_ACTIONS, Affix
-from keystore_audit.model.ros.texts import DocumentLines, is_surely_whole
+from keystore_audit.model.ros.classes import OF_ACTIONS, Affix, RosChannels, ros_channels
+from keystore_audit.model.ros.holders import DocumentLines, is_surely_whole
 from keystore_audit.model.semantics import DIRECTIONS
 from keystore_audit.profiles import Access, Matcher, Profile
 

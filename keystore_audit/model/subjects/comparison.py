@@ -17,8 +17,7 @@ from cryptography import x509
 from msgspec import Struct
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.model.subjects.attributes import SHORT_NAMES, Subject, typed
-from keystore_audit.model.subjects.relative_names import oneline, relative_names
+from keystore_audit.model.subjects.attributes import SHORT_NAMES, Subject, oneline, relative_names, typed
 from keystore_audit.profiles import SubjectComparison
 
 TOKENWISE: Final = frozenset({SubjectComparison.PIECES_WITHIN, SubjectComparison.TRIMMED_PIECES_WITHIN})

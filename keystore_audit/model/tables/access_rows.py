@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.bit_sets import bits, members, union
-from keystore_audit.model.formal.safeguard import Safeguard
+from keystore_audit.model.formal.rights import Safeguard
 from keystore_audit.model.names import (
     ACTION_ROLES,
     AMBIENT_TOPICS,
@@ -26,8 +26,7 @@ from keystore_audit.model.names import (
     dds_channels,
     parse_dds_name,
 )
-from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
-from keystore_audit.model.tables.named import Named
+from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group, Named
 
 
 class Sort(str, Enum):

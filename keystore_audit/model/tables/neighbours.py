@@ -12,9 +12,9 @@ from typing import Final
 from msgspec import Struct
 
 from keystore_audit.grouped import gathered
+from keystore_audit.model.formal.asked import Attacker, Place
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import members
-from keystore_audit.model.formal.claim import Attacker, Place
 from keystore_audit.model.formal.flow import Flows, Lane, Search
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.window import Window

@@ -5,25 +5,129 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import datetime
 from functools import lru_cache
+from typing import Final
+
+from msgspec import Struct
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.distinguished_name import same_name
-from keystore_audit.keystore.issuer import Issue, key_identifier_fits, names_itself, suits_key
+from keystore_audit.keystore.files import Status
+from keystore_audit.keystore.issuer import Issue, fit_to_sign, key_identifier_fits, lets_sign, names_itself, suits_key
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.trust.verdicts import (
     MAX_AUTHORITIES,
     authorities_read,
     certificate_alike,
     chaining,
+    document_alike,
     is_authority,
+    is_first_embedded,
     is_issued,
     issue,
     issuers_taken,
     may_have_issued,
+    may_sign,
     not_read,
+    signers_taken,
     stands_alone,
 )
 from keystore_audit.model.validity import in_force
 from keystore_audit.profiles import Trust
+
+# Which authorities are trusted: those that somebody declared, else the ones that are found in their standard places.
+#
+# Two certificates of one key are one authority, as where it was renewed. A certificate in a file of any other name is
+# never one, whatever it says of itself.
+
+
+ROLES: Final = (Role.IDENTITY_CA, Role.PERMISSIONS_CA)
+
+
+class Authorities(Struct, frozen=True, kw_only=True):
+    """What somebody declared, by role: SHA-256, in hexadecimal, of certificates or of their keys; none: nothing."""
+
+    identity: frozenset[str] = frozenset()
+    permissions: frozenset[str] = frozenset()
+
+    def of(self, role: Role) -> frozenset[str]:
+        """The fingerprints for a role."""
+        return self.identity if role is Role.IDENTITY_CA else self.permissions
+
+    @property
+    def complete(self) -> bool:
+        """Whether somebody said of both roles who is trusted."""
+        return all(map(self.of, ROLES))
+
+
+class Anchors(Struct, frozen=True, kw_only=True):
+    """The authorities that are trusted in a role: those declared that are here, by place, or the one found.
+
+    `found_in`: the file that it was taken from; empty where they were declared, or where none can be told.
+    """
+
+    role: Role
+    declared: frozenset[str]
+    certificates: tuple[Certificate, ...]
+    found_in: str = ""
+
+    def trusts(self, certificate: Certificate) -> bool:
+        """Whether the certificate is that of one of them."""
+        if self.declared:
+            return not self.declared.isdisjoint((certificate.sha256, certificate.key))
+        return any(certificate.key == each.key for each in self.certificates)
+
+    def foreign(self, file: CertificateFile) -> tuple[str, ...]:
+        """The certificates of others in a file, by their SHA-256."""
+        return tuple(each.sha256 for each in file.certificates if not self.trusts(each))
+
+
+def authority_files(
+    keystore: Keystore, role: Role
+) -> tuple[CertificateFile | None, tuple[tuple[CertificateFile, tuple[Enclave, ...]], ...]]:
+    """The standard file of `public/`, which new enclaves link to, and each file that enclaves read, with these."""
+    read: dict[str, tuple[CertificateFile, list[Enclave]]] = {}
+    for enclave in keystore.enclaves:
+        file = enclave.identity_ca if role is Role.IDENTITY_CA else enclave.permissions_ca
+        if file is not None:
+            read.setdefault(file.file.place, (file, []))[1].append(enclave)
+    name = f"public/{role.value}.pem"  # by its name as linked: sros2's leads to public/ca.cert.pem
+    places = {each.place for each in keystore.layout.authorities if each.path == name and each.status is Status.PRESENT}
+    public = next((file for file in keystore.authorities if file.file.place in places), None)
+    return public, tuple((file, tuple(enclaves)) for file, enclaves in read.values())
+
+
+@lru_cache(maxsize=2)
+def trusted(keystore: Keystore, authorities: Authorities) -> tuple[Anchors, ...]:
+    """Who is trusted in this keystore, in each role."""
+    return tuple(_anchors(keystore, role, authorities) for role in ROLES)
+
+
+def _anchors(keystore: Keystore, role: Role, authorities: Authorities) -> Anchors:
+    public, read = authority_files(keystore, role)
+    files = [*([public] if public else ()), *(file for file, _enclaves in read)]
+    declared = authorities.of(role)
+    if declared:
+        wanted = Anchors(role=role, declared=declared, certificates=())
+        here = {c.sha256: c for file in files for c in file.certificates if wanted.trusts(c)}
+        ordered = sorted(here.values(), key=lambda each: (each.path, each.line))
+        return Anchors(role=role, declared=declared, certificates=tuple(ordered))
+    first = _as_found(public, [file for file in files if file.certificates])
+    return Anchors(
+        role=role,
+        declared=declared,
+        certificates=(first.certificates[0],) if first else (),
+        found_in=first.file.place if first else "",
+    )
+
+
+def _as_found(public: CertificateFile | None, files: Sequence[CertificateFile]) -> CertificateFile | None:
+    """The file whose first certificate is taken for the authority; without one in `public/` all have to be alike."""
+    if public is not None and public.certificates:
+        return public
+    keys = {frozenset(each.key for each in file.certificates) for file in files}
+    return files[0] if len(keys) == 1 else None
 
 
 def chain_refusal(
@@ -119,3 +223,93 @@ def _hides(other: Certificate, root: Certificate, at: datetime | None) -> bool:
         and last <= other.not_after
         and key_identifier_fits(root, other)
     )
+
+
+# Why the signer of a document is refused: it may not sign, or OpenSSL finds no way from it to a root.
+
+
+def signer_refusal(signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust) -> str | None:
+    """Why a document whose signatures hold is refused for its signer; None where it is taken."""
+    place = permissions_ca.file.place
+    for signer in signers_taken(signed, trust):
+        if may_sign(signer, signed, permissions_ca, trust):
+            continue
+        if not any(signer.sha256 == authority.sha256 for authority in permissions_ca.certificates):
+            return f"the signer is not in {place}"
+        if trust.pins_signer and any(signer.sha256 == each.sha256 for each in authorities_read(permissions_ca, trust)):
+            return f"another certificate of its issuer and serial number stands before the signer's in {place}"
+        if trust.pins_signer:
+            return not_read(place, trust)
+        if not is_first_embedded(signer, signed):
+            return "the message does not hold the signer's certificate"
+        if not fit_to_sign(signer) or signer.unknown_critical:
+            return "the key usage of the signer's certificate does not admit S/MIME signing"
+        return f"no chain ends at a self-signed certificate that is read in {place}"
+    return None
+
+
+def path_refusal(
+    signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust, at: datetime | None = None
+) -> str | None:
+    """Why no path is found `at` the instant, or at any, for a signer that `may_sign`; None where one is.
+
+    PKCS7_verify takes at each step the first certificate of the issuer's name that fits, of the CA file before those of
+    the message, and tries no other one (build_chain in x509_vfy.c; measured on Fast DDS 2.9.1): of two permissions CAs
+    of one name, as sros2 names all, what the second signs is refused. Only who starts rests on this: what a peer may
+    present is asked of `may_sign`, which looks at every path.
+    """
+    several = len(permissions_ca.certificates) > 1 or len(signed.embedded) > 1
+    when = at if several else None
+    return None if trust.pins_signer else _signer_refusal(document_alike(signed), permissions_ca, trust, when)
+
+
+@lru_cache(maxsize=16_384)
+def _signer_refusal(
+    signed: SignedDocument, permissions_ca: CertificateFile, trust: Trust, at: datetime | None
+) -> str | None:
+    place, read = permissions_ca.file.place, authorities_read(permissions_ca, trust)
+    for signer in signers_taken(signed, trust):
+        if at is not None and not names_itself(signer) and not may_sign(signer, signed, permissions_ca, trust, at):
+            continue  # no path at all is in force, which is a reason by itself
+        lost = _lost(signer, place, read, signed.embedded, at)
+        if lost is not None:
+            return lost
+    return None
+
+
+def _lost(
+    signer: Certificate,
+    place: str,
+    read: Sequence[Certificate],
+    embedded: Sequence[Certificate],
+    at: datetime | None,
+) -> str | None:
+    """Why no path from the signer arrives at a self-signed certificate of the CA file; None where one does."""
+    if names_itself(signer):
+        lost = not is_found(signer, read, at)
+        return f"of {place} the first certificate of the signer's name is another" if lost else None
+    refusals: list[str] = []
+    # A certificate, whether it is of the CA file, and the number of authorities below it that are not self-issued.
+    pending = [(signer, False, 0)]
+    seen = {*pending}
+    while pending:
+        below, trusted, between = pending.pop()
+        found = issuers_taken(below, read, at)
+        # Above one of the CA file the message is not looked at any more.
+        for above in found if found or trusted else issuers_taken(below, embedded, at):
+            root = names_itself(above)
+            refusal = step_refusal(above, below, between, root=root)
+            if refusal is None and not lets_sign(above):
+                refusal = "does not admit S/MIME signing; no other is tried"
+            if refusal is None and at is not None and not in_force(above, at):
+                refusal = "is outside its validity; no other is tried"
+            step = (above, bool(found), between + (above.subject_der != above.issuer_der))
+            if refusal is not None:
+                refusals.append(refusal)
+            elif root and found:
+                return None
+            elif not root and step not in seen and step[2] < MAX_AUTHORITIES:
+                seen.add(step)
+                pending.append(step)
+    first = f"the first certificate of the issuer's name, of {place} before those of the message,"
+    return f"{first} {refusals[0]}" if refusals else f"no path over {place} and the message has an end"

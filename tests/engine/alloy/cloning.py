@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from msgspec.structs import replace
 
-from keystore_audit.model.formal.claim import ClaimAtom, Place
+from keystore_audit.model.formal.asked import ClaimAtom, Place
 from keystore_audit.model.formal.system import Reading, RealmAtom, RuleAtom, System
 from tests.engine.systems import (
     CHATTER,

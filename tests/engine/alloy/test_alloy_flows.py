@@ -13,7 +13,7 @@ from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.runner import examine
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineOutOfScale
-from keystore_audit.model.formal.claim import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.properties import Answer, Status
 from tests.engine.alloy.flow_builders import THIRD, at, chain, claim
 from tests.engine.alloy.flow_mutants import MUTANTS

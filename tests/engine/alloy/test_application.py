@@ -34,7 +34,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import NodeAtom, System
 from keystore_audit.model.intended.observed import Observation, observe
-from keystore_audit.model.intended.wiring import wiring
+from keystore_audit.model.intended.observed_rights import wiring
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities

@@ -13,8 +13,8 @@ from keystore_audit.engine.alloy import export
 from keystore_audit.engine.alloy.export import write_model
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.formal.asked import ClaimAtom, ClaimKind
 from keystore_audit.model.formal.attacker import RealmView
-from keystore_audit.model.formal.claim import ClaimAtom, ClaimKind
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from tests.engine.alloy_batch import outcomes, shipped

@@ -14,7 +14,7 @@ from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.claims import Places
 from keystore_audit.engine.alloy.facts import facts
 from keystore_audit.engine.alloy.runner import known_flows, main_file, questions, shown_flow
-from keystore_audit.model.formal.claim import ClaimAtom
+from keystore_audit.model.formal.asked import ClaimAtom
 from keystore_audit.model.formal.flow import Leg
 from keystore_audit.model.formal.system import System
 from tests.engine.alloy_batch import outcomes, shipped

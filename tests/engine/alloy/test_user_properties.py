@@ -16,7 +16,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineOutOfScale, EngineTimeout, UsageError
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.source import Source
-from keystore_audit.model.formal.claim import PlaceAtom
+from keystore_audit.model.formal.asked import PlaceAtom
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES, Status
 from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus

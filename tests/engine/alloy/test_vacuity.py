@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from keystore_audit.engine.alloy.claims import FLOW_EXERCISED, INHABITED
 from keystore_audit.engine.alloy.export import APPLICATION, NODES, WIRED, commands, write_nodes, write_wiring_commands
 from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, facts
-from keystore_audit.model.formal.claim import ClaimAtom, Place
+from keystore_audit.model.formal.asked import ClaimAtom, Place
 from keystore_audit.model.formal.system import NodeAtom, System
 from tests.engine.alloy.flow_builders import at, chain, claim
 from tests.engine.alloy_batch import outcomes, shipped

@@ -18,7 +18,7 @@ from keystore_audit.engine.alloy.process import Analyzer
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.formal.behaviour import DeterminismAtom, Meeting, Spread
+from keystore_audit.model.formal.asked import DeterminismAtom, Meeting, Spread
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of

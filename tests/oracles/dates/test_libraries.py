@@ -13,8 +13,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.model.local_time import mktime
-from keystore_audit.model.validity import read_date
+from keystore_audit.model.validity import mktime, read_date
 from keystore_audit.profiles import DateReading
 from tests.conftest import lacking
 from tests.oracles.dates.clock import EPOCH, seconds

@@ -12,7 +12,7 @@ from msgspec import Struct
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
-from keystore_audit.model.trust.signer_path import path_refusal
+from keystore_audit.model.trust.chain import path_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
 from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import Signed, present, read

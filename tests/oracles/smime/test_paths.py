@@ -16,7 +16,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from keystore_audit.keystore.smime import Candidates, read_signed
-from keystore_audit.model.trust.signer_path import path_refusal
+from keystore_audit.model.trust.chain import path_refusal
 from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, may_sign, signers_taken
 from keystore_audit.model.validity import in_force
 from tests.keystore.builder import PrivateKey, Signed, certificate, present, read

@@ -19,8 +19,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.model.subjects.attributes import oneline
 from keystore_audit.model.subjects.comparison import names, printed, same_meaning
-from keystore_audit.model.subjects.relative_names import oneline
 from keystore_audit.profiles import SubjectComparison
 from tests.keystore.builder import certificate, evidence
 from tests.keystore.documents import PERMISSIONS

@@ -12,7 +12,7 @@ from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.engines import Engines
 from keystore_audit.findings import Severity
 from keystore_audit.flow import FlowQuestion, find_flow
-from keystore_audit.model.formal.claim import Attacker
+from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.profiles import resolve

@@ -1,21 +1,22 @@
-"""POSIX `fnmatch` patterns (IEEE 1003.2-1992, B.6; POSIX.1-2017, 2.13) as glibc reads them in the C locale.
-
-Where POSIX leaves a text open, glibc's answer follows from the flow of its code (posix/fnmatch_loop.c, read; measured
-on 2.36 by tests/oracles/fnmatch/test_libc.py). Those texts are reported as malformed: other implementations, musl and
-the DDS vendors' own, answer differently.
-
-Once a character is found to be in brackets, glibc looks for their end in another way than while it searches. Where the
-two differ (a `[=` that is no equivalence class, a range that ends in `[:` or `[=`) the end of the brackets hangs on the
-character, and newer releases may differ: such texts are reported as undefined.
-"""
+"""The pattern languages of the implementations, as tokens: POSIX fnmatch, and two that are no fnmatch."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from functools import partial
 from typing import Final
 
-from keystore_audit.model.matching.tokens import NO_CHARACTER, CharSet, Reading, Single, scanned
+from keystore_audit.model.matching.tokens import (
+    ANY_CHARACTER,
+    LAST_CHARACTER,
+    NO_CHARACTER,
+    CharSet,
+    Reading,
+    Single,
+    scanned,
+)
+from keystore_audit.profiles import Matcher, doing, told
 
 _DIFFERENTLY: Final = "which implementations read differently"
 _NOTHING_CLOSES: Final = f"has a [ that nothing closes, {_DIFFERENTLY}"
@@ -183,3 +184,131 @@ class _Brackets:
     def _die(self, fault: str) -> None:
         self._is_dead = True
         self._malformed(fault)
+
+
+# Expressions as Cyclone DDS reads them: `*`, `?`, `[…]` and `[!…]`, with brackets of its own.
+#
+# Read in access_control_utils.c (ac_fnmatch, the same from 0.7 to 11.0), measured on the plugin of 0.10.2 by
+# tests/oracles/fnmatch/test_plugins.py. Its brackets are not those of POSIX:
+#
+# - a `]` closes them and is a member too, or the beginning of a range if a `-` follows: `[ab]-c` is one set;
+# - they cannot be empty: a `]` in first place is not passed over but taken for the next character of the text;
+# - a range has to have both ends, and `]` cannot be the second: what nothing closes, and `[a-]`, never match;
+# - `^` and backslashes are members like any other, and there are no character classes.
+#
+# It works on octets: in brackets a character beyond ASCII stands for each of its octets, and `?` takes one of them.
+
+
+_NEVER: Final = told("matcher", {Matcher.SIMPLE_BRACKETS}, "which {who} never [matches|match]")
+_TAKES: Final = told("matcher", {Matcher.SIMPLE_BRACKETS}, "which {who} [takes|take]")
+_NO_CLOSING_BRACKET: Final = f"has a [ that nothing closes, {_NEVER}"
+_EMPTY: Final = f"has brackets with nothing in them, {_NEVER}"
+_ALL_BUT_NOTHING: Final = f"has [!] with nothing in it, {_TAKES} for any character and then a ]"
+_NO_RANGE_END: Final = f"has a range in brackets that ends in ] or not at all, {_NEVER}"
+_EMPTY_BRACKET_RANGE: Final = "has a range in brackets that ends before it begins, which is empty"
+_RANGE_FROM_CLOSE: Final = f"has a - behind the ] of its brackets, {_TAKES} for a range from ] on"
+_SPECIAL_IN_SIMPLE: Final = re.compile(r"[*?\[\0]")
+
+
+def parse_simple_brackets(text: str) -> Reading:
+    """Read `text`."""
+    if not _SPECIAL_IN_SIMPLE.search(text):
+        return Reading(tokens=text)
+    tokens, faults = scanned(text, partial(_brackets, text), escapes=False)
+    return Reading(tokens=tokens, malformed=next(iter(faults), None))
+
+
+def _brackets(text: str, place: int) -> tuple[Single, int, str | None]:
+    """Read from behind a `[`: what the brackets take, where the text goes on, and what is malformed in them.
+
+    Where they never match, nothing behind them counts, and to read on could take quadratic time.
+    """
+    negated = text.startswith("!", place)
+    place += negated
+    if text.startswith("]", place):
+        return (ANY_CHARACTER, place, _ALL_BUT_NOTHING) if negated else (NO_CHARACTER, len(text), _EMPTY)
+    ranges: list[tuple[int, int]] = []
+    fault: str | None = None
+    low = ""
+    while low != "]":
+        if place == len(text):
+            return NO_CHARACTER, place, _NO_CLOSING_BRACKET
+        low = high = text[place]
+        place += 1
+        if text.startswith("-", place):
+            if low == "]":
+                fault = fault or _RANGE_FROM_CLOSE
+            if place + 1 == len(text) or text[place + 1] == "]":
+                return NO_CHARACTER, len(text), _NO_RANGE_END
+            high = text[place + 1]
+            place += 2
+        if low > high:
+            fault = fault or _EMPTY_BRACKET_RANGE
+        ranges.append((ord(low), ord(high)))
+    return CharSet.of(ranges, negated=negated), place, fault
+
+
+# Expressions as OpenDDS reads them: ACE::wild_match, case-sensitive and with brackets.
+#
+# Read in ACE.cpp of ACE_TAO, measured on the library of ACE 7.0.8 by tests/oracles/fnmatch/test_opendds.py; that
+# OpenDDS
+# calls it so is read in its AccessControlBuiltInImpl.cpp. A backslash escapes outside of brackets. In brackets `!`
+# negates, a first `]` stands for itself, there are no character classes, and the `-` of a range that does not end
+# behind
+# its beginning is left out: `[z-a]` is z or a.
+#
+# What is special is how it searches: behind a `*` it takes the text up to the next one at the first place where it
+# fits,
+# and where that fails halfway it goes on behind the character that did not fit, instead of from the place after the
+# one
+# where it began. At the end of the text it does the same. So `*ab` does not match `aab`, nor `*_tf` the name
+# `a_tf_tf`.
+
+
+_WHO: Final = doing("matcher", Matcher.SINGLE_TRY)
+_READS_BEYOND: Final = (
+    f"has a [ that nothing closes: {_WHO} reads on in the memory behind it, so nobody can say what it matches"
+)
+_NOT_BEHIND: Final = f"has a range in brackets that does not end behind its beginning, of which {_WHO} takes both ends"
+_ENDS_IN_DELETE: Final = f"has a range in brackets that ends in the character DEL, which {_WHO} takes for any character"
+_DELETE: Final = "\x7f"
+_SPECIAL_IN_SINGLE: Final = re.compile(r"[*?\[\\\0]")
+
+
+def parse_single_try(text: str) -> Reading:
+    """Read `text`; its stars are to be taken as the module says: that is `Pattern.rewinds`."""
+    if not _SPECIAL_IN_SINGLE.search(text):
+        return Reading(tokens=text)
+    tokens, faults = scanned(text, partial(_single_brackets, text), escapes=True)
+    if _READS_BEYOND in faults:
+        return Reading(tokens=tokens, malformed=_READS_BEYOND, undefined=True)
+    return Reading(tokens=tokens, malformed=next(iter(faults), None))
+
+
+def _single_brackets(text: str, place: int) -> tuple[Single, int, str | None]:
+    """Read from behind a `[`: what the brackets take, where the text goes on, and what is malformed in them."""
+    negated = text.startswith("!", place)
+    place += negated
+    ranges: list[tuple[int, int]] = []
+    fault: str | None = None
+    first = place
+    while place < len(text):
+        character = text[place]
+        if character == "]" and place > first:
+            return CharSet.of(ranges, negated=negated), place + 1, fault
+        end = text[place + 1 : place + 2]
+        if character == "-" and place > first and end != "]":
+            low = text[place - 1]
+            if end <= low:
+                fault = fault or _NOT_BEHIND
+                place += 1
+                continue
+            if end == _DELETE:  # its loop counts in a char, which is never greater
+                fault = fault or _ENDS_IN_DELETE
+                ranges.append((1, LAST_CHARACTER))
+            ranges.append((ord(low) + 1, ord(end)))
+            place += 2
+        else:
+            ranges.append((ord(character), ord(character)))
+            place += 1
+    return NO_CHARACTER, place, _READS_BEYOND
