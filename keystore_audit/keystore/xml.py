@@ -148,7 +148,7 @@ def _parsed(content: bytes) -> etree._Element:
     for element in root.iter(etree.Element) if content.count(b"=") > MAX_ATTRIBUTES else ():
         if len(element.attrib) > MAX_ATTRIBUTES:
             detail = f"an element with more than {MAX_ATTRIBUTES} attributes, which is not read"
-            raise Malformed(source_line(element) or 1, detail)
+            raise Malformed(1, detail)
     return root
 
 
