@@ -76,11 +76,16 @@ def rounds_of(behaviour: Behaviour) -> int | None:
 
 
 def _answer(behaviour: Behaviour, found: Mapping[str, bool]) -> Answer:
-    """The answer about one behaviour; a difference is shown by the native engine, and none where it finds none."""
-    rounds = explore(behaviour, perhaps=False).rounds if found[CERTAIN] else ()
-    if rounds:
+    """The answer about one behaviour; a difference is shown by the native engine.
+
+    Raises EngineFailed where that knows none: a counterexample that shows nothing is no answer.
+    """
+    if found[CERTAIN]:
+        rounds = explore(behaviour, perhaps=False).rounds
+        if not rounds:
+            raise EngineFailed(f"The Alloy Analyzer's counterexample to {CERTAIN} shows no difference.")
         return Answer(status=Status.VIOLATED, witnesses=({},), rounds=rounds)
-    holds = found[SHOWN] and not found[CERTAIN] and not found.get(PERHAPS, False)
+    holds = found[SHOWN] and not found.get(PERHAPS, False)
     return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
 
 
