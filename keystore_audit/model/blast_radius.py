@@ -29,7 +29,7 @@ from keystore_audit.model.inventory import documents_of, system_documents
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.tables.access_table import Named, names_of
-from keystore_audit.profiles import Profile
+from keystore_audit.profiles import VARIANTS, Profile
 
 MAX_RANKED: Final = 2_000
 """Enclaves beyond which none is ranked: five seconds and more."""
@@ -323,7 +323,11 @@ def rankings(known: Ground) -> tuple[Ranking, ...]:
         if system.reading is Reading.MAY:
             ranked = sorted(_ranked(known, system), key=lambda one: ([-number for number in one.size], one.path))
             found.setdefault(tuple(ranked), []).extend(system.profiles)
-    every = (Ranking(profiles=tuple(profiles), enclaves=ranked) for ranked, profiles in found.items())
+    order = {name: place for place, name in enumerate(VARIANTS)}
+    every = (
+        Ranking(profiles=tuple(sorted(profiles, key=lambda name: order.get(name, len(order)))), enclaves=ranked)
+        for ranked, profiles in found.items()
+    )
     return tuple(sorted(every, key=lambda ranking: -len(ranking.profiles)))
 
 
