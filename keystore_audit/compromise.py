@@ -15,7 +15,7 @@ from keystore_audit.model.claims.globs import nearest
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
-from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
+from keystore_audit.properties.result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
 
 MAX_KEYS: Final = 20
 """Authorities of one sort whose keys are tried: a CA file may hold thousands."""

@@ -18,8 +18,7 @@ from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
+from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, Status
 from keystore_audit.settings.claims import place
 
 

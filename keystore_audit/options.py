@@ -67,10 +67,9 @@ def options_of(given: Mapping[str, Any], keystores: Sequence[str], settings: Set
     paths there. Raises errors.UsageError for files that are none.
     """
     from keystore_audit.model.trust.chain import Authorities
-    from keystore_audit.settings.authorities import expected
-    from keystore_audit.settings.settings import read_baseline
+    from keystore_audit.settings.settings import expected, read_baseline
 
-    declared = settings.authorities if settings is not None else Authorities()
+    declared = settings.settings if settings is not None else Authorities()
     made = {
         "at": (given["at"] or now()).astimezone(timezone.utc).replace(microsecond=0),
         "at_given": given["at"] is not None,

@@ -47,8 +47,7 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.trust import chain as trust
 from keystore_audit.options import Options, Progress
 from keystore_audit.profiles import Profile, resolve, scope_of
-from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import AlloyResult, EngineStatus, PropertyResult
+from keystore_audit.properties.result import AlloyResult, EngineStatus, PropertyResult, Status
 from keystore_audit.report.content import (
     MAX_RANKED,
     NOT_CHECKED,
@@ -58,7 +57,7 @@ from keystore_audit.report.content import (
     EnclaveEntry,
     Report,
 )
-from keystore_audit.report.from_keystore import excerpts, unread, untested
+from keystore_audit.report.suggested import excerpts, unread, untested
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Context

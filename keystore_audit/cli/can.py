@@ -110,7 +110,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
 
 def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -> tuple[Question, ...]:
     """The questions about DDS topics that the question is made of."""
-    from keystore_audit.intent.ros_names import is_ros_name
+    from keystore_audit.intent.intent import is_ros_name
     from keystore_audit.keystore.permissions import Operation
     from keystore_audit.model.names import dds_channels
     from keystore_audit.model.question import Question
@@ -258,7 +258,7 @@ def access_command(keystore: str, **given: Any) -> int:
 
 def _rendered(table: AccessTable, kind: str) -> str:
     if kind != "text":
-        from keystore_audit.report import access_json
+        from keystore_audit.report import access_text as access_json
 
         return access_json.json(table) if kind == "json" else access_json.csv(table)
     from keystore_audit.report import access_text

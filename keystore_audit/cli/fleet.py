@@ -19,8 +19,7 @@ from keystore_audit.text import some
 
 if TYPE_CHECKING:
     from keystore_audit.fleet.pools import Pool
-    from keystore_audit.fleet.search import Found
-    from keystore_audit.fleet.shared import Identities
+    from keystore_audit.fleet.run import Found, Identities
     from keystore_audit.fleet.tables import Datasets
     from keystore_audit.fleet.task import Audited, Task
     from keystore_audit.options import Options
@@ -115,8 +114,7 @@ class _Run:
         return self._finish(interrupted=interrupted)
 
     def _audit(self, pool: Pool | None, watch: FleetWatch) -> None:
-        from keystore_audit.fleet.run import audited
-        from keystore_audit.fleet.shared import Identities
+        from keystore_audit.fleet.run import Identities, audited
 
         if self._tables or len(self._found.keystores) > 1:
             self._identities = Identities()

@@ -16,7 +16,7 @@ from keystore_audit.text import instant
 
 if TYPE_CHECKING:
     from keystore_audit.flow import FlowAnswer
-    from keystore_audit.properties.property import Status
+    from keystore_audit.properties.result import Status
 
 ATTACKERS: Final = ("honest", "source", "relays")
 ENGINES: Final = ("native", "auto", "both", "alloy")

@@ -15,7 +15,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.text import meant
 
 if TYPE_CHECKING:
-    from keystore_audit.fleet.search import Found
+    from keystore_audit.fleet.run import Found
     from keystore_audit.options import Options
 
 FILE_NAMES: Final = {
@@ -42,7 +42,7 @@ def found(named: Sequence[str], *, recursive: bool) -> Found:
 
     A directory named in which there is none is among them, unless there is none at all: its audit says so.
     """
-    from keystore_audit.fleet.search import Found, find_keystores
+    from keystore_audit.fleet.run import Found, find_keystores
 
     if not recursive:
         return Found(keystores=tuple(named), unseen=())

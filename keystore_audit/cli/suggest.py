@@ -136,7 +136,7 @@ def _write_permissions(
 
 def _place_of(enclave: EnclavePolicy, directory: Path) -> Path:
     """Below the directory, as below enclaves/ of a keystore; its tokens are letters, digits and underscores."""
-    from keystore_audit.intent.ros_names import is_path
+    from keystore_audit.intent.intent import is_path
 
     if not is_path(enclave.path):
         raise UsageError(

@@ -18,9 +18,15 @@ from keystore_audit.model.claims.stated import Claim, LabelPair
 from keystore_audit.model.formal.asked import ClaimKind
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES, Answer, Status
-from keystore_audit.properties.counterexample import Counterexample
-from keystore_audit.properties.property import Property
-from keystore_audit.properties.result import ANYBODY, AssertedResult, LabelResult, ProfileResult, PropertyResult
+from keystore_audit.properties.result import (
+    ANYBODY,
+    AssertedResult,
+    Counterexample,
+    LabelResult,
+    ProfileResult,
+    Property,
+    PropertyResult,
+)
 
 if TYPE_CHECKING:
     from keystore_audit.engine.kept import KeptFlows

@@ -18,8 +18,7 @@ from keystore_audit.engine.native_claims import Claims, claims_at
 from keystore_audit.model.formal.asked import ATTACKERS, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.system import Reading, System
-from keystore_audit.properties.property import Answer, Role, Status, Witness
-from keystore_audit.properties.result import AssertedResult, PropertyResult
+from keystore_audit.properties.result import Answer, AssertedResult, PropertyResult, Role, Status, Witness
 
 MAX_STEPS: Final = 200_000
 """Of one claim, pairs of places that are looked at, times moments and, of flows, enclaves: some seconds at worst."""

@@ -27,8 +27,7 @@ from keystore_audit.model.formal.system import (
     TopicRuleAtom,
 )
 from keystore_audit.model.names import AMBIENT, ros_name
-from keystore_audit.properties.counterexample import Step
-from keystore_audit.properties.property import Role, Witness
+from keystore_audit.properties.result import Role, Step, Witness
 
 
 class Right(Struct, frozen=True, kw_only=True):

@@ -15,8 +15,7 @@ from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import stated
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.property import Property, Role, Witness
+from keystore_audit.properties.result import Counterexample, Property, Role, Step, Witness
 
 PUBLISH: Final = Operation.PUBLISH
 SUBSCRIBE: Final = Operation.SUBSCRIBE

@@ -13,8 +13,7 @@ from keystore_audit.ci import in_ci
 from keystore_audit.engine.agreement import EngineAnswers
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
-from keystore_audit.properties.property import Answer, Status
-from keystore_audit.properties.result import EngineRun, EngineStatus
+from keystore_audit.properties.result import Answer, EngineRun, EngineStatus, Status
 
 
 class Engines(Struct, frozen=True, kw_only=True):

@@ -17,8 +17,7 @@ from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.flow import Flows, Leg, Search, search_of
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.property import Answer, Hop, Status
+from keystore_audit.properties.result import Answer, Counterexample, Hop, Status, Step
 
 MAX_AT_HAND: Final = 16
 """Moments whose flows are kept for the next claim; those of a large fleet take some ten megabytes each."""

@@ -13,7 +13,7 @@ from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.flow import Flows, Leg, search_of
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
-from keystore_audit.properties.property import Answer, Hop, Role, Status, Witness
+from keystore_audit.properties.result import Answer, Hop, Role, Status, Witness
 
 Found = tuple[Witness, tuple[Leg, ...]]
 """What violates a claim: who plays which role, and the flow, where its kind has flows."""

@@ -20,8 +20,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.asked import Behaviour, DeterminismAtom, Scheduler
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import ros_name
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.property import Acts, Answer, Role, Round, Status
+from keystore_audit.properties.result import Acts, Answer, Counterexample, Role, Round, Status, Step
 
 MAX_PAIRS = 100_000
 """Pairs of steps that are looked at for one behaviour: six seconds; beyond it the answer is unknown."""

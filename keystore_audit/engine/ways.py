@@ -11,8 +11,7 @@ from keystore_audit.engine.case import Case
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import realm_views
-from keystore_audit.properties.counterexample import Step
-from keystore_audit.properties.property import Role
+from keystore_audit.properties.result import Role, Step
 
 
 class Way(Struct, frozen=True, kw_only=True):

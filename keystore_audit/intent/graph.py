@@ -7,8 +7,17 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from keystore_audit.findings import Location
-from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
-from keystore_audit.intent.ros_names import is_node_name, is_path, is_ros_name, joined
+from keystore_audit.intent.intent import (
+    Action,
+    IntendedNode,
+    IntendedRight,
+    Intent,
+    Origin,
+    is_node_name,
+    is_path,
+    is_ros_name,
+    joined,
+)
 from keystore_audit.intent.source import Source, Value, parse_json, read_source, shown
 from keystore_audit.keystore.defect import Malformed
 

@@ -16,7 +16,7 @@ from lxml import etree
 from msgspec import Struct
 
 from keystore_audit.intent.environment import DOMAIN, ENABLE, KEYSTORE, OVERRIDE, RMW, STRATEGY
-from keystore_audit.intent.ros_names import ROOT, joined
+from keystore_audit.intent.intent import ROOT, joined
 from keystore_audit.intent.source import Source, Value, parse_yaml, shown
 from keystore_audit.keystore.defect import Malformed
 from keystore_audit.keystore.xml import parse_unsigned, source_line

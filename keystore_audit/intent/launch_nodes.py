@@ -16,6 +16,7 @@ from keystore_audit.findings import Location
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.environment import OVERRIDE
 from keystore_audit.intent.intent import (
+    ROOT,
     Action,
     IntendedNode,
     IntendedRight,
@@ -24,9 +25,12 @@ from keystore_audit.intent.intent import (
     SetVariable,
     Unresolved,
     UsedName,
+    expanded,
+    is_node_name,
+    is_path,
+    joined,
 )
 from keystore_audit.intent.launch_elements import NAMES, Element, Scope, Unknown, speaks_of, words
-from keystore_audit.intent.ros_names import ROOT, expanded, is_node_name, is_path, joined
 from keystore_audit.intent.source import Source, shown
 
 PREFIX: Final = "launch-prefix"

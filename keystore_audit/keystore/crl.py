@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from datetime import datetime
+from functools import lru_cache
 from typing import Final, TypeVar
 
 from cryptography import x509
@@ -12,10 +14,39 @@ from msgspec import Struct
 
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts
-from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.pem import DUMP_OF_REVOCATION_LIST, Block, Problem, read_pem
 from keystore_audit.keystore.public_key import signature_algorithm
+
+# Compares distinguished names of certificates as X.509 verifiers do.
+
+
+_BLANKS: Final = re.compile(r"[ \t\n\v\f\r]+")
+_LOWER: Final = {upper: upper + 0x20 for upper in range(ord("A"), ord("Z") + 1)}
+
+
+def same_name(first: x509.Name, second: x509.Name) -> bool:
+    """Whether OpenSSL's X509_NAME_cmp finds the names equal (crypto/x509/x_name.c, x509_name_canon).
+
+    Neither the case of ASCII letters, nor blanks around or their number between words, nor the type of
+    string counts.
+    """
+    return _canonical(first) == _canonical(second)
+
+
+@lru_cache(maxsize=4096)
+def _canonical(name: x509.Name) -> tuple[frozenset[tuple[str, str | bytes]], ...]:
+    return tuple(
+        frozenset((attribute.oid.dotted_string, _canonical_value(attribute.value)) for attribute in rdn)
+        for rdn in name.rdns
+    )
+
+
+def _canonical_value(value: str | bytes) -> str | bytes:
+    if isinstance(value, bytes):
+        return value
+    return _BLANKS.sub(" ", value).strip(" ").translate(_LOWER)
+
 
 REVOCATION_LIST_LABEL: Final = "X509 CRL"
 

@@ -10,8 +10,7 @@ from cryptography import x509
 
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.certificate import Certificate, is_netscape_type
-from keystore_audit.keystore.crl import RevocationList, extension_of
-from keystore_audit.keystore.distinguished_name import same_name
+from keystore_audit.keystore.crl import RevocationList, extension_of, same_name
 
 _EMAIL_PROTECTION: Final = "1.3.6.1.5.5.7.3.4"  # id-kp-emailProtection, RFC 5280, 4.2.1.12
 _NETSCAPE_SMIME_OR_CLIENT: Final = 0x20 | 0x80  # SSL client too: "workaround for some buggy certificates" (v3_purp.c)

@@ -1,6 +1,6 @@
 """ROS 2 names and the DDS names that they become, by the rules of rmw and of sros2's policy translation.
 
-Sources: `intent/ros_names.py` for what a fully qualified name is, rmw's topic prefixes, and sros2's
+Sources: `intent/intent.py` for what a fully qualified name is, rmw's topic prefixes, and sros2's
 `permissions.xsl` for which DDS topics a right on a service or an action needs. Lengths are not limited here: rmw takes
 at most 247 characters, a DDS participant any number.
 """
@@ -13,7 +13,7 @@ from typing import Final
 from msgspec import Struct
 
 from keystore_audit.errors import UsageError
-from keystore_audit.intent.ros_names import FULL_NAME, is_ros_name
+from keystore_audit.intent.intent import FULL_NAME, is_ros_name
 from keystore_audit.keystore.permissions import Operation
 
 Use = tuple[Operation, str]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from keystore_audit.properties.property import Answer, Property, Role, Status, Witness
+from keystore_audit.properties.result import Answer, Property, Role, Status, Witness
 from keystore_audit.properties.stated import PROPERTIES
 
 BY_ID = {prop.id: prop for prop in PROPERTIES}

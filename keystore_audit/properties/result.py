@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from enum import Enum
 from typing import Final
 
@@ -10,10 +11,189 @@ from msgspec import Struct
 
 from keystore_audit.assumptions import Assumption
 from keystore_audit.findings import Location, Severity
+from keystore_audit.model.blast_radius import BlastRadius, Ground
 from keystore_audit.profiles import SubjectComparison, doing
-from keystore_audit.properties.counterexample import Counterexample
-from keystore_audit.properties.property import Property, Status
 from keystore_audit.text import some
+
+# A counterexample in the user's names.
+
+
+class Step(Struct, frozen=True, kw_only=True):
+    """One thing that makes the counterexample possible, and the line that says so.
+
+    `channel`: what is meant, in words (`domain 0, topic rt/chatter`); `witness`: a concrete DDS topic name
+    (or enclave, certificate or document) of it. `path` and `line` as in `findings.Location`; `expression`: the
+    one there that takes in the witness, where it is not the witness itself.
+    """
+
+    enclave: str | None
+    channel: str | None
+    witness: str
+    path: str | None
+    line: int | None
+    expression: str = ""
+
+
+class Counterexample(Struct, frozen=True, kw_only=True):
+    """`text` is one sentence for people; untrusted names in it are not escaped yet."""
+
+    text: str
+    steps: tuple[Step, ...]
+
+
+# A property: a named question that both engines answer about a `model.formal.system.System`.
+
+
+class Role(str, Enum):
+    """What an atom does in a counterexample; the value is the variable's name in the Alloy assertion."""
+
+    REALM = "realm"
+    DOMAIN = "domain"
+    ENCLAVE = "enclave"
+    OTHER = "other"
+    DOCUMENT = "document"
+    CHANNEL = "channel"
+    CERTIFICATE = "certificate"
+    OTHER_CERTIFICATE = "other_certificate"
+    OTHER_CHANNEL = "other_channel"
+    PUBLISHER = "publisher"
+    """An enclave, a certificate that no enclave has, or (none of both) anybody; a witness names what it is."""
+    INSIDER = "insider"
+    """Likewise."""
+
+
+class Property(Struct, frozen=True, kw_only=True):
+    """One question.
+
+    `id` is also the name of its KA7 rule; `roles` the quantified variables of its assertion, outermost first;
+    `attacker` who is meant to fail; `clause` what it rests on.
+    """
+
+    id: str
+    statement: str
+    attacker: str
+    clause: str
+    roles: tuple[Role, ...]
+
+    @property
+    def assertion(self) -> str:
+        """The same name in `alloy/properties.als`."""
+        return "".join(word.capitalize() for word in self.id.split("-"))
+
+
+class Status(str, Enum):
+    """The answer to a property. UNKNOWN never counts as HOLDS."""
+
+    HOLDS = "holds"
+    VIOLATED = "violated"
+    UNKNOWN = "unknown"
+
+
+Witness = Mapping[Role, int]
+"""A counterexample: the index of the atom that plays each role."""
+
+
+class Hop(Struct, frozen=True, kw_only=True):
+    """One step of a flow: a participant hands a sample of the channel to the next.
+
+    Enclaves by index; None: the outsider, or, at the first and last hop, that the flow begins or ends at the channel.
+    `instant`: at which (index).
+    """
+
+    sender: int | None
+    channel: int
+    receiver: int | None
+    instant: int
+
+
+class Acts(Struct, frozen=True, kw_only=True):
+    """What one of two runs does in a round (`model.formal.asked`).
+
+    `sent`: by writer, which of two values it publishes, None for nothing. `taken`: the slots that forwards emptied.
+    """
+
+    sent: tuple[int | None, ...]
+    taken: tuple[int, ...]
+
+
+class Round(Struct, frozen=True, kw_only=True):
+    """The same round of two runs that are compared."""
+
+    one: Acts
+    other: Acts
+
+
+class Answer(Struct, frozen=True, kw_only=True):
+    """One engine's answer about one system. `witnesses` is empty exactly where a property holds.
+
+    An engine may give one witness or several, the most telling first; UNKNOWN only of determinism: within one reading
+    everything else is decided. Of determinism: `rounds` are two runs that differ in the last one, in the behaviour of
+    this index. Of a claim (`model.formal.asked`): `path` is a shortest flow that violates it, where its kind has
+    flows, and `moment`, where the engine says so, the first at which it is violated: twice the index of an instant,
+    plus one for the time between it and the next.
+    """
+
+    status: Status
+    witnesses: tuple[Witness, ...] = ()
+    path: tuple[Hop, ...] = ()
+    moment: int | None = None
+    rounds: tuple[Round, ...] = ()
+    behaviour: int = 0
+
+
+# What stolen keys open, per profile: the answer of `flow --from-compromised`.
+
+
+class Stolen(str, Enum):
+    """Whose private key it is."""
+
+    ENCLAVE = "enclave"
+    IDENTITY_CA = "identity-ca"
+    PERMISSIONS_CA = "permissions-ca"
+
+
+class ProfileRadius(Struct, frozen=True, kw_only=True):
+    """The blast radius under one profile. `certain`: nothing of it depends on what could not be read."""
+
+    radius: BlastRadius
+    certain: bool
+
+
+class KeyAnswer(Struct, frozen=True, kw_only=True):
+    """Of one key. `name`: the enclave's path, or the subject of the authority; `location`: of its certificate.
+
+    `with_an_enclave`: (permissions CA) of who holds the key of an enclave as well, whichever it is; else None.
+    """
+
+    stolen: Stolen
+    name: str
+    location: Location | None
+    alone: Mapping[str, ProfileRadius]
+    with_an_enclave: Mapping[str, ProfileRadius] | None
+
+
+class CompromiseAnswer(Struct, frozen=True, kw_only=True):
+    """What each key opens that `who` means: none where no such authority could be read.
+
+    `enclaves`: how many there are. `doubts`: places of what could not be read, which an uncertain answer depends on.
+    """
+
+    who: str
+    at: datetime
+    include_ambient: bool
+    ground: Ground
+    enclaves: int
+    keys: tuple[KeyAnswer, ...]
+    doubts: tuple[Location, ...]
+
+    @property
+    def status(self) -> Status:
+        """UNKNOWN where anything of it is uncertain; VIOLATED where a key opens anything of somebody else's."""
+        found = [each for key in self.keys for part in (key.alone, key.with_an_enclave or {}) for each in part.values()]
+        if not found or not all(each.certain for each in found):
+            return Status.UNKNOWN
+        return Status.VIOLATED if any(each.radius.beyond_itself for each in found) else Status.HOLDS
+
 
 ANYBODY: Final = "anybody on the network"
 """Among those who could forge: whoever has no key."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from keystore_audit.properties.property import Property, Role
+from keystore_audit.properties.result import Property, Role
 
 # Who may take part: DDS-Security 1.1, 8.3 and 9.3.
 

@@ -15,8 +15,7 @@ from keystore_audit.findings import Finding, Outcomes, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
-from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
+from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult, Status
 
 if TYPE_CHECKING:  # most reports draw nothing
     from keystore_audit.model.blast_radius import Ranking

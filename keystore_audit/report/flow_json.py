@@ -8,11 +8,17 @@ from typing import Any, Final
 from keystore_audit.assumptions import Needed
 from keystore_audit.model.blast_radius import Ground
 from keystore_audit.model.formal.asked import Attacker
-from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius
-from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult
+from keystore_audit.properties.result import (
+    AssertedResult,
+    CompromiseAnswer,
+    EngineRun,
+    KeyAnswer,
+    ProfileRadius,
+    ProfileResult,
+    Status,
+)
 from keystore_audit.report.content import answered_if, conditions_of
-from keystore_audit.report.encoded import encoded, picked, told
+from keystore_audit.report.suggested import encoded, picked, told
 from keystore_audit.text import instant
 
 FOUND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}

@@ -11,10 +11,18 @@ from keystore_audit.model.blast_radius import BlastRadius, Ground, Topic
 from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.model.names import PARAMETER_SERVICES, RosKind, parse_dds_name, ros_name
 from keystore_audit.model.tables.access_table import Named
-from keystore_audit.properties.compromise_result import CompromiseAnswer, KeyAnswer, ProfileRadius, Stolen
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus
+from keystore_audit.properties.result import (
+    AssertedResult,
+    CompromiseAnswer,
+    Counterexample,
+    EngineRun,
+    EngineStatus,
+    KeyAnswer,
+    ProfileRadius,
+    Status,
+    Step,
+    Stolen,
+)
 from keystore_audit.report.flow_json import assumptions, stolen_if
 from keystore_audit.report.page import by_answer, profiles, rests_on, unbroken, worst_first, wrapped
 from keystore_audit.text import MAX_EXPRESSION, counted, shorten, some, terminal

@@ -27,7 +27,7 @@ from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.model.blast_radius import Ranking
 from keystore_audit.model.tables.overview import Issuance, IssuedCertificate
-from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import Status
 from keystore_audit.report.access_words import SHORT, full_name
 from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.html_tables import Sheet, access, differing, profiles

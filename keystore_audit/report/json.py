@@ -12,7 +12,7 @@ from keystore_audit.findings import Finding, Outcomes, Result, Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.properties.result import AssertedResult, EngineRun, ProfileResult, PropertyResult
 from keystore_audit.report.content import MAX_RANKED, EnclaveEntry, NoReport, Report
-from keystore_audit.report.encoded import BETWEEN, array, document, encoded, keys, picked, told
+from keystore_audit.report.suggested import BETWEEN, array, document, encoded, keys, picked, told
 from keystore_audit.text import instant
 
 SCHEMA_VERSION: Final = 1

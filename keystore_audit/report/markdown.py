@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.findings import Finding, Location, Severity
-from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import Status
 from keystore_audit.report.content import WORST_FIRST, NoReport, Report, Verdict
 from keystore_audit.report.view_model import Consequences, assumed, until
 from keystore_audit.text import instant, markdown, shorten, some

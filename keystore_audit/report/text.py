@@ -15,7 +15,7 @@ from msgspec import Struct
 from keystore_audit.assumptions import CONDITIONS
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.profiles import implementations, shipped_by
-from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import Status
 from keystore_audit.report.causes_text import (
     MAX_NAMED,
     put_accepted,

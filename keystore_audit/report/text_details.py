@@ -11,8 +11,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Outcomes, Result
 from keystore_audit.grouped import grouped
 from keystore_audit.model.question import Usability
-from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import ProfileResult, PropertyResult
+from keystore_audit.properties.result import ProfileResult, PropertyResult, Status
 from keystore_audit.report.content import EnclaveEntry, Report, Verdict
 from keystore_audit.report.page import Page, by_answer, worst_first
 from keystore_audit.report.view_model import (

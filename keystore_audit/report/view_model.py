@@ -13,8 +13,7 @@ from msgspec import Struct
 from keystore_audit.findings import OF_THE_AUDIT, Finding, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.profiles import facts
-from keystore_audit.properties.property import Status
-from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult
+from keystore_audit.properties.result import EngineRun, EngineStatus, PropertyResult, Status
 from keystore_audit.report.content import EnclaveEntry, Report
 
 _COMMON_WORD: Final = re.compile("[A-Z][a-z]* (?!DDS)")

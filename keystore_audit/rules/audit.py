@@ -11,7 +11,6 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import ZONE_DECIDES
 from keystore_audit.model.question import Doubt
-from keystore_audit.properties.property import Status
 from keystore_audit.properties.result import (
     AlloyResult,
     AssertedResult,
@@ -19,6 +18,7 @@ from keystore_audit.properties.result import (
     EngineStatus,
     ProfileResult,
     PropertyResult,
+    Status,
     UserResult,
 )
 from keystore_audit.remedy import Act, Remedy, decision, outside

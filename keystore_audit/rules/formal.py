@@ -13,9 +13,17 @@ from msgspec.structs import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.profiles import facts
 from keystore_audit.properties import stated
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.property import Property, Status
-from keystore_audit.properties.result import AlloyResult, AssertedResult, LabelResult, PropertyResult, UserResult
+from keystore_audit.properties.result import (
+    AlloyResult,
+    AssertedResult,
+    Counterexample,
+    LabelResult,
+    Property,
+    PropertyResult,
+    Status,
+    Step,
+    UserResult,
+)
 from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.registry import Context, Rule, Violation, register, rule
 from keystore_audit.rules.remedies import SEPARATE, in_governance, issue_again, sign_again

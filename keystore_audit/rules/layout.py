@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.intent.ros_names import is_path
+from keystore_audit.intent.intent import is_path
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role

@@ -10,8 +10,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.intent.environment import DOMAIN, ENABLE, RMW, SECURE, STRATEGY
-from keystore_audit.intent.intent import Action, SetVariable
-from keystore_audit.intent.ros_names import ROOT
+from keystore_audit.intent.intent import ROOT, Action, SetVariable
 from keystore_audit.keystore.governance import DomainRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Rule as PermissionsRule

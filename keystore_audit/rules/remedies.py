@@ -8,7 +8,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from keystore_audit.findings import Location
-from keystore_audit.intent.ros_names import is_ros_name
+from keystore_audit.intent.intent import is_ros_name
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role

@@ -7,9 +7,8 @@ from datetime import datetime
 from typing import Any
 
 from keystore_audit.findings import Location, Severity
-from keystore_audit.keystore.crl import RevocationList
+from keystore_audit.keystore.crl import RevocationList, same_name
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.issuer import crl_signed_by
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role

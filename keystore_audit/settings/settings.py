@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -10,18 +12,96 @@ from msgspec import Meta, Struct, field
 
 from keystore_audit.assumptions import Assumption, Declaration
 from keystore_audit.errors import UsageError
-from keystore_audit.given import GivenFile
+from keystore_audit.given import GivenFile, check_beside
+from keystore_audit.keystore.certificate import Certificate, read_certificate, read_certificates
+from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.foreign import DeclaredFiles
 from keystore_audit.model.claims.named import Declared, Determinism
 from keystore_audit.model.claims.stated import Claim, Labelling
 from keystore_audit.model.trust.chain import Authorities
 from keystore_audit.profiles import in_scope
-from keystore_audit.settings.acceptances import AcceptedTable, SuppressionTable, read_accepted, read_suppressions
-from keystore_audit.settings.authorities import AuthoritiesTable, declared_authorities
 from keystore_audit.settings.claims import ForwardTable, PropertyTable, read_properties
 from keystore_audit.settings.document import Enclaves, Source, Table, Text, Texts, Topics, read_document, several
 from keystore_audit.settings.labels import DeclassifierTable, LabelTable, LatticeTable, read_labels, single_writers
-from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance
+from keystore_audit.settings.suppressions import (
+    MAX_DAYS,
+    Acceptance,
+    AcceptedTable,
+    SuppressionTable,
+    read_accepted,
+    read_suppressions,
+)
+
+# Whom the user trusts: `[authorities]` in settings, `--expect-identity-ca` and `--expect-permissions-ca`.
+
+
+PREFIX: Final = "sha256:"
+_FINGERPRINT: Final = rf"^{PREFIX}[0-9a-fA-F]{{2}}(:?[0-9a-fA-F]{{2}}){{31}}\Z"
+Fingerprint = Annotated[
+    str, Meta(pattern=_FINGERPRINT, description='a fingerprint: "sha256:" and 64 hexadecimal digits')
+]
+Fingerprints = Fingerprint | Annotated[list[Fingerprint], Meta(min_length=1)]
+MAX_CERTIFICATE_BYTES: Final = 1_000_000
+"""Of a file of certificates that is named."""
+
+
+class AuthoritiesTable(Table, frozen=True, kw_only=True):
+    """The table `[authorities]`."""
+
+    identity: Fingerprints | None = None
+    permissions: Fingerprints | None = None
+
+
+def declared_authorities(table: AuthoritiesTable) -> Authorities:
+    """What settings declare."""
+    identity, permissions = (frozenset(map(_digits, several(each))) for each in (table.identity, table.permissions))
+    return Authorities(identity=identity, permissions=permissions)
+
+
+def _digits(fingerprint: str) -> str:
+    return fingerprint.removeprefix(PREFIX).replace(":", "").lower()
+
+
+def expected(
+    declared: Authorities, identity: Sequence[str], permissions: Sequence[str], keystores: Iterable[str | Path]
+) -> Authorities:
+    """What settings declare, of each role for which options do in their words. Raises errors.UsageError."""
+    beside = tuple(keystores)
+    return Authorities(
+        identity=_expected(identity, beside) or declared.identity,
+        permissions=_expected(permissions, beside) or declared.permissions,
+    )
+
+
+def _expected(values: Sequence[str], keystores: Sequence[str | Path]) -> frozenset[str]:
+    """Fingerprints, and files of certificates, each of which is then expected as it is."""
+    found = set[str]()
+    for value in values:
+        if value.startswith(PREFIX):
+            if not re.match(_FINGERPRINT, value):
+                raise UsageError(f"{value!r} is no fingerprint: expected sha256: and 64 hexadecimal digits.")
+            found.add(_digits(value))
+        else:
+            found.update(certificate.sha256 for certificate in _certificates(Path(value), keystores))
+    return frozenset(found)
+
+
+def _certificates(path: Path, keystores: Sequence[str | Path]) -> tuple[Certificate, ...]:
+    check_beside(path, keystores)
+    try:
+        with path.open("rb") as opened:
+            content = opened.read(MAX_CERTIFICATE_BYTES + 1)
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror or error}.") from error
+    name = os.fspath(path)
+    in_der = read_certificate(content, 1, name)
+    if isinstance(in_der, Certificate):
+        return (in_der,)
+    read = read_certificates(File(path=name, resolved=name, status=Status.PRESENT, content=content))
+    if len(content) > MAX_CERTIFICATE_BYTES or not read.certificates or read.defects:
+        raise UsageError(f"{path} is no file of certificates alone, in PEM or DER, nor a fingerprint (sha256:...).")
+    return read.certificates
+
 
 MAX_BYTES: Final = 1_000_000
 """A settings file is written by people."""

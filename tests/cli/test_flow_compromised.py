@@ -14,7 +14,7 @@ from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.profiles import resolve
-from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import Status
 from tests.cli.test_flow import AT, SAMPLES, run
 from tests.schemas import schema
 

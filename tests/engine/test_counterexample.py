@@ -19,8 +19,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import BY_ID, PROPERTIES
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.property import Role, Status
+from keystore_audit.properties.result import Counterexample, Role, Status, Step
 from tests.engine.alloy.flow_builders import THIRD, at, chain, claim, shut_out, weak
 from tests.engine.systems import (
     CHATTER,

@@ -19,7 +19,7 @@ from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import Answer, Status
-from keystore_audit.properties.property import Hop
+from keystore_audit.properties.result import Hop
 from tests.engine.strangers_by_hand import published_elsewhere, read_elsewhere
 from tests.engine.systems import (
     CHATTER,

@@ -11,7 +11,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID, Status
-from keystore_audit.properties.property import Role
+from keystore_audit.properties.result import Role
 from tests.engine.alloy.flow_builders import THIRD, at, chain, claim, issuing, shut_out, unknown
 from tests.engine.alloy_batch import decide_batch, decide_claims
 from tests.engine.systems import CHATTER, IDENTITY_CA, LISTENER, PERMISSIONS_CA, TALKER, TALKER_IDENTITY

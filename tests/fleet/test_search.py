@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keystore_audit.errors import NothingToAudit
-from keystore_audit.fleet.search import find_keystores
+from keystore_audit.fleet.run import find_keystores
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.layout import discover
 from keystore_audit.keystore.root import Root

@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 from hypothesis import given
 from hypothesis import strategies as st
 
-from keystore_audit.fleet.shared import Identities
+from keystore_audit.fleet.run import Identities
 from keystore_audit.keystore.identity import Compared, Identity, alike
 
 AT = datetime(2026, 11, 21, tzinfo=timezone.utc)

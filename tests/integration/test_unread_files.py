@@ -10,7 +10,7 @@ import pytest
 
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
-from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import Status
 from keystore_audit.report.content import Report
 
 SAMPLES = Path(__file__).parents[2] / "sample_keystores"

@@ -232,7 +232,7 @@ ORACLE_NAMES = st.lists(
 def test_names_are_compared_as_openssl_compares_them(
     first: list[tuple[x509.ObjectIdentifier, str]], second: list[tuple[x509.ObjectIdentifier, str]]
 ) -> None:
-    from keystore_audit.keystore.distinguished_name import same_name
+    from keystore_audit.keystore.crl import same_name
 
     oracle = libcrypto.load()
     names = [x509.Name([x509.NameAttribute(oid, value) for oid, value in parts]) for parts in (first, second)]

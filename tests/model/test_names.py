@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from keystore_audit.errors import UsageError
-from keystore_audit.intent.ros_names import is_ros_name
+from keystore_audit.intent.intent import is_ros_name
 from keystore_audit.model.names import (
     AMBIENT_TOPICS,
     PARAMETER_SERVICES,

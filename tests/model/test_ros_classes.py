@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.intent.ros_names import is_ros_name
+from keystore_audit.intent.intent import is_ros_name
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.ros.classes import Affix, classify_ros_names
 from keystore_audit.profiles import Matcher

@@ -12,8 +12,14 @@ from keystore_audit.assumptions import Assumption, Needed
 from keystore_audit.findings import Finding, Location, Outcomes, Result, Row, Severity, Suppression, fingerprint
 from keystore_audit.model.question import Usability
 from keystore_audit.properties import BY_ID, Status
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.properties.result import (
+    Counterexample,
+    EngineRun,
+    EngineStatus,
+    ProfileResult,
+    PropertyResult,
+    Step,
+)
 from keystore_audit.remedy import decision
 from keystore_audit.report.content import Anchor, Anchors, Checked, EnclaveEntry, Report, Verdict
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Severity, Suppression
-from keystore_audit.properties.counterexample import Counterexample, Step
+from keystore_audit.properties.result import Counterexample, Step
 from keystore_audit.report import junit, markdown, sarif, text
 from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_MEDIUM, MAX_MINOR
 from keystore_audit.report.content import Report, Verdict

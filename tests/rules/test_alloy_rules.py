@@ -9,8 +9,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.formal.system import NodeAtom
 from keystore_audit.properties import BY_ID, Status
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.result import AlloyResult, ProfileResult
+from keystore_audit.properties.result import AlloyResult, Counterexample, ProfileResult, Step
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge
 from tests.engine.systems import healthy as built

@@ -15,8 +15,15 @@ from keystore_audit.findings import Location, Result, Severity
 from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.model.question import Doubt
 from keystore_audit.properties import BY_ID, PROPERTIES, Status
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, ProfileResult, PropertyResult
+from keystore_audit.properties.result import (
+    AssertedResult,
+    Counterexample,
+    EngineRun,
+    EngineStatus,
+    ProfileResult,
+    PropertyResult,
+    Step,
+)
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge
 from tests.rules.evidence import absent, context, findings, healthy, judged, laid_out, meaning

@@ -15,7 +15,7 @@ from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.properties import Status
-from keystore_audit.properties.counterexample import Counterexample
+from keystore_audit.properties.result import Counterexample
 from keystore_audit.remedy import decision
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import MAX_MESSAGE, judge

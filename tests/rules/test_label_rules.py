@@ -12,8 +12,7 @@ from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.stated import Claim, Labelled, Labelling, LabelPair, chain
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.properties import BY_ID, Status
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.result import AssertedResult, LabelResult, ProfileResult
+from keystore_audit.properties.result import AssertedResult, Counterexample, LabelResult, ProfileResult, Step
 from tests.rules.evidence import enclave, findings, healthy, judged, keystore
 
 LATTICE = Location(path="keystore-audit.toml", line=1, beside=True)

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from keystore_audit import text
 from keystore_audit.model.formal.system import ChannelAtom, System
-from keystore_audit.properties.property import Role
+from keystore_audit.properties.result import Role
 
 MAX_DECORATION: Final = 24
 """Characters of a name that an atom carries: enough to recognise it in the Analyzer's window."""

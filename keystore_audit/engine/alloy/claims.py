@@ -17,7 +17,7 @@ from keystore_audit.engine.alloy.atoms import Relations, function, name_atoms
 from keystore_audit.engine.alloy.process import Command
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System
-from keystore_audit.properties.property import Role, Status
+from keystore_audit.properties.result import Role, Status
 
 MODULES: Final = ("information_flow.als", "claims.als")
 """The hand-written modules that claims need, after those of the properties; each opens the one before."""

@@ -22,7 +22,7 @@ from keystore_audit.engine.native_determinism import explore
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.formal.asked import Behaviour, DeterminismAtom, Scheduler
 from keystore_audit.model.formal.system import System
-from keystore_audit.properties.property import Answer, Status
+from keystore_audit.properties.result import Answer, Status
 
 MODULE: Final = "determinism.als"
 """The hand-written module."""

@@ -22,7 +22,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.model.formal.asked import ClaimKind
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES
-from keystore_audit.properties.property import Property
+from keystore_audit.properties.result import Property
 
 THEME: Final = "keystore_audit.thm"
 """How the Analyzer's window draws an instance."""

@@ -33,7 +33,7 @@ from keystore_audit.model.formal.system import (
     TopicRuleAtom,
     easiest,
 )
-from keystore_audit.properties.property import Answer
+from keystore_audit.properties.result import Answer
 
 KEPT: Final = 3
 """Enclaves that remain of those that are alike: no property, and no hop of a flow, is about more than three of them."""

@@ -26,7 +26,7 @@ from keystore_audit.engine.alloy.atoms import index_of
 from keystore_audit.engine.alloy.install import checked_copy
 from keystore_audit.errors import EngineFailed, EngineMissing, EngineTimeout
 from keystore_audit.model.formal.system import System
-from keystore_audit.properties.property import Role, Witness
+from keystore_audit.properties.result import Role, Witness
 from keystore_audit.text import shorten
 
 OUTPUT_DIRECTORY: Final = "solutions"

@@ -38,7 +38,7 @@ from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.flow import Flows, Leg, search_of
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES
-from keystore_audit.properties.property import Answer, Property, Role, Status, Witness
+from keystore_audit.properties.result import Answer, Property, Role, Status, Witness
 
 MEMORY_MB: Final = 2048
 """MiB of Java heap: 500 enclaves and 1,000 channels take 1.2 GB in all."""

@@ -28,9 +28,16 @@ from keystore_audit.errors import EngineError, EngineFailed, EngineOutOfScale, U
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.names import ros_name
-from keystore_audit.properties.counterexample import Counterexample, Step
-from keystore_audit.properties.property import Property, Status
-from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus, ProfileResult
+from keystore_audit.properties.result import (
+    AlloyResult,
+    Counterexample,
+    EngineRun,
+    EngineStatus,
+    ProfileResult,
+    Property,
+    Status,
+    Step,
+)
 from keystore_audit.text import instant, shorten
 
 MAIN: Final = "user_properties.als"

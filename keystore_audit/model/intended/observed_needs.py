@@ -15,8 +15,7 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
-from keystore_audit.intent.intent import Action, IntendedNode, Intent, Origin, UsedName
-from keystore_audit.intent.ros_names import ROOT, is_ros_name
+from keystore_audit.intent.intent import ROOT, Action, IntendedNode, Intent, Origin, UsedName, is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.matching.expression import UNESCAPED_WILDCARDS, parse

@@ -10,7 +10,7 @@ from typing import Final
 from msgspec import Struct
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
-from keystore_audit.keystore.distinguished_name import same_name
+from keystore_audit.keystore.crl import same_name
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.issuer import Issue, fit_to_sign, key_identifier_fits, lets_sign, names_itself, suits_key
 from keystore_audit.keystore.keystore import Enclave, Keystore

@@ -9,9 +9,8 @@ from typing import Final
 from cryptography import x509
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.crl import RevocationList
+from keystore_audit.keystore.crl import RevocationList, same_name
 from keystore_audit.keystore.defect import first_opaque
-from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.issuer import crl_signed_by, key_identifier_fits
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role

@@ -15,8 +15,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.crl import same_name
 from keystore_audit.keystore.defect import Kind, first_opaque
-from keystore_audit.keystore.distinguished_name import same_name
 from keystore_audit.keystore.issuer import (
     Issue,
     fit_to_sign,

@@ -29,7 +29,7 @@ from keystore_audit.engine.native_determinism import answer, explore
 from keystore_audit.errors import EngineFailed, EngineTimeout
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.asked import Behaviour, DeterminismAtom, Differs, Scheduler
-from keystore_audit.properties.property import Answer, Round, Status
+from keystore_audit.properties.result import Answer, Round, Status
 from tests.engine.alloy_batch import outcomes
 from tests.engine.behaviours import behaviour, deterministic, multiplexer, next_runs, random_behaviour
 from tests.engine.systems import healthy

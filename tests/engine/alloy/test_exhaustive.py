@@ -21,7 +21,7 @@ from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID
-from keystore_audit.properties.property import Role
+from keystore_audit.properties.result import Role
 from tests.engine.alloy_batch import otherwise, shipped
 from tests.engine.systems import (
     IDENTITY_CA,

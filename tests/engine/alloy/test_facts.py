@@ -20,7 +20,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.properties import PROPERTIES
-from keystore_audit.properties.property import Role
+from keystore_audit.properties.result import Role
 from tests.engine.alloy_batch import outcomes, shipped
 from tests.engine.systems import healthy, lively, random_system, stock, with_claims
 

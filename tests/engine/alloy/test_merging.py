@@ -15,7 +15,7 @@ from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Status
-from keystore_audit.properties.property import Answer
+from keystore_audit.properties.result import Answer
 from tests.engine.alloy.cloning import system_with_twins
 from tests.engine.alloy_batch import decide_batch, decide_claims
 from tests.engine.systems import CHATTER, TALKER, healthy_builder

@@ -23,7 +23,7 @@ from keystore_audit.engine.alloy.process import Command, verdicts, witness
 from keystore_audit.engine.alloy.runner import examine
 from keystore_audit.errors import EngineError, EngineFailed, EngineMissing, EngineOutOfScale, EngineTimeout
 from keystore_audit.properties import BY_ID, PROPERTIES, Status
-from keystore_audit.properties.property import Role
+from keystore_audit.properties.result import Role
 from tests.engine.systems import CHATTER, LISTENER, healthy, random_system, stock
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]

@@ -16,7 +16,7 @@ from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.profiles import resolve
-from keystore_audit.properties.property import Status
+from keystore_audit.properties.result import Status
 from tests.keystore.builder import authority, certificate
 from tests.oracles.vendors.pairs import Pairs
 from tests.oracles.vendors.pairs_case import CAS, KEYSTORE, PLAIN_FIRST, PLAIN_SECOND, Case, outcome
