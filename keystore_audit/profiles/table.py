@@ -94,7 +94,10 @@ def _profiles(table: _Table) -> dict[str, Profile]:
 def _profile(name: str, values: dict[str, Any]) -> Profile:
     if unknown := values.keys() - {*Profile.__struct_fields__}:
         raise TableError(f"quirks.toml gives {name} a value of {min(unknown)!r}, and there is no such peculiarity")
-    return msgspec.convert({"name": name, **values}, Profile, from_attributes=True)
+    try:
+        return msgspec.convert({"name": name, **values}, Profile, from_attributes=True)
+    except msgspec.ValidationError as error:
+        raise TableError(f"quirks.toml, {name}: {error}") from error
 
 
 def _values(name: str, table: _Table) -> dict[str, Any]:
