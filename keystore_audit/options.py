@@ -69,7 +69,7 @@ def options_of(given: Mapping[str, Any], keystores: Sequence[str], settings: Set
     from keystore_audit.model.trust.chain import Authorities
     from keystore_audit.settings.settings import expected, read_baseline
 
-    declared = settings.settings if settings is not None else Authorities()
+    declared = settings.authorities if settings is not None else Authorities()
     made = {
         "at": (given["at"] or now()).astimezone(timezone.utc).replace(microsecond=0),
         "at_given": given["at"] is not None,

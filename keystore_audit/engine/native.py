@@ -116,7 +116,7 @@ class _Questions:
         if self.system.claims:
             from keystore_audit.engine.native_claims import claims_at  # most audits have none
 
-            for claim in self.system.claims:
+            for claim in (each for each in self.system.claims if each.id in told):
                 answer = told[claim.id]
                 moment = self._moment if answer.moment is None else answer.moment
                 if answer.status is Status.VIOLATED:

@@ -144,7 +144,7 @@ def test_python_declares_it_too(settings: Path) -> None:
         assert found - {"KA108"} == {"KA223", "KA230", "KA636"}  # KA108: by the modes of a checkout
     with pytest.raises(api.UsageError, match="is no fingerprint"):
         api.audit(GOOD, expect_identity_ca=["sha256:"])
-    with pytest.raises(api.UsageError, match="a sequence of"):
+    with pytest.raises(api.UsageError, match="Expected `array`, got `str`"):
         api.audit(GOOD, expect_identity_ca="sha256:")
 
 

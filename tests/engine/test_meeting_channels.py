@@ -19,7 +19,7 @@ from keystore_audit.model.channels import build_channels
 from keystore_audit.model.domains import domain_classes
 from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.system import GrantAtom, RuleAtom, System
-from keystore_audit.model.semantics import ReadRule, read_grant
+from keystore_audit.model.semantics import ReadRule, read_grant, read_rules
 from keystore_audit.profiles import VARIANTS, Access
 from keystore_audit.properties import Role, Status
 from tests.engine.alloy.cloning import system_with_twins
@@ -221,7 +221,7 @@ def test_writer_and_reader_meet_where_some_partitions_of_theirs_do(seed: int) ->
     chance = random.Random(seed)
     access = chance.choice([VARIANTS[name].access for name in ("spec", "fastdds-2.9", "cyclonedds-11")])
     drawn = [random_grant(chance, operation) for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)]
-    read = [read_grant(grant, START, END, access) for grant in drawn]
+    read = [read_grant(grant, read_rules(grant, access), START, END, access) for grant in drawn]
     rules, defaults = [list(each.rules) for each in read], [each.default_allow for each in read]
     system = as_system(rules, defaults, access)
     decisions = Decisions(system)

@@ -13,9 +13,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
+from msgspec.structs import asdict
+
 from keystore_audit.keystore.certificate import Certificate, read_certificates
 from keystore_audit.keystore.cms import CmsError, SignedData, read_signed_data
-from keystore_audit.keystore.crl import read_crl
+from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.governance import read_governance
@@ -71,9 +73,15 @@ def certificate(data: bytes) -> None:
         assert each.subject_der in each.parsed.tbs_certificate_bytes
 
 
+def said_of(file: CrlFile) -> object:
+    """All but the library's own objects, of which each is another."""
+    lists = [asdict(each) for each in file.revocation_lists]
+    return repr([file.defects, *({name: each[name] for name in sorted(each.keys() - {"parsed"})} for each in lists)])
+
+
 def crl(data: bytes) -> None:
     first, again = read_crl(present(data)), read_crl(present(data))
-    assert repr(first) == repr(again)
+    assert said_of(first) == said_of(again)
     assert first.revocation_lists or first.defects
     told(first.defects, data)
 

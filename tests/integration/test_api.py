@@ -60,7 +60,7 @@ def test_files_are_taken(samples: Path, tmp_path: Path) -> None:
     moved = tmp_path / "robot" / "turtlesim.policy.xml"
     moved.parent.mkdir()
     moved.write_text(policy.read_text().replace("common/", "../shared/common/"))
-    with pytest.raises(api.UsageError, match="leads out of"):
+    with pytest.raises(api.UsageError, match="cannot be put in: it is not below"):
         api.audit(samples / "healthy/turtlesim", engine="native", at=AT, policy=moved)
     with pytest.raises(api.UsageError, match="there is no policy"):
         api.audit(samples / "healthy/turtlesim", engine="native", at=AT, policy_include=tmp_path)

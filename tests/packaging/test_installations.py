@@ -149,7 +149,9 @@ def test_the_metadata_promises_what_the_contract_says(distributions: Distributio
     assert base == {
         "click>=8.1",
         "cryptography>=47",
+        "jinja2>=3.1",
         "lxml>=5",
+        "msgspec>=0.19",
         "pyyaml>=6",
         "rich>=13",
         "xmlschema>=4",

@@ -109,7 +109,7 @@ def test_a_robot_that_a_claim_names_is_like_no_other() -> None:
     system = fleet(20)
     last = len(system.enclaves) - 1
     claims = system_with_claim(system, last)
-    assert last in merge(claims).enclaves
+    assert last in merge(claims).origin["enclaves"]
     assert last not in merge(system).origin["enclaves"]
 
 
