@@ -36,7 +36,7 @@ def figures(top: str) -> Mapping[str, int]:
         imported = [(id(node), _known(target, known)) for node, target in _imports(tree, package)]
         found["imports"] += len({target for _node, target in imported} - {None, name})
         uses[name] = {target for node, target in imported if target and node not in typing}
-        found.update(_counted(tree, free=name.startswith(f"{PRODUCT}.profiles")))
+        found.update(_counted(tree, free=name.split(".")[1:2] == ["profiles"]))
     found["circles"] = _circles(uses)
     return found
 
