@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.access import Access as Answers
+from keystore_audit.circumstances import Circumstances
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.access_view import AccessViews
@@ -361,7 +362,7 @@ def test_a_range_without_a_beginning_is_unknown_where_it_may_be_passed_over(tmp_
     permissions = r.permissions(r.grant(r.allow(r.pub("rt/b"), where=r.domains(0, (None, 3))), subject="CN=/a"))
     _write(tmp_path / "enclaves/a", "a", _authority("permissions CA"), r.governance(), permissions)
     question = Question(enclave="/a", operation=Operation.PUBLISH, topic="rt/b", domain=0)
-    answers = Answers(tmp_path, [question], profiles=PROFILES, at=r.NOW).answers(question)
+    answers = Answers(tmp_path, [question], Circumstances(profiles=PROFILES, at=r.NOW)).answers(question)
     for name, answer in answers.items():
         expected = (None, Ruling.UNKNOWN) if name.startswith("cyclonedds") else (True, Ruling.ALLOW)
         if name != "opendds":  # refuses the stock governance

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import AnomalyKind, Effort, Point, RuleAnomaly
 from keystore_audit.model.anomalies.rules import Own, rule_anomalies
-from keystore_audit.model.semantics import ReadRule, read_grant
+from keystore_audit.model.semantics import ReadRule, read_rules
 from keystore_audit.profiles import VARIANTS, Matcher
 from tests.rules.divergent import ruled
 from tests.rules.evidence import grant
@@ -191,7 +191,7 @@ def read(
         for allows, domains, publish, subscribe in drawn
     ]
     made = grant("/talker", *rules, default_allow=default)
-    return list(read_grant(made, SOME_DAY, SOME_DAY, VARIANTS[profile].access).rules)
+    return list(read_rules(made, VARIANTS[profile].access))
 
 
 def found_in(rules: Sequence[ReadRule], *, default: bool) -> list[RuleAnomaly]:

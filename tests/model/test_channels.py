@@ -16,7 +16,7 @@ from keystore_audit.model import columns
 from keystore_audit.model.channels import ANY_TOPIC, build_channels
 from keystore_audit.model.domains import contains, covered, domain_classes
 from keystore_audit.model.matching.expression import parse
-from keystore_audit.model.semantics import Area, Region, read_grant
+from keystore_audit.model.semantics import Area, Region, read_rules
 from keystore_audit.profiles import VARIANTS, Access, Matcher
 
 START = datetime(2020, 1, 1, tzinfo=timezone.utc)
@@ -66,7 +66,7 @@ def named(rules: list[Rule], access: Access) -> list[tuple[Matcher, Region]]:
     """The regions of all rules as an implementation reads them."""
     return [
         (access.matcher, rule.region(operation))
-        for rule in read_grant(grant(*rules), START, END, access).rules
+        for rule in read_rules(grant(*rules), access)
         for operation in Operation
     ]
 
