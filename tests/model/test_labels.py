@@ -84,7 +84,7 @@ def violated(system: System, given: Labelling) -> set[tuple[str, str]]:
 
 
 def _fields(system: System) -> dict[str, object]:
-    return {name: getattr(system, name) for name in system.__dataclass_fields__}
+    return {name: getattr(system, name) for name in system.__struct_fields__}
 
 
 class Tokens:
