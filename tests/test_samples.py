@@ -9,10 +9,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 from keystore_audit import toml
 from keystore_audit.cli import audit as command_line
+from keystore_audit.cli.program import program as command
 from keystore_audit.cli.program import run as program
 from keystore_audit.options import Options
 from tools.samples.expectation import finding_line, with_engine
@@ -42,7 +44,8 @@ def given_options(expectation: Path, keystore: Path) -> Options:
 
 def options_of(keystore: Path, *words: str) -> Options:
     """What the command line makes of these words."""
-    given = command_line.command.make_context("audit", [*words, str(keystore)]).params
+    parent = click.Context(command)  # a command keeps the help option that it is asked for first, of whomever
+    given = command_line.command.make_context("audit", [*words, str(keystore)], parent=parent).params
     return command_line.chosen(given, [str(keystore)])
 
 
