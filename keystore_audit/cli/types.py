@@ -91,18 +91,14 @@ def _one_of(value: str, words: tuple[str, ...]) -> str:
     return value
 
 
-class Directory(TextType):
+class Directory(Known):
     """A directory, which the shell completes; it need not be there. `check` returns the value or raises UsageError."""
 
     name = "directory"
 
     def __init__(self, check: Callable[[str], str]) -> None:
         """Take what `check` lets through."""
-        self._check = check
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:  # noqa: ARG002
-        """Return the path as it was given."""
-        return self._check(value)
+        super().__init__(check, tuple)
 
     def shell_complete(
         self,

@@ -1,13 +1,13 @@
 """The rules of grants as steps over channels: the first step that is about a channel decides.
 
-One evaluation (`allowing`, `deciding`) and one comparison (`compare`) for everybody who asks what ordered rules say.
+One evaluation (`allowed`, `deciding`) and one comparison (`compare`) for everybody who asks what ordered rules say.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, TypeVar
 
 from msgspec import Struct
 
@@ -34,7 +34,7 @@ class Step(Struct, Generic[By], frozen=True):
     by: By
 
 
-class Difference(NamedTuple, Generic[By]):
+class Difference(Struct, Generic[By], frozen=True):
     """Channels that two lists decide differently about, and the step of each that does."""
 
     channels: int

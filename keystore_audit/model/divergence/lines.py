@@ -247,12 +247,12 @@ class DecidingLines:
 
     def _parts(self, ours: Iterable[_Step], theirs: Iterable[_Step], channels: int, before: Profile) -> Iterator[Part]:
         """Of the channels, those that the two lists decide differently about, by the two that decide."""
-        for channels_, one, two in compare(ours, list(theirs), channels):
-            first, second = _ordered(one.by, two.by)
+        for found in compare(ours, list(theirs), channels):
+            first, second = _ordered(found.left.by, found.right.by)
             location = first.location or second.location
             if location is not None:
-                cause = self._partition_cause(one, before)
-                yield Part(channels_, location, second.location if first.location else None, cause)
+                cause = self._partition_cause(found.left, before)
+                yield Part(found.channels, location, second.location if first.location else None, cause)
 
     def _partition_cause(self, step: _Step, before: Profile) -> Cause:
         """What of partitions is read differently, where that is the cause."""
