@@ -6,9 +6,10 @@ own checks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from functools import cached_property, partial
+from itertools import chain
 from typing import Final, NamedTuple
 
 from msgspec import Struct
@@ -20,10 +21,18 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point, illegal_names, wildcard_names
 from keystore_audit.model.domains import describe
-from keystore_audit.model.formal.bit_sets import bits
+from keystore_audit.model.formal.bit_sets import bits, union
+from keystore_audit.model.formal.steps import Step, allowed, deciding
 from keystore_audit.model.matching.expression import any_matches, naming, parse
-from keystore_audit.model.rights import RuleLists, Step, allowed, deciding
-from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, deciding_grant, is_controlled
+from keystore_audit.model.rights import RuleLists, TopicDecision
+from keystore_audit.model.semantics import (
+    ReadDomainRule,
+    ReadGrant,
+    ReadRule,
+    ReadTopicRule,
+    deciding_grant,
+    is_controlled,
+)
 from keystore_audit.profiles import Access, Local, Matcher, Profile
 from keystore_audit.text import MAX_EXPRESSION, shorten
 
@@ -80,6 +89,7 @@ class LocalRights:
         self._lists = RuleLists(channels)
         self._illegal: dict[str, int] = {}
         self._allowed: dict[object, int] = {}
+        self._governed: dict[object, list[TopicDecision]] = {}
         self._all = self._lists.all
 
     def allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
@@ -129,7 +139,9 @@ class LocalRights:
             return
         place = enclave.permissions.signed.file.place if enclave.permissions else ""
         if access.first_rule_decides_topic and operation is not Operation.RELAY:
-            yield from self._topics(enclave, access, grant, place, profile.local)
+            controlled = self._lists.controlled(self._topics(enclave, access, profile.local))
+            for denied in self._lists.topics_denied(grant.rules, access, controlled):
+                yield Step(denied.channels, False, Why(partial(_no_topic, denied.by, place, access.matcher)))
         everywhere = not profile.local.binds_domains
         for step in self._lists.of(grant, operation, access.matcher, in_every_domain=everywhere):
             explain = (
@@ -154,11 +166,10 @@ class LocalRights:
     def _governance(self, enclave: Enclave, access: Access, operation: Operation, local: Local) -> Iterator[_Step]:
         """Topics that no rule of the governance covers, and those without access control for the operation."""
         place = enclave.governance.signed.file.place if enclave.governance else ""
-        governed = 0
-        if access.any_governance_rule:
-            yield from self._loose(enclave, access, operation, place)
-        for domain_rule, topic, channels in self._topic_rules(enclave, access, local):
-            governed |= channels
+        topics = self._topics(enclave, access, local)
+        governed = union(channels for _rule, _topic, channels in topics)
+        loose = self._lists.loose(self._domain_rules(enclave, access), access, operation)
+        for domain_rule, topic, channels in chain(loose, topics):
             if not is_controlled(topic, operation):
                 explain = partial(_uncontrolled, domain_rule, topic, operation, place)
                 yield Step(channels, True, Why(explain, by_permissions=False))
@@ -168,60 +179,25 @@ class LocalRights:
             explain = partial(_said, Decision(allow=False, reason=reason, location=whole))
             yield Step(self._all & ~governed, False, Why(explain, by_permissions=False))
 
-    def _loose(self, enclave: Enclave, access: Access, operation: Operation, place: str) -> Iterator[_Step]:
-        """Topics for which any matching topic rule, of any domain rule, has access control off."""
-        rules = self._accesses.read(enclave.governance, access).domain_rules if enclave.governance else ()
-        for domain_rule in rules or ():
-            for topic in domain_rule.topic_rules:
-                if not is_controlled(topic.rule, operation):
-                    channels = self._lists.region(access.matcher, topic.region) & self._lists.domains(
-                        domain_rule.domains
-                    )
-                    explain = partial(_uncontrolled, domain_rule, topic.rule, operation, place)
-                    yield Step(channels, True, Why(explain, by_permissions=False))
+    def _domain_rules(self, enclave: Enclave, access: Access) -> Sequence[ReadDomainRule]:
+        return self._accesses.deciding(enclave.governance, access) if enclave.governance else ()
 
-    def _topics(self, enclave: Enclave, access: Access, grant: ReadGrant, place: str, local: Local) -> Iterator[_Step]:
-        """Topics that cannot be created, since the first rule that lists them denies (`profiles.Access`)."""
-        controlled = 0
-        for _domain_rule, topic, channels in self._topic_rules(enclave, access, local):
-            if topic.enable_read_access_control and topic.enable_write_access_control:
-                controlled |= channels
-        for rule in grant.rules if any(not rule.allow for rule in grant.rules) else ():
-            listed = self._lists.region(access.matcher, rule.listed) & self._lists.domains(rule.domains) & controlled
-            controlled &= ~listed
-            if listed and not rule.allow:
-                yield Step(listed, False, Why(partial(_no_topic, rule, place, access.matcher)))
-
-    def _topic_rules(
-        self, enclave: Enclave, access: Access, local: Local
-    ) -> Iterator[tuple[ReadDomainRule, TopicRule, int]]:
-        """The topic rules of the enclave's governance, each with the channels that it decides about."""
-        left = self._all
-        for domain_rule in self._accesses.deciding(enclave.governance, access) if enclave.governance else ():
-            if not left:
-                break
-            undecided = self._lists.domains(domain_rule.domains) & left
-            if not undecided:  # earlier ones decide about all of its domains
-                continue
-            if not access.any_governance_rule:
-                left &= ~undecided
-            for topic in domain_rule.topic_rules:
-                named = self._lists.region(access.matcher, topic.region)
-                if local.reads_names_as_expressions:
-                    named |= self._naming(topic.rule.expression.text, access)
-                hit = named & undecided
-                undecided &= ~hit
-                left &= ~hit
-                yield domain_rule, topic.rule, hit
+    def _topics(self, enclave: Enclave, access: Access, local: Local) -> list[TopicDecision]:
+        """What the topic rules of the enclave's governance decide about: the same for all who carry it."""
+        key = enclave.governance, access, local.reads_names_as_expressions
+        if key not in self._governed:
+            named = partial(self._naming, access) if local.reads_names_as_expressions else None
+            self._governed[key] = [*self._lists.topics(self._domain_rules(enclave, access), access, named)]
+        return self._governed[key]
 
     @cached_property
     def _wildcard_names(self) -> list[int]:
         return wildcard_names(self._channels)
 
-    def _naming(self, expression: str, access: Access) -> int:
-        """The channels whose name, taken for an expression, matches `expression` (of names known one by one)."""
-        channels = self._channels.channels
-        return bits(n for n in self._wildcard_names if parse(channels[n].topic, access.matcher).matches(expression))
+    def _naming(self, access: Access, topic: ReadTopicRule) -> int:
+        """The channels whose name, taken for an expression, matches that of the rule (of names known one by one)."""
+        channels, text = self._channels.channels, topic.rule.expression.text
+        return bits(n for n in self._wildcard_names if parse(channels[n].topic, access.matcher).matches(text))
 
     def grant(self, enclave: Enclave, profile: Profile) -> ReadGrant | None:
         """The grant of the enclave's own document that decides."""

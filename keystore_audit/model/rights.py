@@ -1,15 +1,10 @@
-"""The rules of grants as steps over channels: the first step that is about a channel decides.
-
-One evaluation (`allowed`, `deciding`) and one comparison (`compare`) for everybody who asks what ordered rules say.
-"""
+"""What an implementation reads in documents, over channels: as steps, and undecided, as atoms of a system."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
-from typing import Generic, TypeVar
-
-from msgspec import Struct
+from itertools import chain, product
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind, TopicRule
@@ -17,62 +12,25 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.domains import Interval
-from keystore_audit.model.formal.bit_sets import bits
-from keystore_audit.model.formal.permission import allowing
+from keystore_audit.model.formal.bit_sets import bits, members, union
+from keystore_audit.model.formal.steps import Step, decided
 from keystore_audit.model.formal.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
-from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, Region
+from keystore_audit.model.semantics import (
+    DIRECTIONS,
+    ReadDomainRule,
+    ReadGrant,
+    ReadRule,
+    ReadTopicRule,
+    Region,
+    is_controlled,
+)
 from keystore_audit.profiles import Access, Matcher
 
-By = TypeVar("By")
+Part = tuple[ReadDomainRule, int]
+"""A domain rule with the channels of its domains, or of some of them."""
 
-
-class Step(Struct, Generic[By], frozen=True):
-    """Decides about `channels` (a bit set), unless an earlier step did. `by`: what says so."""
-
-    channels: int
-    allow: bool
-    by: By
-
-
-class Difference(Struct, Generic[By], frozen=True):
-    """Channels that two lists decide differently about, and the step of each that does."""
-
-    channels: int
-    left: Step[By]
-    right: Step[By]
-
-
-def allowed(steps: Iterable[Step[By]]) -> int:
-    """The channels that the steps allow."""
-    return allowing((step.channels, step.allow) for step in steps)
-
-
-def deciding(steps: Iterable[Step[By]], channel: int) -> Step[By]:
-    """The step that decides about a channel; of lists that end with one about all of them."""
-    return next(step for step in steps if step.channels >> channel & 1)
-
-
-def compare(left: Iterable[Step[By]], right: Sequence[Step[By]], channels: int) -> Iterator[Difference[By]]:
-    """Of the channels, those that the lists decide differently about, by the two steps that do."""
-    theirs, undecided = [], channels
-    for step in right:
-        theirs.append(step.channels & undecided)
-        undecided &= ~step.channels
-    undecided, first = channels, 0
-    for one in left:
-        mine = one.channels & undecided
-        undecided &= ~mine
-        while first < len(theirs) and not theirs[first]:  # both mostly decide in one order, of thousands
-            first += 1
-        for number in range(first, len(theirs) if mine else 0):
-            both = mine & theirs[number]
-            if both:
-                mine &= ~both
-                theirs[number] &= ~both
-                if one.allow is not right[number].allow:
-                    yield Difference(both, one, right[number])
-                if not mine:
-                    break
+TopicDecision = tuple[ReadDomainRule, TopicRule, int]
+"""A topic rule and the domain rule that it stands in, with channels."""
 
 
 class RuleLists:
@@ -107,6 +65,72 @@ class RuleLists:
                     yield Step(channels, rule.allow, rule)
         yield Step(self.all, grant.default_allow, None)
 
+    def parts(self, rules: Iterable[ReadDomainRule]) -> list[Part]:
+        """The domain rules of a governance with the channels of their domains."""
+        return [(rule, self.domains(rule.domains)) for rule in rules]
+
+    def topic_rules(
+        self, parts: Sequence[Part], access: Access
+    ) -> Iterator[tuple[int, ReadDomainRule, ReadTopicRule, int]]:
+        """The topic rules of a governance, each with the channels of the domains in which it may decide.
+
+        The number is that of the domain rule which decides there: where any rule counts, it goes on with later ones.
+        """
+        taken = 0
+        for number, (first, inside) in enumerate(parts):
+            fresh = inside & ~taken
+            taken |= fresh
+            yield from ((number, first, topic, fresh) for topic in first.topic_rules)
+            for rule, within in parts[number + 1 :] if access.any_governance_rule and fresh else ():
+                if here := within & fresh:
+                    yield from ((number, rule, topic, here) for topic in rule.topic_rules)
+
+    def topics(
+        self, rules: Iterable[ReadDomainRule], access: Access, named: Callable[[ReadTopicRule], int] | None = None
+    ) -> Iterator[TopicDecision]:
+        """The topic rules of a governance, each with the channels that it decides about.
+
+        `named`: further channels that the expression of a rule names, beside those that it matches.
+        """
+        listed = (
+            Step((self.matched(topic, access) | (named(topic) if named else 0)) & here, True, (rule, topic.rule))
+            for _number, rule, topic, here in self.topic_rules(self.parts(rules), access)
+            if here
+        )
+        return ((*step.by, channels) for step, channels in decided(listed))
+
+    def loose(self, rules: Iterable[ReadDomainRule], access: Access, operation: Operation) -> Iterator[TopicDecision]:
+        """The topic rules that switch access control off for whatever they match: where any rule counts."""
+        for rule in rules if access.any_governance_rule else ():
+            for topic in rule.topic_rules:
+                if not is_controlled(topic.rule, operation):
+                    yield rule, topic.rule, self.matched(topic, access) & self.domains(rule.domains)
+
+    def controlled(self, decisions: Iterable[TopicDecision]) -> int:
+        """The channels for which each governance that decides about them has read and write access control on."""
+        on, off = 0, 0
+        for _rule, topic, channels in decisions:
+            if topic.enable_read_access_control and topic.enable_write_access_control:
+                on |= channels
+            else:
+                off |= channels
+        return on & ~off
+
+    def topics_denied(self, rules: Sequence[ReadRule], access: Access, controlled: int) -> Iterator[Step[ReadRule]]:
+        """Those of the `controlled` topics that there are not, since the first rule that lists them denies."""
+        if controlled and not all(rule.allow for rule in rules):
+            listed = (
+                Step(self.region(access.matcher, rule.listed) & self.domains(rule.domains), rule.allow, rule)
+                for rule in rules
+            )
+            for step, channels in decided(listed):
+                if channels & controlled and not step.allow:
+                    yield Step(channels & controlled, False, step.by)
+
+    def matched(self, topic: ReadTopicRule, access: Access) -> int:
+        """The channels that the expression of a topic rule matches, in whatever domain."""
+        return self.region(access.matcher, topic.region)
+
     def region(self, matcher: Matcher, region: Region) -> int:
         """The channels of a region that took part when the channels were made."""
         if not region:
@@ -138,12 +162,12 @@ class RuleAtoms:
 
     def __init__(self, channels: Channels, instants: Sequence[datetime]) -> None:
         self._channels = channels
+        self._lists = RuleLists(channels)
         self._index = {instant: number for number, instant in enumerate(instants)}
 
     def of(self, documents: Read, names: Mapping[str, frozenset[int]], access: Access) -> Atoms:
         """The atoms of `documents` as read under `access`; `names`: whom each subject_name of a grant names."""
-        domain_rules, topic_rules = self._governance(documents, access)
-        return domain_rules, topic_rules, *self._permissions(documents, names, access, topic_rules, domain_rules)
+        return *self._governance(documents, access), *self._permissions(documents, names, access)
 
     def _governance(
         self, documents: Read, access: Access
@@ -151,10 +175,11 @@ class RuleAtoms:
         domain_rules: list[DomainRuleAtom] = []
         topic_rules: list[TopicRuleAtom] = []
         for number, (place, document) in enumerate(documents):
-            first = len(domain_rules)
-            parted = list(self._by_join_control(document.domain_rules or (), access))
-            for read, domains, controls_join in parted:
+            rules, first = document.domain_rules or (), len(domain_rules)
+            parts: list[Part] = []
+            for read, domains, controls_join in self._by_join_control(rules, access):
                 rule = read.rule
+                parts.append((read, union(map(self._channels.bits_in, domains))))
                 domain_rules.append(
                     DomainRuleAtom(
                         document=number,
@@ -167,37 +192,31 @@ class RuleAtoms:
                         location=Location(path=place, line=rule.line),
                     )
                 )
-            loose = self._loose(document, access) if access.any_governance_rule else _NONE_LOOSE
-            parts: dict[frozenset[int], list[_Part]] = {}
-            for parent, topic, channels in self._topics(parted, access):
-                if channels not in parts:
-                    parts[channels] = list(_parts(channels, loose))
-                topic_rules += [_topic_atom(topic, first + parent, place, part, access) for part in parts[channels]]
+            # Where any rule counts, some channels of a topic rule have other access control than it says.
+            off = [union(each[2] for each in self._lists.loose(rules, access, way)) for way in DIRECTIONS]
+            for parent, read, topic, here in self._lists.topic_rules(parts, access):
+                channels = self._channels.regions[access.matcher, topic.region]
+                if read is not parts[parent][0]:
+                    channels = frozenset(members(bits(channels) & here))
+                for part, write_off, read_off in _by_access_control(channels, off):
+                    topic_rules.append(
+                        TopicRuleAtom(
+                            domain_rule=first + parent,
+                            channels=part,
+                            enable_discovery_protection=topic.rule.enable_discovery_protection,
+                            enable_liveliness_protection=topic.rule.enable_liveliness_protection,
+                            enable_read_access_control=topic.rule.enable_read_access_control and not read_off,
+                            enable_write_access_control=topic.rule.enable_write_access_control and not write_off,
+                            metadata_protection_kind=_kind(topic.rule.metadata_protection_kind, access),
+                            data_protection_kind=_kind(topic.rule.data_protection_kind, access),
+                            location=Location(path=place, line=topic.rule.line),
+                        )
+                    )
         return tuple(domain_rules), tuple(topic_rules)
 
-    def _topics(self, parted: Sequence[_Parted], access: Access) -> Iterator[tuple[int, TopicRule, frozenset[int]]]:
-        """The topic rules with their channels and the place in `parted` of the domain rule that they count under.
-
-        Where any rule of the governance counts, the domain rule that decides goes on with later ones of its domains.
-        """
-        decided: frozenset[int] = frozenset()
-        for parent, (read, domains, _controls_join) in enumerate(parted):
-            for topic in read.topic_rules:
-                yield parent, topic.rule, self._channels.regions[access.matcher, topic.region]
-            fresh = domains - decided
-            if not fresh or not access.any_governance_rule:
-                continue
-            decided |= fresh
-            left = frozenset(number for number, each in enumerate(self._channels.channels) if each.domain in fresh)
-            for later, others, _controls_join in parted[parent + 1 :]:
-                shared = fresh & others
-                for topic in later.topic_rules if shared else ():
-                    hit = frozenset(self._within(self._channels.regions[access.matcher, topic.region] & left, shared))
-                    if hit:
-                        left -= hit
-                        yield parent, topic.rule, hit
-
-    def _by_join_control(self, rules: Sequence[ReadDomainRule], access: Access) -> Iterator[_Parted]:
+    def _by_join_control(
+        self, rules: Sequence[ReadDomainRule], access: Access
+    ) -> Iterator[tuple[ReadDomainRule, frozenset[int], bool]]:
         """Each domain rule with its domain classes, and whether who joins is controlled there.
 
         Where any rule may switch that off, a rule is parted: its domains in which another one has it off come apart.
@@ -214,38 +233,33 @@ class RuleAtoms:
             if domains != elsewhere or not elsewhere:
                 yield read, domains - elsewhere, controlled
 
-    def _loose(self, document: ReadDocument, access: Access) -> _Loose:
-        """The channels for which any matching topic rule of the document has read, or write, access control off."""
-        read_off: set[int] = set()
-        write_off: set[int] = set()
-        for domain_rule in document.domain_rules or ():
-            domains = self._channels.covered(domain_rule.domains)
-            for topic in domain_rule.topic_rules:
-                hit = self._within(self._channels.regions[access.matcher, topic.region], domains)
-                if not topic.rule.enable_read_access_control:
-                    read_off |= hit
-                if not topic.rule.enable_write_access_control:
-                    write_off |= hit
-        return frozenset(read_off), frozenset(write_off)
-
     def _permissions(
-        self,
-        documents: Read,
-        names: Mapping[str, frozenset[int]],
-        access: Access,
-        topic_rules: Sequence[TopicRuleAtom],
-        domain_rules: Sequence[DomainRuleAtom],
+        self, documents: Read, names: Mapping[str, frozenset[int]], access: Access
     ) -> tuple[tuple[GrantAtom, ...], tuple[RuleAtom, ...]]:
-        controlled: frozenset[int] = frozenset()
+        controlled = 0
         if access.first_rule_decides_topic:
-            controlled = self._controlled(topic_rules, domain_rules)
+            governances = (self._lists.topics(document.domain_rules or (), access) for _place, document in documents)
+            controlled = self._lists.controlled(chain.from_iterable(governances))
         grants: list[GrantAtom] = []
         rules: list[RuleAtom] = []
         for number, (place, document) in enumerate(documents):
             for read in document.grants or ():
-                grant = len(grants)
-                rules += self._topics_denied(read.rules, grant, place, access, controlled)
-                rules += [self._rule_atom(rule, grant, place, access) for rule in read.rules]
+                denied = self._lists.topics_denied(read.rules, access, controlled)
+                listed = [(step.by, dict.fromkeys(DIRECTIONS, frozenset(members(step.channels)))) for step in denied]
+                listed += [(rule, {way: self._region(rule, way, access) for way in Operation}) for rule in read.rules]
+                rules += (
+                    RuleAtom(
+                        grant=len(grants),
+                        allow=rule.allow,
+                        domains=self._channels.covered(rule.domains),
+                        publish=named[Operation.PUBLISH],
+                        subscribe=named[Operation.SUBSCRIBE],
+                        relay=named.get(Operation.RELAY, frozenset()),
+                        location=Location(path=place, line=rule.line),
+                        source=rule.rule,
+                    )
+                    for rule, named in listed
+                )
                 grants.append(
                     GrantAtom(
                         document=number,
@@ -259,107 +273,21 @@ class RuleAtoms:
                 )
         return tuple(grants), tuple(rules)
 
-    def _rule_atom(self, rule: ReadRule, grant: int, place: str, access: Access) -> RuleAtom:
-        return RuleAtom(
-            grant=grant,
-            allow=rule.allow,
-            domains=self._channels.covered(rule.domains),
-            publish=self._region(rule.publish, access),
-            subscribe=self._region(rule.subscribe, access),
-            relay=self._region(rule.relay, access),
-            location=Location(path=place, line=rule.line),
-            source=rule.rule,
-        )
-
-    def _topics_denied(
-        self, rules: Sequence[ReadRule], grant: int, place: str, access: Access, controlled: frozenset[int]
-    ) -> Iterator[RuleAtom]:
-        """Deny rules for topics that there are not, since the first rule that lists them denies; they come first."""
-        if not controlled or all(rule.allow for rule in rules):
-            return
-        listed: set[int] = set()
-        for rule in rules:
-            domains = self._channels.covered(rule.domains)
-            hit = self._within(self._region(rule.listed, access), domains)
-            denied = frozenset((hit & controlled) - listed)
-            if denied and not rule.allow:
-                yield RuleAtom(
-                    grant=grant,
-                    allow=False,
-                    domains=domains,
-                    publish=denied,
-                    subscribe=denied,
-                    relay=frozenset(),
-                    location=Location(path=place, line=rule.line),
-                    source=rule.rule,
-                )
-            listed |= hit
-
-    def _controlled(
-        self, topic_rules: Sequence[TopicRuleAtom], domain_rules: Sequence[DomainRuleAtom]
-    ) -> frozenset[int]:
-        """The channels for which every governance that covers them has read and write access control on."""
-        on: set[int] = set()
-        off: set[int] = set()
-        decided: dict[int, set[int]] = {}
-        ruled: dict[int, set[int]] = {}
-        fresh = []
-        for rule in domain_rules:
-            before = ruled.setdefault(rule.document, set())
-            fresh.append(rule.domains - before)
-            before |= rule.domains
-        for topic in topic_rules:
-            done = decided.setdefault(topic.domain_rule, set())
-            hit = self._within(topic.channels, fresh[topic.domain_rule]) - done
-            done |= hit
-            both = topic.enable_read_access_control and topic.enable_write_access_control
-            (on if both else off).update(hit)
-        return frozenset(on - off)
-
-    def _region(self, region: Region, access: Access) -> frozenset[int]:
-        return self._channels.regions[access.matcher, region]
-
-    def _within(self, channels: frozenset[int], domains: frozenset[int]) -> set[int]:
-        """Those of the channels that lie in one of the domain classes."""
-        return {channel for channel in channels if self._channels.channels[channel].domain in domains}
+    def _region(self, rule: ReadRule, operation: Operation, access: Access) -> frozenset[int]:
+        return self._channels.regions[access.matcher, rule.region(operation)]
 
 
-_Parted = tuple[ReadDomainRule, frozenset[int], bool]
-_Loose = tuple[frozenset[int], frozenset[int]]
-_NONE_LOOSE: _Loose = (frozenset(), frozenset())
-_Part = tuple[frozenset[int], bool, bool]
-"""Channels, and whether another rule switches read, and write, access control off for them."""
-
-
-def _parts(channels: frozenset[int], loose: _Loose) -> Iterator[_Part]:
-    """The channels of a topic rule; where another one switches access control off (`loose`), apart."""
-    read_off, write_off = loose
-    for is_read_off in (False, True) if read_off else (False,):
-        for is_write_off in (False, True) if write_off else (False,):
-            part = channels
-            if read_off:
-                part = part & read_off if is_read_off else part - read_off
-            if write_off:
-                part = part & write_off if is_write_off else part - write_off
-            if part or part == channels:
-                yield part, is_read_off, is_write_off
+def _by_access_control(channels: frozenset[int], off: Sequence[int]) -> Iterator[tuple[frozenset[int], bool, bool]]:
+    """The channels of a topic rule; those apart for which another one switches write, or read, access control off."""
+    if not any(off):
+        yield channels, False, False
+        return
+    for write_off, read_off in product((False, True), repeat=2):
+        part = bits(channels) & (off[0] if write_off else ~off[0]) & (off[1] if read_off else ~off[1])
+        if part:
+            yield frozenset(members(part)), write_off, read_off
 
 
 def _kind(kind: ProtectionKind, access: Access) -> ProtectionKind:
     """What the implementation makes of it."""
     return kind if access.authenticates_origin else kind.without_origin
-
-
-def _topic_atom(topic: TopicRule, parent: int, place: str, part: _Part, access: Access) -> TopicRuleAtom:
-    channels, is_read_off, is_write_off = part
-    return TopicRuleAtom(
-        domain_rule=parent,
-        channels=channels,
-        enable_discovery_protection=topic.enable_discovery_protection,
-        enable_liveliness_protection=topic.enable_liveliness_protection,
-        enable_read_access_control=topic.enable_read_access_control and not is_read_off,
-        enable_write_access_control=topic.enable_write_access_control and not is_write_off,
-        metadata_protection_kind=_kind(topic.metadata_protection_kind, access),
-        data_protection_kind=_kind(topic.data_protection_kind, access),
-        location=Location(path=place, line=topic.line),
-    )

@@ -9,24 +9,18 @@ from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
-from keystore_audit.model.formal import attacker, permission
-from keystore_audit.model.formal import permission as protection
+from keystore_audit.model.formal import attacker, permission, steps
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
 
 MUTANTS: dict[str, tuple[Any, str, str, str]] = {
-    "every matching rule counts, not the first": (permission, "allowing", "& ~decided if decided else channels", ""),
-    "a deny rule decides nothing": (
-        permission,
-        "allowing",
-        "decided |= channels",
-        "decided |= channels if allow else 0",
-    ),
-    "a deny rule allows": (permission, "allowing", "if allow:", "if True:"),
-    "the default is always to deny": (Decisions, "allowed", "self._system.grants[grant].default_allow", "False"),
-    "the default is always to allow": (Decisions, "allowed", "self._system.grants[grant].default_allow", "True"),
-    "the default overrules rules": (Decisions, "allowed", "append((", "insert(0, ("),
+    "every matching rule counts, not the first": (steps, "decided", "& ~taken if taken else channels", ""),
+    "a deny rule decides nothing": (steps, "decided", "taken |= channels", "taken |= channels if step.allow else 0"),
+    "a deny rule allows": (steps, "allowed", " if step.allow", ""),
+    "the default is always to deny": (Decisions, "steps", "self._system.grants[grant].default_allow", "False"),
+    "the default is always to allow": (Decisions, "steps", "self._system.grants[grant].default_allow", "True"),
+    "the default overrules rules": (Decisions, "steps", "append(", "insert(0, "),
     "a rule counts in every domain": (Decisions, "_matches", "bits(named) & within", "bits(named)"),
     "subscribing needs the right to publish": (Decisions, "_matches", "rule.named(operation)", "rule.publish"),
     "a default does not let join": (Decisions, "joins", "self._system.grants[grant].default_allow", "False"),
@@ -40,13 +34,18 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "grants out of date count": (Permissions, "_chosen", "if in_force:", "if True:"),
     "every grant of a document counts": (Permissions, "_chosen", "not in seen", "is not None"),
     "the last domain rule decides": (
-        protection,
+        permission,
         "protection",
         "enumerate(system.domain_rules)",
         "reversed([*enumerate(system.domain_rules)])",
     ),
-    "the last topic rule decides": (protection, "_apply_domain", "in topics:", "in topics[::-1]:"),
-    "every topic rule counts": (protection, "_apply_domain", "undecided &= ~hit", "undecided &= -1"),
+    "the last topic rule decides": (
+        permission,
+        "protection",
+        "in topics.get(one.by, ())",
+        "in topics.get(one.by, ())[::-1]",
+    ),
+    "every topic rule counts": (permission, "protection", "result, hit,", "result, each.channels,"),
     "any certificate issues": (RealmView, "vouched", "issuer.authority and", "True and"),
     "the revoked are authentic": (RealmView, "_known", "certificate not in self._realm.revoked", "True"),
     "no realm pins the signer": (RealmView, "_may_sign", "self._system.pins_signer", "False"),
@@ -104,7 +103,7 @@ def mistaken(name: str) -> Iterator[None]:
         changed.__set_name__(owner, attribute)
     elif isinstance(original, property):
         changed = property(changed)
-    users = [owner] if owner is not protection else [protection, attacker]
+    users = [owner] if inspect.isclass(owner) else [steps, permission, attacker]
     try:
         for user in users:
             if hasattr(user, attribute):

@@ -12,6 +12,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort, NameClass, Point, name_classes
 from keystore_audit.model.domains import describe, domain_bits
+from keystore_audit.model.formal.steps import Step, allowed
 from keystore_audit.model.matching.expression import Pattern, any_matches, has_wildcard, parse
 from keystore_audit.model.names import (
     ACTION_PART,
@@ -285,15 +286,13 @@ class _Decisions:
 
     def places(self, topic: str) -> int:
         """The domains in which the topic is allowed, as bits."""
-        allowed, denied = 0, 0
         found = {*self._named.get(topic, ()), *(place for place, pattern in self.wild if pattern.matches(topic))}
-        for rule, area in map(self._areas.__getitem__, sorted(found)):
-            domains = domain_bits(rule.domains)
-            if rule.allow:
-                allowed |= domains & ~denied
-            elif area.partitions is None:
-                denied |= domains
-        return allowed
+        areas = map(self._areas.__getitem__, sorted(found))
+        return allowed(
+            Step(domain_bits(rule.domains), rule.allow, rule)
+            for rule, area in areas
+            if rule.allow or area.partitions is None
+        )
 
 
 def _listed(rules: Iterable[ReadRule], operation: Operation) -> set[str]:

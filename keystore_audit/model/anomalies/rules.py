@@ -20,6 +20,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import AnomalyKind, Effort, NameClass, Point, RuleAnomaly, name_classes
 from keystore_audit.model.domains import Interval, domain_bits
 from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
+from keystore_audit.model.formal.steps import Step, decided, deciding
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.names import AMBIENT_TOPICS
 from keystore_audit.model.semantics import DIRECTIONS, ReadRule
@@ -232,27 +233,21 @@ class _Order:
         self._cells = cells
         self._implied = implied
         self._own = own
-        self._rules: list[_Fired] = []
-        decided = 0
-        for number, rule in enumerate(rules):
-            about = cells.rule(rule)
-            self._rules.append(_Fired(number, rule, about, about & ~decided))
-            decided |= about
+        self._steps = [Step(cells.rule(rule), rule.allow, number) for number, rule in enumerate(rules)]
+        fires = {step.by: part for step, part in decided(self._steps)}
+        self._rules = [_Fired(n, rule, self._steps[n].channels, fires.get(n, 0)) for n, rule in enumerate(rules)]
 
     def never_firing(self) -> Iterator[RuleAnomaly]:
         """Rules that fire nowhere although they are about something."""
-        decided = {True: 0, False: 0}
+        fired = {True: 0, False: 0}
         for each in self._rules:
             if each.cells and not each.fires and each.number not in self._implied:
-                opposite = each.cells & decided[not each.rule.allow]
+                opposite = each.cells & fired[not each.rule.allow]
                 kind = AnomalyKind.UNREACHABLE if opposite else AnomalyKind.REDUNDANT
                 cell = self._cells.best(opposite or each.cells)
-                yield RuleAnomaly(kind=kind, rule=each.number, other=self._decider(cell), point=self._cells.point(cell))
-            decided[each.rule.allow] |= each.fires
-
-    def _decider(self, cell: int) -> int:
-        """The rule that fires there."""
-        return next(each.number for each in self._rules if each.fires >> cell & 1)
+                other = deciding(self._steps, cell).by
+                yield RuleAnomaly(kind=kind, rule=each.number, other=other, point=self._cells.point(cell))
+            fired[each.rule.allow] |= each.fires
 
     def without_effect(self, *, default_allow: bool) -> Iterator[RuleAnomaly]:
         """Rules that fire, and nothing changes without them: taken out one by one, from the last on.
@@ -311,23 +306,23 @@ class _Order:
     def expressions_never_firing(self) -> Iterator[RuleAnomaly]:
         """Expressions that earlier rules leave nothing to, and one of them decides the opposite."""
         before = 0
-        decided = {True: 0, False: 0}
+        fired = {True: 0, False: 0}
         for each in self._rules:
             if each.fires and each.cells & before and each.number not in self._implied:
                 for expression in dict.fromkeys(self._cells.expressions(each.rule)):
-                    opposite = expression.cells & decided[not each.rule.allow]
+                    opposite = expression.cells & fired[not each.rule.allow]
                     if opposite and not expression.cells & ~before:
                         cell = self._cells.best(opposite)
                         yield RuleAnomaly(
                             kind=AnomalyKind.EXPRESSION_UNREACHABLE,
                             rule=each.number,
-                            other=self._decider(cell),
+                            other=deciding(self._steps, cell).by,
                             operation=expression.operation,
                             expression=expression.text,
                             point=self._cells.point(cell),
                         )
             before |= each.cells
-            decided[each.rule.allow] |= each.fires
+            fired[each.rule.allow] |= each.fires
 
     def overlapping(self, effort: Effort) -> Iterator[RuleAnomaly]:
         """Pairs of expressions of opposite rules of which the earlier decides where the later would do otherwise."""

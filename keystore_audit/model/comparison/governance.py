@@ -14,6 +14,8 @@ from keystore_audit.model.comparison.change import Aspect, Direction, Layer, dir
 from keystore_audit.model.comparison.facts import Draft, folded
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.formal.bit_sets import bits, union
+from keystore_audit.model.formal.steps import Step, decided
+from keystore_audit.model.formal.system import TopicRuleAtom
 
 _OF_DOMAINS: Final = (
     "allow_unauthenticated_participants",
@@ -81,22 +83,29 @@ def _document(view: View, path: str) -> int | None:
 
 def _parts(view: View, document: int | None) -> list[_Part]:
     """All channels by the rules that decide, whoever signed the document."""
-    system, undecided = view.system, view.decisions.all_channels
-    parts: list[_Part] = []
+    system, parts = view.system, list[_Part]()
     topics = gathered((topic.domain_rule, topic) for topic in system.topic_rules)
-    for number, rule in enumerate(system.domain_rules):
-        if rule.document != document:
+    rules: list[Step[int | None]] = [
+        Step(view.decisions.within(rule.domains), True, number)
+        for number, rule in enumerate(system.domain_rules)
+        if rule.document == document
+    ]
+    rules.append(Step(view.decisions.all_channels, False, None))
+    for step, within in decided(rules):
+        if step.by is None:
+            parts.append(_Part({DOMAIN_COVERED: False}, within, None))
             continue
-        within = view.decisions.within(rule.domains) & undecided
-        undecided &= ~within
+        rule = system.domain_rules[step.by]
         domain = {DOMAIN_COVERED: True} | {name: getattr(rule, name) for name in _OF_DOMAINS}
-        for topic in topics.get(number, ()):
-            hit = bits(topic.channels) & within
-            within &= ~hit
-            says = domain | {TOPIC_COVERED: True} | {name: getattr(topic, name) for name in _OF_TOPICS}
-            parts.append(_Part(says, hit, topic.location))
-        parts.append(_Part(domain | {TOPIC_COVERED: False}, within, rule.location))
-    return [*parts, _Part({DOMAIN_COVERED: False}, undecided, None)]
+        listed: list[Step[TopicRuleAtom | None]] = [
+            Step(bits(topic.channels), True, topic) for topic in topics.get(step.by, ())
+        ]
+        listed.append(Step(-1, False, None))
+        for each, hit in decided(listed):
+            topic = each.by
+            says = {name: getattr(topic, name) for name in _OF_TOPICS} if topic is not None else {}
+            parts.append(_Part(domain | {TOPIC_COVERED: each.allow} | says, hit & within, (topic or rule).location))
+    return parts
 
 
 def _differences(pair: Pair, path: str, mask: int) -> Iterator[Draft]:

@@ -17,6 +17,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison.change import Direction, Layer, direction_of
 from keystore_audit.model.comparison.facts import Dates, Draft, dated, folded, placed
 from keystore_audit.model.comparison.sides import Pair, Sides, View
+from keystore_audit.model.formal import steps
 from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
 from keystore_audit.model.formal.system import GrantAtom
 from keystore_audit.text import instant
@@ -200,10 +201,9 @@ def deciding(view: View, grant: int | None, operation: str, channels: int) -> Lo
         return None
     if operation != JOIN:
         channel, act = lowest(channels), Operation(operation)
-        domain = view.system.channels[channel].domain
-        for rule in view.decisions.rules[grant]:
-            if domain in rule.domains and channel in rule.named(act):
-                return view.system.place(rule, act, channel)
+        rule = steps.deciding(view.decisions.steps(grant, act), channel).by
+        if rule is not None:
+            return view.system.place(rule, act, channel)
     return view.system.grants[grant].location
 
 

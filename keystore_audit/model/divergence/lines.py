@@ -20,12 +20,12 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.formal.bit_sets import Bounds, bits, members
 from keystore_audit.model.formal.rights import EffectiveRights, Peers
+from keystore_audit.model.formal.steps import Step, compare
 from keystore_audit.model.formal.system import Reading, System
 from keystore_audit.model.inventory import Typed
 from keystore_audit.model.participants.doubt import enclave_doubts
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.participants.views import Kind
-from keystore_audit.model.rights import Step, compare
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.validity import in_force, read_date
@@ -377,8 +377,6 @@ def _open_topics(peers: _Peers, realm: int, operation: Operation) -> Iterator[_S
 
 def _rules(peers: _Peers, grant: int, operation: Operation) -> Iterator[_Step]:
     """What the rules of a grant decide, and its default."""
-    atom = peers.system.grants[grant]
-    for rule in peers.decisions.rules[grant]:
-        channels = bits(rule.named(operation)) & peers.permissions.within(rule.domains)
-        yield Step(channels, rule.allow, _Line(rule.location, True))
-    yield Step(-1, atom.default_allow, _Line(atom.location, False))
+    for step in peers.decisions.steps(grant, operation):
+        by = peers.system.grants[grant] if step.by is None else step.by
+        yield Step(step.channels, step.allow, _Line(by.location, step.by is not None))

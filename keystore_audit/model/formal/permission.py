@@ -12,21 +12,12 @@ from operator import attrgetter
 
 from msgspec import Struct
 
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.bit_sets import bits, members, union
+from keystore_audit.model.formal.steps import Step, allowed, decided
 from keystore_audit.model.formal.system import DomainRuleAtom, RuleAtom, System, TopicRuleAtom
-
-
-def allowing(rulings: Iterable[tuple[int, bool]]) -> int:
-    """The channels that the first ruling about them allows: channels, and whether they are allowed."""
-    allowed, decided = 0, 0
-    for channels, allow in rulings:
-        if channels:  # most rules of thousands are about another operation
-            if allow:
-                allowed |= channels & ~decided if decided else channels
-            decided |= channels
-    return allowed
 
 
 class Meetings:
@@ -63,7 +54,7 @@ class Decisions:
         self._within: dict[frozenset[int], int] = {}
 
     @cached_property
-    def rules(self) -> list[list[RuleAtom]]:
+    def _rules(self) -> list[list[RuleAtom]]:
         """By grant: its rules in order."""
         rules: list[list[RuleAtom]] = [[] for _ in self._system.grants]
         for rule in self._system.rules:
@@ -74,11 +65,16 @@ class Decisions:
         """Channels on which the first matching rule allows, or none matches and the default does."""
         known = self._allowed.get((grant, operation))
         if known is None:
-            rulings = [(self._matches(rule, operation), rule.allow) for rule in self.rules[grant]]
-            if self._system.grants[grant].default_allow:
-                rulings.append((self.all_channels, True))
-            known = self._allowed[grant, operation] = allowing(rulings)
+            known = self._allowed[grant, operation] = allowed(self.steps(grant, operation))
         return known
+
+    def steps(self, grant: int, operation: Operation) -> list[Step[RuleAtom | None]]:
+        """What the grant decides about the operation, in order; last (`by` None) the default, about everything."""
+        steps: list[Step[RuleAtom | None]] = [
+            Step(self._matches(rule, operation), rule.allow, rule) for rule in self._rules[grant]
+        ]
+        steps.append(Step(self.all_channels, self._system.grants[grant].default_allow, None))
+        return steps
 
     def _matches(self, rule: RuleAtom, operation: Operation) -> int:
         """Channels whose domain, topic and partition the rule matches."""
@@ -98,7 +94,7 @@ class Decisions:
         """Domains that the grant lets its holder join."""
         if self._system.grants[grant].default_allow:
             return self.all_domains
-        return union(bits(rule.domains) for rule in self.rules[grant] if rule.allow)
+        return union(bits(rule.domains) for rule in self._rules[grant] if rule.allow)
 
 
 class Permissions:
@@ -200,21 +196,18 @@ class Protection(Struct):
 def protection(system: System, document: int | None, permissions: Permissions) -> Protection:
     """What the governance `document` says, None: nothing is governed."""
     result = Protection()
-    if document is None:
-        return result
-    decides: dict[int, int] = {}
-    left = set(range(len(system.domains)))
-    for number, rule in enumerate(system.domain_rules):
-        if rule.document == document and left:
-            decided = rule.domains & left
-            decides.update(dict.fromkeys(decided, number))
-            left -= decided
-    topics: dict[int, list[tuple[TopicRuleAtom, int]]] = {number: [] for number in decides.values()}
-    for topic in system.topic_rules:
-        if topic.domain_rule in topics:
-            topics[topic.domain_rule].append((topic, bits(topic.channels)))
-    for domain, number in decides.items():
-        _apply_domain(result, domain, system.domain_rules[number], topics[number], permissions.channels_in[domain])
+    rules = (
+        Step(bits(each.domains), True, n) for n, each in enumerate(system.domain_rules) if each.document == document
+    )
+    topics = gathered((topic.domain_rule, topic) for topic in system.topic_rules)
+    for one, domains in decided(rules):
+        rule = system.domain_rules[one.by]
+        result.ruled |= domains
+        result.unauthenticated |= _if(rule.allow_unauthenticated_participants, domains)
+        result.join_controlled |= _if(rule.enable_join_access_control, domains)
+        here = permissions.within(members(domains)) if domains else 0
+        for each, hit in decided(Step(bits(topic.channels) & here, True, topic) for topic in topics.get(one.by, ())):
+            _apply_topic(result, hit, rule, each.by)
     return result
 
 
@@ -225,21 +218,6 @@ def open_protection(permissions: Permissions) -> Protection:
         unauthenticated=permissions.all_domains,
         governed=permissions.all_channels,
     )
-
-
-def _apply_domain(
-    result: Protection, domain: int, rule: DomainRuleAtom, topics: list[tuple[TopicRuleAtom, int]], undecided: int
-) -> None:
-    """Adds what `rule` and its topic rules, each with its channels, say of the channels `undecided` of the domain."""
-    result.ruled |= 1 << domain
-    if rule.allow_unauthenticated_participants:
-        result.unauthenticated |= 1 << domain
-    if rule.enable_join_access_control:
-        result.join_controlled |= 1 << domain
-    for topic, channels in topics:
-        hit = channels & undecided
-        undecided &= ~hit
-        _apply_topic(result, hit, rule, topic)
 
 
 def _apply_topic(result: Protection, hit: int, rule: DomainRuleAtom, topic: TopicRuleAtom) -> None:

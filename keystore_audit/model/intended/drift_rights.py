@@ -19,9 +19,10 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, ReadRegion, build_channels
 from keystore_audit.model.domains import Interval, contains, domain_classes
 from keystore_audit.model.formal.bit_sets import members, union
+from keystore_audit.model.formal.steps import Difference, Step, compare
 from keystore_audit.model.matching.expression import has_wildcard, naming, parse
 from keystore_audit.model.names import AMBIENT_TOPICS, DISCOVERY_TOPIC, dds_expressions
-from keystore_audit.model.rights import Difference, RuleLists, Step, compare
+from keystore_audit.model.rights import RuleLists
 from keystore_audit.model.semantics import (
     DEFAULT_PARTITION,
     DIRECTIONS,

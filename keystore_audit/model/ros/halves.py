@@ -22,9 +22,9 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.bit_sets import members, union
+from keystore_audit.model.formal.steps import allowed
 from keystore_audit.model.names import ACTION_PART, ACTION_ROLES, ACTION_SERVICES, SERVICE_ROLES, Use, dds_expressions
 from keystore_audit.model.question import Usability
-from keystore_audit.model.rights import allowed
 from keystore_audit.model.ros.classes import OF_ACTIONS, Affix, RosChannels, ros_channels
 from keystore_audit.model.ros.holders import DocumentLines, is_surely_whole
 from keystore_audit.model.semantics import DIRECTIONS

@@ -13,14 +13,16 @@ from keystore_audit.keystore.permissions import Grant, Operation, PermissionsFil
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.formal.attacker import RealmView, enclaves_views
+from keystore_audit.model.formal.bit_sets import bits, union
 from keystore_audit.model.formal.permission import Permissions
+from keystore_audit.model.formal.steps import Step, decided
 from keystore_audit.model.formal.system import EnclaveAtom, System
 from keystore_audit.model.matching.automaton import PatternIndex
 from keystore_audit.model.matching.coverage import allows_everything
 from keystore_audit.model.matching.expression import any_matches, has_wildcard, parse
 from keystore_audit.model.names import ACTION_PART, ACTION_SERVICES, ACTION_TOPICS
 from keystore_audit.model.ros.classes import REPLY, REQUEST
-from keystore_audit.model.semantics import Area, ReadGrant
+from keystore_audit.model.semantics import Area, ReadGrant, ReadRule
 from keystore_audit.profiles import Access, Matcher
 
 # Quick answers from the texts of a grant, where they are certain, and the lines of a document that people look for.
@@ -273,20 +275,23 @@ class Holders:
 
 def allows(placed: Placed, matcher: Matcher, operation: Operation, topic: str, domain: int) -> bool:
     """Whether the first rule of the grant that matches allows it, in a partition that meets the default one."""
-    grant = placed.grant
-    return any(_allows(grant, matcher, operation, topic, domain, partition) for partition in _PARTITIONS)
+    return any(part and step.allow for step, part in decided(_steps(placed.grant, matcher, operation, topic, domain)))
 
 
-def _allows(grant: ReadGrant, matcher: Matcher, operation: Operation, topic: str, domain: int, partition: str) -> bool:
+def _steps(
+    grant: ReadGrant, matcher: Matcher, operation: Operation, topic: str, domain: int
+) -> Iterator[Step[ReadRule | None]]:
+    """What decides about the topic, over partitions."""
     for rule in grant.rules:
-        if contains(rule.domains, domain) and any(
-            _matches(area, matcher, topic, partition) for area in rule.region(operation)
-        ):
-            return rule.allow
-    return grant.default_allow
+        if contains(rule.domains, domain):
+            areas = (_matching(area, matcher, topic) for area in rule.region(operation))
+            yield Step(union(areas), rule.allow, rule)
+    yield Step(-1, grant.default_allow, None)
 
 
-def _matches(area: Area, matcher: Matcher, topic: str, partition: str) -> bool:
-    if area.partitions is not None and not any_matches(area.partitions, partition, matcher):
-        return False
-    return topic in area.topics or any_matches(filter(has_wildcard, area.topics), topic, matcher)
+def _matching(area: Area, matcher: Matcher, topic: str) -> int:
+    """The partitions, of the two, in which the area holds the topic."""
+    if topic not in area.topics and not any_matches(filter(has_wildcard, area.topics), topic, matcher):
+        return 0
+    listed = area.partitions
+    return bits(n for n, each in enumerate(_PARTITIONS) if listed is None or any_matches(listed, each, matcher))
