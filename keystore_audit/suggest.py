@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timedelta, timezone
+from operator import itemgetter
 from typing import Final
 
 from msgspec import Struct
 
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.errors import UsageError
+from keystore_audit.grouped import gathered
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.document import DomainRange, Text
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
+from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.domains import covered
-from keystore_audit.model.intended.observed_needs import (
-    DISCOVERY,
-    EnclavePolicy,
-    LeastPolicy,
-    PolicyRight,
-    least_policy,
-)
+from keystore_audit.model.intended.drift_rights import written_grant
+from keystore_audit.model.intended.observed_needs import EnclavePolicy, LeastPolicy, least_policy
 from keystore_audit.model.intended.observed_rights import Deciders, listed_usages
 from keystore_audit.model.names import dds_expressions
 from keystore_audit.text import terminal
@@ -108,43 +105,17 @@ def _grant(policy: EnclavePolicy, certificate: Certificate, domains: tuple[Domai
 
     It begins a day before the certificate, so that it is in force in whatever zone a robot reads its dates.
     """
-    rules = []
-    for allow in (False, True):
-        rights = [right for right in policy.rights if right.allow is allow]
-        if rights:
-            criteria = (*_criteria(r for r in rights if not r.usual), *_criteria(r for r in rights if r.usual))
-            rules.append(Rule(allow=allow, domains=domains, criteria=_ordered(criteria), line=None))
-    discovery = tuple(_criterion(operation, (topic,)) for operation, topic in DISCOVERY)
-    rules.append(Rule(allow=True, domains=domains, criteria=discovery, line=None))
-    return Grant(
-        name=policy.path,
-        subject_name=_text(certificate.subject),
-        not_before=_date(max(certificate.not_before, FIRST + DAY) - DAY),
-        not_after=_date(certificate.not_after),
-        rules=tuple(rules),
-        default_allow=False,
-        default_line=None,
-        line=None,
+    listed = gathered(
+        ((right.usual, right.allow, operation), expression)
+        for right in policy.rights
+        for operation, expression in dds_expressions(right.action.value, right.name)
     )
-
-
-def _criteria(rights: Iterable[PolicyRight]) -> Iterator[Criterion]:
-    listed: dict[Operation, dict[str, None]] = {}
-    for right in rights:
-        for operation, expression in dds_expressions(right.action.value, right.name):
-            listed.setdefault(operation, {})[expression] = None
-    for operation, topics in listed.items():
-        yield _criterion(operation, sorted(topics))
-
-
-def _ordered(criteria: Iterable[Criterion]) -> tuple[Criterion, ...]:
-    """As the schema wants them: what is published first."""
-    return tuple(sorted(criteria, key=lambda criterion: criterion.operation is not Operation.PUBLISH))
-
-
-def _criterion(operation: Operation, topics: Iterable[str]) -> Criterion:
-    names = tuple(_text(topic) for topic in topics)
-    return Criterion(operation=operation, topics=names, partitions=None, data_tags=False, line=None)
+    criteria = (
+        (allow, operation, map(_text, sorted({*listed[usual, allow, operation]})))
+        for usual, allow, operation in sorted(listed, key=itemgetter(0))
+    )
+    dates = _date(max(certificate.not_before, FIRST + DAY) - DAY), _date(certificate.not_after)
+    return written_grant(policy.path, _text(certificate.subject), dates, domains, criteria)
 
 
 def _text(text: str) -> Text:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from itertools import chain
+from os.path import commonprefix
 from typing import Final, NamedTuple
 
 from msgspec import Struct
@@ -51,18 +52,30 @@ class Decision(Struct, frozen=True, kw_only=True):
     location: Location | None
 
 
+Told = tuple[str, int | None]
+"""A sentence, and the line that says so."""
+
+
 class Why(NamedTuple):
-    """What a step says. `explain`: why and where, of a name where one is asked. `by_permissions`: the grant decides;
-    before it, names and the governance do.
+    """What a step says. `explain`: why, of a name where one is asked; `place`: in which document, "" for none.
+
+    `by_permissions`: the grant decides; before it, names and the governance do. `rule`: of the grant, if one decides.
     """
 
-    explain: Callable[[Point | None], Decision]
+    explain: Callable[[Point | None], Told]
+    place: str = ""
     by_permissions: bool = True
+    rule: ReadRule | None = None
 
     @property
     def location(self) -> Location | None:
         """The line that decides."""
-        return self.explain(None).location
+        return self.at(None)[1]
+
+    def at(self, name: Point | None) -> tuple[str, Location | None]:
+        """Why, and the line that decides."""
+        reason, line = self.explain(name)
+        return reason, Location(path=self.place, line=line) if self.place else None
 
 
 _Step = Step[Why]
@@ -87,7 +100,7 @@ class LocalRights:
         self._channels = channels
         self._at = at
         self._lists = RuleLists(channels)
-        self._illegal: dict[str, int] = {}
+        self._illegal = cache(lambda legal: bits(illegal_names(channels, legal)))
         self._allowed: dict[object, int] = {}
         self._governed: dict[object, list[TopicDecision]] = {}
         self._all = self._lists.all
@@ -116,12 +129,11 @@ class LocalRights:
         """
         step = self.step(enclave, profile, operation, channel)
         grant = self.grant(enclave, profile)
-        told = step.by.explain(name)
-        if step.allow or grant is None:
-            return told
-        near = self._near if step.by.by_permissions else self._elsewhere
-        more = near(grant, profile, _Asked(operation, name, channel))
-        return Decision(allow=False, reason=told.reason + more, location=told.location)
+        reason, location = step.by.at(name)
+        if not step.allow and grant is not None:
+            asked = _Asked(operation, name, channel)
+            reason += self._near(grant, profile, asked, by_permissions=step.by.by_permissions)
+        return Decision(allow=step.allow, reason=reason, location=location)
 
     def step(self, enclave: Enclave, profile: Profile, operation: Operation, channel: int) -> _Step:
         """What decides about one channel, without a look at what comes near."""
@@ -135,33 +147,30 @@ class LocalRights:
             yield from self._governance(enclave, access, operation, profile.local)
         grant = self.grant(enclave, profile)
         if grant is None:
-            yield Step(self._all, False, Why(partial(_nowhere, "no grant in force names the enclave")))
+            yield Step(self._all, False, Why(partial(_said, "no grant in force names the enclave")))
             return
         place = enclave.permissions.signed.file.place if enclave.permissions else ""
         if access.first_rule_decides_topic and operation is not Operation.RELAY:
             controlled = self._lists.controlled(self._topics(enclave, access, profile.local))
             for denied in self._lists.topics_denied(grant.rules, access, controlled):
-                yield Step(denied.channels, False, Why(partial(_no_topic, denied.by, place, access.matcher)))
+                yield Step(denied.channels, False, Why(partial(_no_topic, denied.by, access.matcher), place))
         everywhere = not profile.local.binds_domains
         for step in self._lists.of(grant, operation, access.matcher, in_every_domain=everywhere):
             explain = (
-                partial(_by_default, grant, operation, place)
+                partial(_by_default, grant, operation)
                 if step.by is None
-                else partial(_by_rule, step.by, operation, place, access.matcher)
+                else partial(_by_rule, step.by, operation, access.matcher)
             )
-            yield Step(step.channels, step.allow, Why(explain))
+            yield Step(step.channels, step.allow, Why(explain, place, rule=step.by))
 
     def _names(self, profile: Profile) -> Iterator[_Step]:
         """Names that no topic can have."""
         legal = profile.local.topic_names
         if legal is None:
             return
-        refused = self._illegal.get(legal)
-        if refused is None:
-            refused = self._illegal[legal] = bits(illegal_names(self._channels, legal))
-        if refused:
+        if refused := self._illegal(legal):
             reason = "the implementation creates no topic of this name"
-            yield Step(refused, False, Why(partial(_nowhere, reason), by_permissions=False))
+            yield Step(refused, False, Why(partial(_said, reason), by_permissions=False))
 
     def _governance(self, enclave: Enclave, access: Access, operation: Operation, local: Local) -> Iterator[_Step]:
         """Topics that no rule of the governance covers, and those without access control for the operation."""
@@ -171,13 +180,11 @@ class LocalRights:
         loose = self._lists.loose(self._domain_rules(enclave, access), access, operation)
         for domain_rule, topic, channels in chain(loose, topics):
             if not is_controlled(topic, operation):
-                explain = partial(_uncontrolled, domain_rule, topic, operation, place)
-                yield Step(channels, True, Why(explain, by_permissions=False))
+                explain = partial(_uncontrolled, domain_rule, topic, operation)
+                yield Step(channels, True, Why(explain, place, by_permissions=False))
         if governed != self._all:
             reason = "no topic rule of the governance covers the topic in this domain, so it cannot be created"
-            whole = Location(path=place) if place else None
-            explain = partial(_said, Decision(allow=False, reason=reason, location=whole))
-            yield Step(self._all & ~governed, False, Why(explain, by_permissions=False))
+            yield Step(self._all & ~governed, False, Why(partial(_said, reason), place, by_permissions=False))
 
     def _domain_rules(self, enclave: Enclave, access: Access) -> Sequence[ReadDomainRule]:
         return self._accesses.deciding(enclave.governance, access) if enclave.governance else ()
@@ -205,33 +212,28 @@ class LocalRights:
             self._accesses.own_grants(enclave, profile) or (), self._at, self._accesses.row(profile.access)
         )
 
-    def _elsewhere(self, grant: ReadGrant, profile: Profile, asked: _Asked) -> str:
-        """Where names or the governance decide: the rule that allows it in other domains, as a sentence more."""
-        for rule in _allowing(grant):
-            if (
-                self._listed(rule, profile, asked, asked.operation)
-                and not self._lists.domains(rule.domains) >> asked.channel & 1
-            ):
-                return f". {self._line(rule, profile, asked)} allows it in {_domain_of(rule)}"
-        return ""
+    def _near(self, grant: ReadGrant, profile: Profile, asked: _Asked, *, by_permissions: bool) -> str:
+        """The rule that comes nearest to allowing it, as a sentence more.
 
-    def _near(self, grant: ReadGrant, profile: Profile, asked: _Asked) -> str:
-        """The rule that comes nearest to allowing it, as a sentence more."""
+        Where names or the governance decide (not `by_permissions`), only one that allows it in other domains.
+        """
         operation, (topic, _partition), channel = asked
         allowing = _allowing(grant)
-        for rule in allowing:
-            if self._listed(rule, profile, asked, operation):
-                if profile.local.binds_domains and not self._lists.domains(rule.domains) >> channel & 1:
-                    return f". {self._line(rule, profile, asked)} allows it in {_domain_of(rule)}"
-                return f". {self._line(rule, profile, asked)} would allow it, but comes later"
+        bound = profile.local.binds_domains or not by_permissions
+        elsewhere = [bound and not self._lists.domains(rule.domains) >> channel & 1 for rule in allowing]
+        for rule, is_elsewhere in zip(allowing, elsewhere, strict=True):
+            if (is_elsewhere or by_permissions) and self._listed(rule, profile, asked, operation):
+                what = f"allows it in {_domain_of(rule)}" if is_elsewhere else "would allow it, but comes later"
+                return f". {self._line(rule, profile, asked)} {what}"
+        if not by_permissions:
+            return ""
         for other in Operation:
             for rule in allowing:
                 if other is not operation and self._listed(rule, profile, asked, other):
                     return f". {self._line(rule, profile, asked, other)} allows {DONE[other][1]} instead"
-        for rule in allowing:
+        for rule, is_elsewhere in zip(allowing, elsewhere, strict=True):
             if self._listed(rule, profile, asked, operation, in_any_partition=True):
-                elsewhere = profile.local.binds_domains and not self._lists.domains(rule.domains) >> channel & 1
-                domain = f" of {_domain_of(rule)}" if elsewhere else ""
+                domain = f" of {_domain_of(rule)}" if is_elsewhere else ""
                 return f". {self._line(rule, profile, asked)} allows it in another partition{domain}"
         listed = {text: rule for rule in reversed(allowing) for text in rule.texts(operation)}
         if not listed:
@@ -272,37 +274,21 @@ def _domain_of(rule: ReadRule) -> str:
 
 def _likeness(text: str, topic: str) -> int:
     """How many characters both begin and end with: what differs in the middle is a typing error, or a neighbour."""
-    return _shared_beginning(text, topic) + _shared_beginning(text[::-1], topic[::-1])
+    return sum(len(commonprefix(both)) for both in ((text, topic), (text[::-1], topic[::-1])))  # noqa: RUF071
 
 
-def _shared_beginning(one: str, other: str) -> int:
-    shared = 0
-    for a, b in zip(one, other, strict=False):  # a generator takes four times as long, for each name that is listed
-        if a != b:
-            break
-        shared += 1
-    return shared
-
-
-def _uncontrolled(
-    domain_rule: ReadDomainRule, topic: TopicRule, operation: Operation, place: str, _name: Point | None
-) -> Decision:
+def _uncontrolled(domain_rule: ReadDomainRule, topic: TopicRule, operation: Operation, _name: Point | None) -> Told:
     control = "write" if operation is Operation.PUBLISH else "read"
     where = f"the topic in domain {describe(domain_rule.domains)}"
-    reason = f"the governance has {control} access control off for {where}, so permissions are not asked"
-    return Decision(allow=True, reason=reason, location=Location(path=place, line=topic.line))
+    return f"the governance has {control} access control off for {where}, so permissions are not asked", topic.line
 
 
-def _said(decision: Decision, _name: Point | None) -> Decision:
-    return decision
-
-
-def _nowhere(reason: str, _name: Point | None) -> Decision:
+def _said(reason: str, _name: Point | None) -> Told:
     """A refusal that no line says."""
-    return Decision(allow=False, reason=reason, location=None)
+    return reason, None
 
 
-def _at(rule: ReadRule, operation: Operation, name: Point | None, matcher: Matcher) -> tuple[str, int | None]:
+def _at(rule: ReadRule, operation: Operation, name: Point | None, matcher: Matcher) -> Told:
     """`line 36 (rt/*_priority)` and its number: the expression that matches the name, else the rule."""
     text = naming(rule.rule, operation, name[0], matcher) if name is not None else None
     if text is None or text.line is None:
@@ -310,32 +296,28 @@ def _at(rule: ReadRule, operation: Operation, name: Point | None, matcher: Match
     return f"line {text.line} ({shorten(text.text, MAX_EXPRESSION)})", text.line
 
 
-def _no_topic(rule: ReadRule, place: str, matcher: Matcher, name: Point | None) -> Decision:
+def _no_topic(rule: ReadRule, matcher: Matcher, name: Point | None) -> Told:
     where, line = _at(rule, Operation.PUBLISH, name, matcher)
     reason = (
         f"{where} is the first rule that lists the topic, and it denies: the topic itself cannot "
         "be created, whichever operation and partition the rule is about"
     )
-    return Decision(allow=False, reason=reason, location=Location(path=place, line=line))
+    return reason, line
 
 
-def _by_rule(rule: ReadRule, operation: Operation, place: str, matcher: Matcher, name: Point | None) -> Decision:
+def _by_rule(rule: ReadRule, operation: Operation, matcher: Matcher, name: Point | None) -> Told:
     at, line = _at(rule, operation, name, matcher)
     if rule.rule.allow and not rule.allow:  # it stands for the partitions that the allow rule leaves out (`semantics`)
         where = "and not in this partition: no later rule is asked"
-        reason = f"{at} is the first rule that lists the topic, {where}"
-    else:
-        verb = "allows" if rule.allow else "denies"
-        reason = f"{at} is the first rule that matches, and it {verb} {DONE[operation][1]}"
-    return Decision(allow=rule.allow, reason=reason, location=Location(path=place, line=line))
+        return f"{at} is the first rule that lists the topic, {where}", line
+    verb = "allows" if rule.allow else "denies"
+    return f"{at} is the first rule that matches, and it {verb} {DONE[operation][1]}", line
 
 
-def _by_default(grant: ReadGrant, operation: Operation, place: str, _name: Point | None) -> Decision:
+def _by_default(grant: ReadGrant, operation: Operation, _name: Point | None) -> Told:
     typed = grant.grant
-    allow = grant.default_allow
     said = "ALLOW" if typed.default_allow else "DENY"
     reason = f"no rule matches {DONE[operation][1]}, and the default is {said}"
-    if typed.default_allow and not allow:
+    if typed.default_allow and not grant.default_allow:
         reason += ", which the implementation never looks at"
-    line = typed.default_line if typed.default_line is not None else typed.line
-    return Decision(allow=allow, reason=reason, location=Location(path=place, line=line))
+    return reason, typed.default_line if typed.default_line is not None else typed.line

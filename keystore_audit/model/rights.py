@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
+from functools import cache
 from itertools import chain, product
 
 from keystore_audit.findings import Location
@@ -39,8 +40,7 @@ class RuleLists:
     def __init__(self, channels: Channels) -> None:
         self.all = (1 << len(channels.channels)) - 1
         self._channels = channels
-        self._regions: dict[tuple[Matcher, Region], int] = {}
-        self._covers: dict[tuple[Interval, ...], int] = {}
+        self._within = cache(channels.within)
 
     def of(
         self,
@@ -133,19 +133,11 @@ class RuleLists:
 
     def region(self, matcher: Matcher, region: Region) -> int:
         """The channels of a region that took part when the channels were made."""
-        if not region:
-            return 0
-        known = self._regions.get((matcher, region))
-        if known is None:
-            known = self._regions[matcher, region] = bits(self._channels.regions[matcher, region])
-        return known
+        return bits(self._channels.regions[matcher, region]) if region else 0
 
     def domains(self, cover: tuple[Interval, ...]) -> int:
         """The channels of the domains."""
-        known = self._covers.get(cover)
-        if known is None:
-            known = self._covers[cover] = self._channels.within(cover)
-        return known
+        return self._within(cover)
 
 
 # The rules of documents as atoms of a system: what an implementation reads in them, over channels.

@@ -195,9 +195,7 @@ def _read_rule(
     return ReadRule(
         allow=allow,
         domains=domains,
-        publish=regions.get(Operation.PUBLISH, ()),
-        subscribe=regions.get(Operation.SUBSCRIBE, ()),
-        relay=regions.get(Operation.RELAY, ()),
+        **{operation.value: regions.get(operation, ()) for operation in Operation},
         of_peers=of_peers,
         rule=rule,
     )

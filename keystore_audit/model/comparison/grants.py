@@ -160,6 +160,13 @@ def differing(sides: Sides, pair: Pair, old: Given, new: Given) -> Iterator[tupl
                 yield Right(operation, gained), channels
 
 
+def both_ways(sides: Sides, before: int, after: int) -> Iterator[tuple[bool, int]]:
+    """The channels that were gained, and those that were lost, with whether they were gained; if there are any."""
+    for gained, channels in ((True, after & ~before), (False, before & ~after)):
+        if channels & sides.mask:
+            yield gained, channels & sides.mask
+
+
 def validity_changes(sides: Sides, rights: list[Draft]) -> Iterator[Draft]:
     """The dates of the grants that count, or would: one draft for all enclaves whose dates changed alike.
 

@@ -18,6 +18,7 @@ from keystore_audit.model.comparison.grants import (
     JOIN,
     PRESENTED_BEFORE,
     Right,
+    both_ways,
     deciding,
     differing,
     either,
@@ -69,13 +70,13 @@ def _insider(sides: Sides, causes: Causes, pair: Pair, path: str) -> Iterator[Dr
         accepted = [view.accepted(path, operation) for view, _number in views]
         by_right[operation] = union(accepted)
         made = [0, 0] if operation is Operation.RELAY else [view.made(number, operation) for view, number in views]
-        for gained, shown in _both_ways(sides, *accepted):
+        for gained, shown in both_ways(sides, *accepted):
             right = Right(operation.value, gained)
             left = shown & ~_granted(causes, path, right)
             yield from right_drafts(sides, pair, path, right, left, layer=Layer.ACCESS, kind="accepted")
-        for gained, shown in _both_ways(sides, *made):
+        for gained, shown in both_ways(sides, *made):
             right = Right(operation.value, gained)
-            told = dict(_both_ways(sides, *accepted)).get(gained, 0)
+            told = dict(both_ways(sides, *accepted)).get(gained, 0)
             left = shown & ~(told | _granted(causes, path, right) if told else 0)
             end = "writer" if operation is Operation.PUBLISH else "reader"
             what = f" create a {end} of"
@@ -88,7 +89,7 @@ def _insider(sides: Sides, causes: Causes, pair: Pair, path: str) -> Iterator[Dr
             union(getattr(realm.abilities(number), of) for realm in view.realms) & ~by_right[operation]
             for view, number in views
         )
-        for gained, channels in _both_ways(sides, before, after):
+        for gained, channels in both_ways(sides, before, after):
             kept = PRESENTED_BEFORE if not gained and pair.kept.keeps else ""
             yield _shown(pair, CAPABILITY, f"{kept} {what}", channels, gained=gained, path=path)
 
@@ -144,7 +145,7 @@ def _outsiders(sides: Sides, pair: Pair) -> Iterator[Draft]:
     """What somebody without any key can do."""
     for what, of in _OUTSIDE.items():
         before, after = (union(map(of, view.realms)) for view in (pair.old, pair.new))
-        for gained, channels in _both_ways(sides, before, after):
+        for gained, channels in both_ways(sides, before, after):
             yield _shown(pair, CAPABILITY, f" {what}", channels, gained=gained)
 
 
@@ -157,12 +158,6 @@ def _newcomers(sides: Sides, pair: Pair, draft: Draft) -> Iterator[Draft]:
             right, channels = Right(operation.value, gained), view.accepted(path, operation) & sides.mask
             for each in right_drafts(sides, pair, path, right, channels, layer=Layer.ACCESS, kind="accepted"):
                 yield replace(each, cause=draft)
-
-
-def _both_ways(sides: Sides, before: int, after: int) -> Iterator[tuple[bool, int]]:
-    for gained, channels in ((True, after & ~before), (False, before & ~after)):
-        if channels & sides.mask:
-            yield gained, channels & sides.mask
 
 
 def _attributed(sides: Sides, causes: Causes, pair: Pair, drafts: Iterable[Draft]) -> Iterator[Draft]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from functools import cache
 from typing import NamedTuple
 
 from keystore_audit.findings import Location
@@ -107,10 +108,10 @@ class LocalValues:
 
 
 class PeerValues:
-    """What peers accept from enclaves, each profile by its access row; `systems`: by the profile's name."""
+    """What peers accept from enclaves, each profile by its access row."""
 
     def __init__(self, builder: SystemBuilder, profiles: Iterable[Profile], accesses: AccessViews) -> None:
-        self.systems: dict[str, System] = {}
+        facts: dict[str, System] = {}
         self._row: dict[str, str] = {}
         systems: list[System] = []
         by_row: dict[object, str] = {}
@@ -121,19 +122,20 @@ class PeerValues:
                 continue
             kind = Kind(profile.trust, row)
             may = builder.build(kind, profiles=(profile.name,), reading=Reading.MAY)
-            self.systems[profile.name] = may
+            facts[profile.name] = may
             systems.append(may)
             if may.has_doubt:
                 systems.append(builder.build(kind, profiles=(profile.name,), reading=Reading.MUST))
         self._effective = EffectiveRights(systems)
+        self._view = cache(lambda name: _Peers(facts[name]))
 
     def accepted(self, path: str, profile: Profile, operation: Operation) -> Bounds:
         """The channels on which some peer accepts the operation from the enclave."""
         return self._effective.accepted(path, self._row[profile.name], operation)
 
-    def system(self, profile: Profile) -> System:
+    def view(self, profile: Profile) -> _Peers:
         """The facts behind it, what could not be read counting as anything."""
-        return self.systems[self._row[profile.name]]
+        return self._view(self._row[profile.name])
 
 
 class Part(NamedTuple):
@@ -150,10 +152,11 @@ _Both = tuple[Profile, Profile]
 
 
 class _Line(NamedTuple):
-    """Where a step stands; `is_rule`: it is not the default or the want of a rule."""
+    """Where a step stands; `is_rule`: it is not the default or the want of a rule; `allows`: a rule that does."""
 
     location: Location | None
     is_rule: bool
+    allows: bool = False
 
 
 _Step = Step[_Line]
@@ -166,8 +169,6 @@ class DecidingLines:
         self._accesses = accesses
         self._at = at
         self._local = local
-        self._allows: dict[str, dict[int | None, bool]] = {}
-        self._views: dict[int, _Peers] = {}
         self._files = {
             file.signed.file.place: file
             for enclave in keystore.enclaves
@@ -212,7 +213,7 @@ class DecidingLines:
         self, path: str, operation: Operation, before: Profile, after: Profile, channels: int, peers: PeerValues
     ) -> Iterator[Part]:
         """Of channels on which peers accept the operation from the enclave under one of the two alone."""
-        ours, theirs = (self._peers(peers.system(profile)) for profile in (before, after))
+        ours, theirs = map(peers.view, (before, after))
         number = ours.numbers.get(path)
         for realm in range(min(len(ours.realms), len(theirs.realms)) if number is not None else 0):
             rights = [each.realms[realm].abilities(number or 0).by_right(operation) for each in (ours, theirs)]
@@ -262,18 +263,7 @@ class DecidingLines:
             return Cause.OTHER
         if step.allow:
             return Cause.CROSSED_PARTITIONS
-        location = step.by.location
-        line = location.line if location is not None else None
-        place = location.path if location is not None else ""
-        return Cause.FINAL_RULE if self._allowing(place).get(line) else Cause.DENY_IN_PARTITION
-
-    def _allowing(self, place: str) -> dict[int | None, bool]:
-        """By line: whether the permission rule there is an allow rule."""
-        if place not in self._allows:
-            file = self._files.get(place)
-            grants = file.grants if isinstance(file, PermissionsFile) else ()
-            self._allows[place] = {rule.line: rule.allow for grant in grants for rule in grant.rules}
-        return self._allows[place]
+        return Cause.FINAL_RULE if step.by.allows else Cause.DENY_IN_PARTITION
 
     def _refused(self, file: Typed, before: Profile, after: Profile) -> Location:
         """What makes one of the two refuse the document: a date, else the document."""
@@ -308,12 +298,6 @@ class DecidingLines:
                 date = out.grant.not_before if self._at < out.not_before else out.grant.not_after
                 return Location(path=place, line=date.line)
         return named or self._refused(file, before, after)
-
-    def _peers(self, system: System) -> _Peers:
-        known = self._views.get(id(system))
-        if known is None:
-            known = self._views[id(system)] = _Peers(system)
-        return known
 
 
 class _Peers(Peers):
@@ -352,7 +336,9 @@ def _same(one: ReadGrant | None, other: ReadGrant | None) -> bool:
 def _steps(local: LocalValues, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[_Step]:
     steps = list(local.rights.steps(enclave, profile, operation))
     for step in steps:
-        yield Step(step.channels, step.allow, _Line(step.by.location, step is not steps[-1]))
+        rule = step.by.rule
+        line = _Line(step.by.location, step is not steps[-1], rule is not None and rule.rule.allow)
+        yield Step(step.channels, step.allow, line)
 
 
 def _topics(peers: _Peers, realm: int, _operation: Operation) -> Iterator[_Step]:
@@ -379,4 +365,5 @@ def _rules(peers: _Peers, grant: int, operation: Operation) -> Iterator[_Step]:
     """What the rules of a grant decide, and its default."""
     for step in peers.decisions.steps(grant, operation):
         by = peers.system.grants[grant] if step.by is None else step.by
-        yield Step(step.channels, step.allow, _Line(by.location, step.by is not None))
+        allows = step.by is not None and step.by.source is not None and step.by.source.allow
+        yield Step(step.channels, step.allow, _Line(by.location, step.by is not None, allows))

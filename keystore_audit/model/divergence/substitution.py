@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import Enum
+from functools import cache
 from typing import Final
 
 from msgspec import Struct
@@ -159,15 +160,11 @@ class PlainPairs:
         self._domain = domain
         self._access = profiles[0].access
         self._may_differ = any(_is_picky(profile) for profile in profiles)
-        self._known: dict[tuple[GovernanceFile | None, PermissionsFile | None], bool] = {}
+        self._known = cache(self._is_plain)
 
     def has(self, enclave: Enclave) -> bool:
         """Whether the enclave's pair is one of these."""
-        pair = enclave.governance, enclave.permissions
-        known = self._known.get(pair)
-        if known is None:
-            known = self._known[pair] = not self._may_differ and self._is_plain(*pair)
-        return known
+        return not self._may_differ and self._known(enclave.governance, enclave.permissions)
 
     def _is_plain(self, governance: GovernanceFile | None, permissions: PermissionsFile | None) -> bool:
         rules = self._accesses.read(governance, self._access).domain_rules if governance else None

@@ -10,6 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered
 from keystore_audit.intent.intent import IntendedRight
 from keystore_audit.intent.policy import Profiles
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Text
@@ -45,6 +46,7 @@ from keystore_audit.profiles import Access, Matcher, Profile
 
 
 _NO_DATE: Final = Text(text="", line=None)
+_DISCOVERED: Final = Text(text=DISCOVERY_TOPIC, line=None)
 
 
 class PolicyGrant(Struct, frozen=True, kw_only=True):
@@ -64,39 +66,48 @@ def policy_grant(profiles: Profiles) -> PolicyGrant:
     for right in profiles.rights:
         for operation, expression in dds_expressions(right.action.value, right.name):
             rights.setdefault((right.allow, operation, expression), right)
-    rules = [_rule(rights, allow=allow) for allow in (False, True) if any(key[0] is allow for key in rights)]
-    grant = Grant(
-        name=profiles.enclave,
-        subject_name=Text(text=f"CN={profiles.enclave}", line=profiles.location.line),
-        not_before=_NO_DATE,
-        not_after=_NO_DATE,
-        rules=(*rules, _discovery()),
-        default_allow=False,
-        default_line=None,
-        line=profiles.location.line,
+    texts = (
+        ((allow, operation), Text(text=expression, line=right.location.line))
+        for (allow, operation, expression), right in rights.items()
+    )
+    grant = written_grant(
+        profiles.enclave,
+        Text(text=f"CN={profiles.enclave}", line=profiles.location.line),
+        (_NO_DATE, _NO_DATE),
+        (DomainRange(low=0, high=MAX_DOMAIN, line=None),),
+        ((*key, listed) for key, listed in gathered(texts).items()),
     )
     return PolicyGrant(grant=grant, rights=rights)
 
 
-def _rule(rights: Mapping[tuple[bool, Operation, str], IntendedRight], *, allow: bool) -> Rule:
-    listed: dict[Operation, list[Text]] = {operation: [] for operation in DIRECTIONS}
-    for (allowed, operation, expression), right in rights.items():
-        if allowed is allow:
-            listed[operation].append(Text(text=expression, line=right.location.line))
-    return _every_domain(allow, (_criterion(operation, texts) for operation, texts in listed.items() if texts))
-
-
-def _discovery() -> Rule:
-    return _every_domain(True, (_criterion(o, [Text(text=DISCOVERY_TOPIC, line=None)]) for o in DIRECTIONS))
-
-
-def _criterion(operation: Operation, texts: Iterable[Text]) -> Criterion:
-    return Criterion(operation=operation, topics=tuple(texts), partitions=None, data_tags=False, line=None)
-
-
-def _every_domain(allow: bool, criteria: Iterator[Criterion]) -> Rule:
-    everywhere = DomainRange(low=0, high=MAX_DOMAIN, line=None)
-    return Rule(allow=allow, domains=(everywhere,), criteria=tuple(criteria), line=None)
+def written_grant(
+    name: str,
+    subject: Text,
+    dates: tuple[Text, Text],
+    domains: tuple[DomainRange, ...],
+    criteria: Iterable[tuple[bool, Operation, Iterable[Text]]],
+) -> Grant:
+    """The grant as sros2 would write it. `criteria`: whether to allow, what, and the expressions."""
+    written = [
+        (allow, Criterion(operation=operation, topics=tuple(texts), partitions=None, data_tags=False, line=None))
+        for allow, operation, texts in (*criteria, *((None, each, [_DISCOVERED]) for each in DIRECTIONS))
+    ]
+    rules = []
+    for allow in (False, True, None):
+        listed = [each for among, each in written if among is allow]
+        listed.sort(key=lambda each: each.operation is not Operation.PUBLISH)  # as the schema wants them
+        if listed:
+            rules.append(Rule(allow=allow is not False, domains=domains, criteria=tuple(listed), line=None))
+    return Grant(
+        name=name,
+        subject_name=subject,
+        not_before=dates[0],
+        not_after=dates[1],
+        rules=tuple(rules),
+        default_allow=False,
+        default_line=None,
+        line=subject.line,
+    )
 
 
 MAX_RIGHTS: Final = 200

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
-from functools import cached_property
+from functools import cache, cached_property, reduce
+from operator import and_
 from typing import NamedTuple
 
 from msgspec import Struct
@@ -25,6 +26,7 @@ from keystore_audit.model.claims.globs import region_of
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import contains
 from keystore_audit.model.formal.bit_sets import bits, members, union
+from keystore_audit.model.formal.steps import decided
 from keystore_audit.model.formal.system import NodeAtom, System
 from keystore_audit.model.intended.observed_needs import DISCOVERY, Usual, in_layout, missing_usual
 from keystore_audit.model.matching.expression import UNESCAPED_WILDCARDS
@@ -100,10 +102,10 @@ class PointRights:
         self._points = {point: number for number, point in enumerate(dict.fromkeys(points))}
         self._channels = self._of_own_documents(tuple(self._points))
         self._local = LocalRights(deciders.accesses, self._channels, deciders.at)
-        self._starts: dict[str, list[tuple[int, bool | None]]] = {}
-        self._allowed: dict[tuple[str, Operation], Mapping[int, int]] = {}
-        self._always: dict[tuple[str, Operation], int] = {}
-        self._ever: dict[tuple[str, Operation], int] = {}
+        self._started = cache(self._where_it_starts)
+        self._held = cache(self._allowed)
+        self._everywhere = cache(self._always)
+        self._somewhere = cache(self._ever)
 
     def verdict(self, profile: Profile, needed: Sequence[Use]) -> JointRuling:
         """Whether all of it may be done in the default partition."""
@@ -141,9 +143,8 @@ class PointRights:
         )
         place = self._enclave.permissions.signed.file.place if self._enclave.permissions else None
         found: Beyond | None = None
-        for step in local.steps(self._enclave, profile, operation):
-            hit = step.channels & here
-            here &= ~step.channels
+        for step, part in decided(local.steps(self._enclave, profile, operation)):
+            hit = part & here
             location = step.by.location if hit and step.allow else None
             if location is None or location.path != place:
                 continue
@@ -168,25 +169,19 @@ class PointRights:
 
     def _governed(self, profile: Profile) -> Iterator[int]:
         """The lowest domain of each class that the governance covers; 0 where it says nothing."""
-        accesses, governance = self._deciders.accesses, self._enclave.governance
-        read = accesses.read(governance, accesses.row(profile.access)) if governance is not None else None
-        if read is None or read.domain_rules is None:
-            yield 0
-            return
-        for atom in self._channels.domains:
-            lowest = atom.intervals[0][0]
-            if any(contains(rule.domains, lowest) for rule in read.domain_rules):
-                yield lowest
+        governance = self._enclave.governance
+        rules = (
+            self._deciders.accesses.read(governance, profile.access).domain_rules if governance is not None else None
+        )
+        lowest = (atom.intervals[0][0] for atom in self._channels.domains) if rules is not None else (0,)
+        return (each for each in lowest if rules is None or any(contains(rule.domains, each) for rule in rules))
 
-    def _started(self, profile: Profile) -> Sequence[tuple[int, bool | None]]:
+    def _where_it_starts(self, profile: Profile) -> Sequence[tuple[int, bool | None]]:
         """The domains, one of each class, in which the enclave starts, or (None) may start for all we know."""
-        found = self._starts.get(profile.name)
-        if found is None:
-            deciders = self._deciders
-            domains = self._governed(profile) if deciders.domain is None else [deciders.domain]
-            asked = ((domain, deciders.usable(self._enclave, domain, profile)) for domain in domains)
-            found = self._starts[profile.name] = [(domain, usable) for domain, usable in asked if usable is not False]
-        return found
+        deciders = self._deciders
+        domains = self._governed(profile) if deciders.domain is None else (deciders.domain,)
+        asked = ((domain, deciders.usable(self._enclave, domain, profile)) for domain in domains)
+        return [(domain, usable) for domain, usable in asked if usable is not False]
 
     def _denial(self, profile: Profile, needed: Sequence[Use]) -> JointRuling:
         """Where not all of it is allowed, and why."""
@@ -208,34 +203,20 @@ class PointRights:
             explain=lambda: which + self._local.decide(self._enclave, profile, operation, channel, (topic, "")).reason,
         )
 
-    def _everywhere(self, profile: Profile, operation: Operation) -> int:
+    def _always(self, profile: Profile, operation: Operation) -> int:
         """The points on which it is allowed in every domain in which the enclave starts."""
-        key = (profile.name, operation)
-        if key not in self._always:
-            allowed = (1 << len(self._points)) - 1
-            for held in self._held(profile, operation).values():
-                allowed &= held
-            self._always[key] = allowed
-        return self._always[key]
+        return reduce(and_, self._held(profile, operation).values(), (1 << len(self._points)) - 1)
 
-    def _somewhere(self, profile: Profile, operation: Operation) -> int:
+    def _ever(self, profile: Profile, operation: Operation) -> int:
         """The points on which it is allowed in some domain in which the enclave certainly starts."""
-        key = (profile.name, operation)
-        if key not in self._ever:
-            held = self._held(profile, operation)
-            self._ever[key] = union(held[domain] for domain, usable in self._started(profile) if usable)
-        return self._ever[key]
+        held = self._held(profile, operation)
+        return union(held[domain] for domain, usable in self._started(profile) if usable)
 
-    def _held(self, profile: Profile, operation: Operation) -> Mapping[int, int]:
+    def _allowed(self, profile: Profile, operation: Operation) -> Mapping[int, int]:
         """By domain: the points on which the operation is allowed, as a bit set."""
-        key = (profile.name, operation)
-        if key not in self._allowed:
-            channels = self._local.allowed(self._enclave, profile, operation)
-            self._allowed[key] = {
-                domain: Window(self._channels, domain, len(self._points)).of(channels)
-                for domain, _usable in self._started(profile)
-            }
-        return self._allowed[key]
+        channels = self._local.allowed(self._enclave, profile, operation)
+        domains = (domain for domain, _usable in self._started(profile))
+        return {domain: Window(self._channels, domain, len(self._points)).of(channels) for domain in domains}
 
     def _label(self, domain: int) -> str:
         return self._channels.domains[self._channels.domain_class(domain)].label

@@ -22,6 +22,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.bit_sets import bits
+from keystore_audit.model.formal.steps import decided
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import certificates_of
 from keystore_audit.model.names import AMBIENT
@@ -274,10 +275,8 @@ def _nothing(why: str, issued: Issuance | None = None, dates: tuple[Period, ...]
 def _allowances(enclave: Enclave, profile: Profile, local: LocalRights, window: Window) -> Iterator[Allowance]:
     """Everything that allows it something on its own implementation, in the order in which it is asked."""
     for operation in Operation:
-        undecided = window.all
-        for step in local.steps(enclave, profile, operation):
-            names = window.of(step.channels) & undecided
-            undecided &= ~names
+        for step, channels in decided(local.steps(enclave, profile, operation)):
+            names = window.of(channels)
             if names and step.allow:
-                decision = step.by.explain(None)
-                yield Allowance(operation=operation, names=names, reason=decision.reason, location=decision.location)
+                reason, location = step.by.at(None)
+                yield Allowance(operation=operation, names=names, reason=reason, location=location)
