@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from msgspec import Struct
 
 from keystore_audit.keystore.document import DomainRange, Text
-from keystore_audit.keystore.governance import DomainRule, Governance, TopicRule
+from keystore_audit.keystore.governance import DomainRule, Governance, ProtectionKind, TopicRule
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
 from keystore_audit.model.domains import Interval, covered
 from keystore_audit.model.validity import in_force
@@ -35,6 +35,26 @@ Region = tuple[Area, ...]
 
 DIRECTIONS = (Operation.PUBLISH, Operation.SUBSCRIBE)
 """The operations of endpoints; nobody relays under ROS 2."""
+
+OF_DOMAINS: Final = (
+    "allow_unauthenticated_participants",
+    "enable_join_access_control",
+    "discovery_protection_kind",
+    "liveliness_protection_kind",
+    "rtps_protection_kind",
+)
+OF_TOPICS: Final = (
+    "enable_discovery_protection",
+    "enable_liveliness_protection",
+    "enable_read_access_control",
+    "enable_write_access_control",
+    "metadata_protection_kind",
+    "data_protection_kind",
+)
+"""What rules of a governance say."""
+
+OPENING: Final = frozenset({"allow_unauthenticated_participants"})
+"""What of it lets more happen where it is on."""
 
 DEFAULT_PARTITION = ("",)
 """The expressions of a criterion without `<partitions>`: the empty name alone."""
@@ -113,6 +133,12 @@ def deciding_grant(named: Iterable[ReadGrant], at: datetime, access: Access) -> 
 def is_controlled(topic: TopicRule, operation: Operation) -> bool:
     """Whether peers ask for a grant for the operation."""
     return topic.enable_write_access_control if operation is Operation.PUBLISH else topic.enable_read_access_control
+
+
+def strengths(kind: ProtectionKind) -> frozenset[str]:
+    """What a kind of protection does."""
+    has = {"signed": kind.authenticates, "secret": kind.encrypts, "origin": kind.authenticates_origin}
+    return frozenset(name for name, holds in has.items() if holds)
 
 
 def read_domain_rules(governance: Governance, access: Access) -> tuple[ReadDomainRule, ...]:

@@ -23,15 +23,24 @@ from keystore_audit.model.names import (
     Use,
     is_ros_dds_name,
 )
-from keystore_audit.model.semantics import ReadDomainRule, ReadGrant, ReadRule, is_controlled
+from keystore_audit.model.semantics import (
+    OF_DOMAINS,
+    OF_TOPICS,
+    OPENING,
+    ReadDomainRule,
+    ReadGrant,
+    ReadRule,
+    is_controlled,
+    strengths,
+)
 from keystore_audit.profiles import Matcher
 
 
 class _Protections(NamedTuple):
     """What a domain rule protects: as a whole, and by its topic rules, each with its expression."""
 
-    domain: frozenset[str]
-    topics: tuple[tuple[str, frozenset[str]], ...]
+    domain: frozenset[tuple[str, str]]
+    topics: tuple[tuple[str, frozenset[tuple[str, str]]], ...]
 
 
 def governance_anomalies(rules: Sequence[ReadDomainRule], matcher: Matcher, effort: Effort) -> Iterator[Anomaly]:
@@ -46,7 +55,8 @@ def governance_anomalies(rules: Sequence[ReadDomainRule], matcher: Matcher, effo
     for read in rules:
         cover = domain_bits(read.domains)
         own = _Protections(
-            _of_domain(read.rule), tuple((topic.expression.text, _of_topic(topic)) for topic in read.rule.topic_rules)
+            _protecting(read.rule),
+            tuple((topic.expression.text, _protecting(topic)) for topic in read.rule.topic_rules),
         )
         if cover and not cover & ~taken:
             if cover not in known:  # no later rule wins any of these domains
@@ -110,7 +120,7 @@ def _topic_rules(read: ReadDomainRule, matcher: Matcher, effort: Effort) -> Iter
         fresh = [number for number in held if number not in winner]
         winner.update(dict.fromkeys(fresh, rule))
         if held and not fresh:
-            weaker = [number for number in held if _of_topic(rule) - _of_topic(winner[number])]
+            weaker = [number for number in held if _protecting(rule) - _protecting(winner[number])]
             shown = min(weaker or held, key=lambda number: _readable(classes[number]))
             yield _shadowed_topic_rule(read, rule, winner[shown], classes[shown].witness, serious=bool(weaker))
 
@@ -135,40 +145,21 @@ def _readable(topics: NameClass) -> tuple[object, ...]:
     return not is_ros_dds_name(topics.witness), len(topics.witness), topics.witness
 
 
-def _of_domain(rule: DomainRule) -> frozenset[str]:
-    """The protections of a domain rule, each by itself."""
-    return _protections(
-        ("only authenticated participants", not rule.allow_unauthenticated_participants),
-        ("join access control", rule.enable_join_access_control),
-        ("discovery", rule.discovery_protection_kind),
-        ("liveliness", rule.liveliness_protection_kind),
-        ("rtps", rule.rtps_protection_kind),
-    )
-
-
-def _of_topic(rule: TopicRule) -> frozenset[str]:
-    """The protections of a topic rule, each by itself."""
-    return _protections(
-        ("discovery protection", rule.enable_discovery_protection),
-        ("liveliness protection", rule.enable_liveliness_protection),
-        ("read access control", rule.enable_read_access_control),
-        ("write access control", rule.enable_write_access_control),
-        ("metadata", rule.metadata_protection_kind),
-        ("data", rule.data_protection_kind),
-    )
+def _protecting(rule: DomainRule | TopicRule) -> frozenset[tuple[str, str]]:
+    """The protections of a rule, each by itself."""
+    names = OF_DOMAINS if isinstance(rule, DomainRule) else OF_TOPICS
+    return _protections(tuple((name, getattr(rule, name)) for name in names))
 
 
 @lru_cache(maxsize=1_024)
-def _protections(*named: tuple[str, bool | ProtectionKind]) -> frozenset[str]:
-    """Flags that are on, and what each kind does; some hundreds of sets, however many rules there are."""
-    found = set()
-    for name, value in named:
+def _protections(said: tuple[tuple[str, bool | ProtectionKind], ...]) -> frozenset[tuple[str, str]]:
+    """Flags that protect, and what each kind does; some hundreds of sets, however many rules there are."""
+    found = set[tuple[str, str]]()
+    for name, value in said:
         if isinstance(value, ProtectionKind):
-            found |= {f"{name} authenticated"} if value.authenticates else set()
-            found |= {f"{name} encrypted"} if value.encrypts else set()
-            found |= {f"{name} authenticated by origin"} if value.authenticates_origin else set()
-        elif value:
-            found.add(name)
+            found |= {(name, each) for each in strengths(value)}
+        elif value is not (name in OPENING):
+            found.add((name, ""))
     return frozenset(found)
 
 

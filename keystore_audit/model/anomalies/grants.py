@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Final
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.keystore.permissions import Operation, Rule
+from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort, RuleAnomaly
 from keystore_audit.model.anomalies.rules import Own, rule_anomalies
 from keystore_audit.model.domains import describe, domain_bits
@@ -23,7 +23,7 @@ from keystore_audit.model.names import (
     Use,
     is_ros_dds_name,
 )
-from keystore_audit.model.semantics import DIRECTIONS, ReadGrant, ReadRule
+from keystore_audit.model.semantics import ReadGrant, ReadRule
 from keystore_audit.profiles import Matcher
 
 # Expressions that match no name, or none that ROS 2 produces.
@@ -162,11 +162,9 @@ def is_discovery_rule(rule: ReadRule) -> bool:
 def order_anomalies(grant: ReadGrant, matcher: Matcher, effort: Effort, own: Own) -> Iterator[Anomaly]:
     """What is odd about the order of its rules. Raises errors.BudgetExceeded."""
     rules = [rule for rule in grant.rules if not rule.of_peers]
-    typed = _aligned(grant.grant.rules, rules)
-    if typed is None:
-        return
-    implied = frozenset(number for number, at in enumerate(typed) if at is None)
-    told = _Told(grant, rules, typed)
+    # A denial that stands for the partitions which an allow rule leaves out (`semantics`).
+    implied = frozenset(number for number, rule in enumerate(rules) if rule.allow is not rule.rule.allow)
+    told = _Told(grant, rules, implied)
     for found in rule_anomalies(
         rules, default_allow=grant.default_allow, matcher=matcher, effort=effort, implied=implied, own=own
     ):
@@ -175,37 +173,13 @@ def order_anomalies(grant: ReadGrant, matcher: Matcher, effort: Effort, own: Own
             yield told.of(found)
 
 
-def _aligned(typed: Sequence[Rule], rules: Sequence[ReadRule]) -> list[int | None] | None:
-    """For each read rule the number of the rule in the document, None for what only completes the one before it.
-
-    None: it cannot be told.
-    """
-    if len(typed) == len(rules):
-        return list(range(len(typed)))
-    found: list[int | None] = []
-    at = 0
-    for rule in rules:
-        own = at < len(typed) and _says(typed[at], rule)
-        found.append(at if own else None)
-        at += own
-    return found if at == len(typed) else None
-
-
-def _says(typed: Rule, rule: ReadRule) -> bool:
-    return (typed.allow, typed.line) == (rule.allow, rule.line) and all(
-        {text.text for each in typed.criteria if each.operation is operation for text in each.topics}
-        == set(rule.texts(operation))
-        for operation in DIRECTIONS
-    )
-
-
 class _Told:
     """Turns numbers of rules into lines."""
 
-    def __init__(self, grant: ReadGrant, rules: Sequence[ReadRule], typed: Sequence[int | None]) -> None:
+    def __init__(self, grant: ReadGrant, rules: Sequence[ReadRule], implied: frozenset[int]) -> None:
         self._grant = grant
         self._rules = rules
-        self._typed = typed
+        self._implied = implied
 
     def of(self, found: RuleAnomaly) -> Anomaly:
         """The anomaly with its lines and texts."""
@@ -231,14 +205,15 @@ class _Told:
         )
 
     def _line(self, number: int, operation: Operation, expression: str | None) -> int | None:
-        at = self._typed[number]
         rule = self._rules[number]
-        for criterion in () if at is None else self._grant.grant.rules[at].criteria:
-            if criterion.operation is operation:
-                for text in criterion.topics:
-                    if text.text == expression:
-                        return text.line
-        return rule.line
+        listed = (
+            text.line
+            for criterion in rule.rule.criteria
+            if criterion.operation is operation and number not in self._implied
+            for text in criterion.topics
+            if text.text == expression
+        )
+        return next(listed, rule.line)
 
 
 def _signature(rule: ReadRule) -> str:

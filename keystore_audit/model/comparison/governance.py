@@ -16,25 +16,11 @@ from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.formal.bit_sets import bits, union
 from keystore_audit.model.formal.steps import Step, decided
 from keystore_audit.model.formal.system import TopicRuleAtom
+from keystore_audit.model.semantics import OF_DOMAINS, OF_TOPICS, OPENING, strengths
 
-_OF_DOMAINS: Final = (
-    "allow_unauthenticated_participants",
-    "enable_join_access_control",
-    "discovery_protection_kind",
-    "liveliness_protection_kind",
-    "rtps_protection_kind",
-)
-_OF_TOPICS: Final = (
-    "enable_discovery_protection",
-    "enable_liveliness_protection",
-    "enable_read_access_control",
-    "enable_write_access_control",
-    "metadata_protection_kind",
-    "data_protection_kind",
-)
 DOMAIN_COVERED: Final = "domain_rule"
 TOPIC_COVERED: Final = "topic_rule"
-_OPENS: Final = frozenset({"allow_unauthenticated_participants", DOMAIN_COVERED, TOPIC_COVERED})
+_OPENS: Final = OPENING | {DOMAIN_COVERED, TOPIC_COVERED}
 """What lets more happen where it is there: without a rule that covers it nothing can be used (DDS-Security 1.1,
 9.4.1.2)."""
 
@@ -96,14 +82,14 @@ def _parts(view: View, document: int | None) -> list[_Part]:
             parts.append(_Part({DOMAIN_COVERED: False}, within, None))
             continue
         rule = system.domain_rules[step.by]
-        domain = {DOMAIN_COVERED: True} | {name: getattr(rule, name) for name in _OF_DOMAINS}
+        domain = {DOMAIN_COVERED: True} | {name: getattr(rule, name) for name in OF_DOMAINS}
         listed: list[Step[TopicRuleAtom | None]] = [
             Step(bits(topic.channels), True, topic) for topic in topics.get(step.by, ())
         ]
         listed.append(Step(-1, False, None))
         for each, hit in decided(listed):
             topic = each.by
-            says = {name: getattr(topic, name) for name in _OF_TOPICS} if topic is not None else {}
+            says = {name: getattr(topic, name) for name in OF_TOPICS} if topic is not None else {}
             parts.append(_Part(domain | {TOPIC_COVERED: each.allow} | says, hit & within, (topic or rule).location))
     return parts
 
@@ -140,12 +126,7 @@ def _word(value: _Value) -> str:
 
 def _direction(name: str, old: _Value, new: _Value) -> Direction:
     if isinstance(old, ProtectionKind) and isinstance(new, ProtectionKind):
-        before, after = _strengths(old), _strengths(new)
+        before, after = strengths(old), strengths(new)
         return direction_of(before - after, after - before)
     opens = bool(new) if name in _OPENS else not new
     return Direction.GAINED if opens else Direction.LOST
-
-
-def _strengths(kind: ProtectionKind) -> frozenset[str]:
-    has = {"signed": kind.authenticates, "secret": kind.encrypts, "origin": kind.authenticates_origin}
-    return frozenset(name for name, holds in has.items() if holds)
