@@ -105,14 +105,9 @@ def _lines(change: Change, comparison: Comparison, others: Sequence[str]) -> Ite
     for side, location in _places(change):
         expression = f"  ({shorten(location.message, MAX_EXPRESSION)})" if location.message else ""
         yield terminal(f"      {side} {location}{expression}")
-    if effective := _effective(change):
-        yield unbroken(effective, "      ", "        ")
-    for each in change.consequences[:MAX_CONSEQUENCES]:
-        yield unbroken(consequence(each, comparison), f"      {_MARKS[each.direction]} so ", "        ")
-    if more := _more(change):
-        yield f"      {more} (--format json)"
-    if others:
-        yield unbroken(_likewise(others), "      ", "        ")
+    for direction, words in _more(change, comparison, others, " (--format json)"):
+        mark = f"{_MARKS[direction]} so " if direction is not None else ""
+        yield unbroken(words, f"      {mark}", "        ")
 
 
 def markdown(comparison: Comparison, fail_on: FailOn) -> str:
@@ -149,17 +144,25 @@ def _item(change: Change, comparison: Comparison, others: Sequence[str]) -> str:
     named = ", ".join(f"{side} {escaped(str(place))}" for side, place in _places(change))
     where = f" ({named})" if named else ""
     lines = [f"- **{change.direction.value}** {escaped(sentence(change, comparison))}{where}"]
-    if effective := _effective(change):
-        lines.append(f"  - {escaped(effective)}")
-    lines += [
-        f"  - so *{each.direction.value}*: {escaped(consequence(each, comparison))}"
-        for each in change.consequences[:MAX_CONSEQUENCES]
-    ]
-    if more := _more(change):
-        lines.append(f"  - {more}")
-    if others:
-        lines.append(f"  - {escaped(_likewise(others))}")
+    for direction, words in _more(change, comparison, others):
+        mark = f"so *{direction.value}*: " if direction is not None else ""
+        lines.append(f"  - {mark}{escaped(words)}")
     return "\n".join(lines)
+
+
+def _more(
+    change: Change, comparison: Comparison, others: Sequence[str], elsewhere: str = ""
+) -> Iterator[tuple[Direction | None, str]]:
+    """What is told below a change; with a direction, what follows from it. `elsewhere`: where the rest can be read."""
+    if effective := _effective(change):
+        yield None, effective
+    for each in change.consequences[:MAX_CONSEQUENCES]:
+        yield each.direction, consequence(each, comparison)
+    left_out = len(change.consequences) - MAX_CONSEQUENCES
+    if left_out > 0:
+        yield None, f"and {counted(left_out, 'more consequence')}{elsewhere}"
+    if others:
+        yield None, f"likewise, each with its own path, or the one above it, in the names: {_enclaves(others)}"
 
 
 def _verdict(comparison: Comparison, fail_on: FailOn) -> str:
@@ -283,17 +286,6 @@ def consequence(each: Consequence, comparison: Comparison) -> str:
     about = f" {_names(each.names)}" if each.names is not None else ""
     parts = ", each a part of them" if each.parts else ""
     return f"{who}{about}{parts}{_reasons(each)}{under}"
-
-
-def _likewise(paths: Sequence[str]) -> str:
-    """Enclaves with a change like the one that was told."""
-    return f"likewise, each with its own path, or the one above it, in the names: {_enclaves(paths)}"
-
-
-def _more(change: Change) -> str:
-    """How many consequences are not shown."""
-    left_out = len(change.consequences) - MAX_CONSEQUENCES
-    return f"and {counted(left_out, 'more consequence')}" if left_out > 0 else ""
 
 
 def _influence(influenced: Influenced) -> str:

@@ -190,11 +190,8 @@ class Counterparts:
         rules = [rule for grant in self._grants for rule in grant.rules]
         self._simple = _is_simple(rules)
         listed = {operation: _listed(rules, operation) for operation in Operation}
-        undisputed = {operation: listed[operation] - _disputed(rules, operation) for operation in Operation}
-        if any(rule.domains != rules[0].domains for rule in rules):
-            undisputed = {operation: set() for operation in Operation}
         self._met_by_name = {
-            operation: set().union(*(undisputed[other] for other in others))
+            operation: set[str]().union(*(listed[other] for other in others if self._simple))
             for operation, others in _COUNTERPART.items()
         }
         self._wild = {
@@ -289,12 +286,6 @@ class _Decisions:
 def _listed(rules: Iterable[ReadRule], operation: Operation) -> set[str]:
     """What the allow rules list."""
     return set().union(*(area.topics for rule in rules if rule.allow for area in rule.region(operation)))
-
-
-def _disputed(rules: Sequence[ReadRule], operation: Operation) -> set[str]:
-    """What some deny rule may be about; everything that is listed, where one has wildcards."""
-    denied = set().union(*(area.topics for rule in rules if not rule.allow for area in rule.region(operation)))
-    return _listed(rules, operation) if any(map(has_wildcard, denied)) else denied
 
 
 def _is_simple(rules: Sequence[ReadRule]) -> bool:

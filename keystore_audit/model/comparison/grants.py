@@ -86,15 +86,31 @@ def right_drafts(
 ) -> Iterator[Draft]:
     """The right that the enclave gained or lost there; what it may still do in spite of that, and until when, apart."""
     parts = [] if right.gained else [*_still(sides, pair, path, right.operation, channels)]
-    still, until = union(part for part, _end in parts), max((end for _part, end in parts), default=None)
-    for part, end in ((still, until), (channels & ~still, None)):
+    return changed_right(pair, right, channels, parts, layer=layer, kind=kind, verb=verb, enclaves=(path,))
+
+
+def changed_right(
+    pair: Pair,
+    right: Right,
+    channels: int,
+    kept: Collection[tuple[int, str]],
+    *,
+    layer: Layer,
+    kind: str,
+    verb: str = "",
+    who: str = "",
+    enclaves: tuple[str, ...] = (),
+) -> Iterator[Draft]:
+    """The right that was gained or lost there. `kept`: channels on which it is still effective, and until when."""
+    still, until = union(part for part, _end in kept), max((end for _part, end in kept), default=None)
+    for part, end in ((channels & still, until), (channels & ~still, None)):
         if part:
             yield Draft(
                 layer=layer,
                 kind=kind,
                 direction=right.direction,
-                what=may(f"{verb}{WORDS[right.operation]}", end, gained=right.gained),
-                enclaves=(path,),
+                what=f"{who}{may(f'{verb}{WORDS[right.operation]}', end, gained=right.gained)}",
+                enclaves=enclaves,
                 profiles=pair.profiles,
                 operation=right.operation,
                 until=end,
@@ -182,11 +198,12 @@ def _validities(sides: Sides, told: set[str]) -> Iterator[Draft]:
         flips = (pair.old.own_grant(path) is None) != (pair.new.own_grant(path) is None)
         one, other = _naming(pair.old, path), _naming(pair.new, path)
         if one is not None and other is not None and not (flips and path in told):
-            dates = _dates(pair.old, one), _dates(pair.new, other)
+            dates = dates_of(pair.old, one), dates_of(pair.new, other)
             yield from placed(dated("grant-validity", "its grant", *dates), (one.location, other.location), path)
 
 
-def _dates(view: View, grant: GrantAtom) -> Dates:
+def dates_of(view: View, grant: GrantAtom) -> Dates:
+    """When it begins and ends."""
     return view.system.instants[grant.not_before], view.system.instants[grant.not_after]
 
 
@@ -289,5 +306,5 @@ def _beginning(sides: Sides, view: View, later: list[int], path: str) -> dict[tu
         if theirs and enclave.identity in grant.names and grant.not_before <= grant.not_after:
             gives = Given(*(mine & counts for mine, counts in zip(given(view, number), counting, strict=True)))
             if any(gives):
-                found.setdefault((_dates(view, grant), gives), grant.location)
+                found.setdefault((dates_of(view, grant), gives), grant.location)
     return found

@@ -17,7 +17,16 @@ from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer
 from keystore_audit.model.comparison.facts import Dates, Draft, folded, told
-from keystore_audit.model.comparison.grants import NOTHING, WORDS, Given, differing, either, given, may
+from keystore_audit.model.comparison.grants import (
+    NOTHING,
+    WORDS,
+    Given,
+    changed_right,
+    dates_of,
+    differing,
+    either,
+    given,
+)
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.formal.bit_sets import union
 from keystore_audit.model.subjects.comparison import same_meaning
@@ -105,21 +114,12 @@ def _differences(sides: Sides, pair: Pair, old: _Granted, new: _Granted, kept: _
     rights = [("", right, channels) for right, channels in now.items()]
     rights += [(", once a grant counts that does not yet,", right, channels) for right, channels in ever]
     for when, right, channels in rights:
-        still, until = 0, None
+        still = []
         if not right.gained and kept is not None and kept.dates:
-            still = channels & kept.ever.channels(pair.kept, right.operation)
             until = instant(max(end for _begin, end in kept.dates if end is not None))
-        for part, end in ((still, until), (channels & ~still, None)):
-            if part:
-                yield Draft(
-                    layer=Layer.GRANTS,
-                    kind="right-of-others",
-                    direction=right.direction,
-                    what=f"{_WHO}{when} {may(WORDS[right.operation], end, gained=right.gained)}",
-                    operation=right.operation,
-                    until=end,
-                    channels=part,
-                )
+            still.append((kept.ever.channels(pair.kept, right.operation), until))
+        who = f"{_WHO}{when} "
+        yield from changed_right(pair, right, channels, still, layer=Layer.GRANTS, kind="right-of-others", who=who)
     names = sides.mask & union(
         rights.channels(view, operation)
         for view, rights in ((pair.old, old.ever), (pair.new, new.ever))
@@ -189,7 +189,7 @@ def _granted(view: View, unguarded: int, skipped: frozenset[str]) -> dict[str, _
                 gives = given(view, number)
                 gives = gives._replace(joined=gives.joined | unguarded)
                 each.ever = either((each.ever, gives))
-                each.dates.add((system.instants[grant.not_before], system.instants[grant.not_after]))
+                each.dates.add(dates_of(view, grant))
                 if in_force and text not in decided:  # by no grant before it in its document
                     each.now = either((each.now, gives))
             if in_force or not system.skips_grants_out_of_date:
@@ -208,8 +208,7 @@ def said_grants(view: View) -> dict[int, list[tuple[str, Dates, Given]]]:
     found: dict[int, list[tuple[str, Dates, Given]]] = {}
     for text, number in view.subjects:
         grant = view.system.grants[number]
-        dates = view.system.instants[grant.not_before], view.system.instants[grant.not_after]
-        found.setdefault(grant.document, []).append((text, dates, given(view, number)))
+        found.setdefault(grant.document, []).append((text, dates_of(view, grant), given(view, number)))
     for grants in found.values():
         if all(_PLAIN.fullmatch(text) for text, _dates, _given in grants):
             grants.sort(key=itemgetter(0))  # of those for one subject the first decides, no other order counts

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from datetime import datetime
+from functools import partial
 from itertools import islice
 from typing import Final
 
@@ -149,24 +150,13 @@ class _Comparison:
 
     def decisions(self, enclave: Enclave, operation: Operation, local: LocalValues) -> None:
         """Compares the decisions about an operation of the enclave's own participants."""
-
-        def value(profile: Profile) -> Bounds:
-            return local.decided(enclave, profile, operation)
-
-        def parts(before: Profile, after: Profile, channels: int) -> Iterator[Part]:
-            return self._lines.decided(enclave, operation, before, after, channels)
-
+        value, parts = partial(local.decided, enclave, operation), partial(self._lines.decided, enclave, operation)
         self._compare(enclave, operation, value, parts, decided=True)
 
     def rights(self, enclave: Enclave, operation: Operation, peers: PeerValues) -> None:
         """Compares what peers accept of an operation, but where decisions differ already in the same way."""
-
-        def value(profile: Profile) -> Bounds:
-            return peers.accepted(enclave.path, profile, operation)
-
-        def parts(before: Profile, after: Profile, channels: int) -> Iterator[Part]:
-            return self._lines.accepted(enclave.path, operation, before, after, channels, peers)
-
+        value = partial(peers.accepted, enclave.path, operation)
+        parts = partial(self._lines.accepted, peers, enclave.path, operation)
         self._compare(enclave, operation, value, parts, decided=False)
 
     def found(self) -> tuple[Divergence, ...]:

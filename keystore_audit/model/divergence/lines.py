@@ -23,7 +23,7 @@ from keystore_audit.model.formal.bit_sets import Bounds, bits, members
 from keystore_audit.model.formal.rights import EffectiveRights, Peers
 from keystore_audit.model.formal.steps import Step, compare
 from keystore_audit.model.formal.system import Reading, System
-from keystore_audit.model.inventory import Typed
+from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.participants.doubt import enclave_doubts
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.participants.views import Kind
@@ -80,7 +80,7 @@ class LocalValues:
         usable = self._anywhere.of(enclave, self._at, profile).usable
         return Bounds(int(usable is True), int(usable is not False))
 
-    def decided(self, enclave: Enclave, profile: Profile, operation: Operation) -> Bounds:
+    def decided(self, enclave: Enclave, operation: Operation, profile: Profile) -> Bounds:
         """The channels on which the operation is allowed to participants that are created there."""
         key = enclave.files.directory, profile.name, operation
         if key not in self._decided:
@@ -129,7 +129,7 @@ class PeerValues:
         self._effective = EffectiveRights(systems)
         self._view = cache(lambda name: _Peers(facts[name]))
 
-    def accepted(self, path: str, profile: Profile, operation: Operation) -> Bounds:
+    def accepted(self, path: str, operation: Operation, profile: Profile) -> Bounds:
         """The channels on which some peer accepts the operation from the enclave."""
         return self._effective.accepted(path, self._row[profile.name], operation)
 
@@ -169,14 +169,7 @@ class DecidingLines:
         self._accesses = accesses
         self._at = at
         self._local = local
-        self._files = {
-            file.signed.file.place: file
-            for enclave in keystore.enclaves
-            for file in (enclave.governance, enclave.permissions)
-            if file is not None
-        }
-        strays = (stray.document for stray in keystore.strays)
-        self._files.update((file.signed.file.place, file) for file in strays if file is not None)
+        self._files = {each.place: each.file for each in documents_of(keystore)}
 
     def start(self, enclave: Enclave, before: Profile, after: Profile) -> Location:
         """Why the enclave starts under one of the two alone."""
@@ -210,7 +203,7 @@ class DecidingLines:
             yield from self._parts(ours, theirs, rest, before)
 
     def accepted(
-        self, path: str, operation: Operation, before: Profile, after: Profile, channels: int, peers: PeerValues
+        self, peers: PeerValues, path: str, operation: Operation, before: Profile, after: Profile, channels: int
     ) -> Iterator[Part]:
         """Of channels on which peers accept the operation from the enclave under one of the two alone."""
         ours, theirs = map(peers.view, (before, after))
