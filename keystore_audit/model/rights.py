@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cache
-from itertools import chain, product
+from itertools import chain, compress, product
+from typing import Any, Final
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import ProtectionKind, TopicRule
+from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
@@ -18,6 +19,8 @@ from keystore_audit.model.formal.steps import Step, decided
 from keystore_audit.model.formal.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
 from keystore_audit.model.semantics import (
     DIRECTIONS,
+    OF_DOMAINS,
+    OF_TOPICS,
     ReadDomainRule,
     ReadGrant,
     ReadRule,
@@ -170,39 +173,21 @@ class RuleAtoms:
             rules, first = document.domain_rules or (), len(domain_rules)
             parts: list[Part] = []
             for read, domains, controls_join in self._by_join_control(rules, access):
-                rule = read.rule
                 parts.append((read, union(map(self._channels.bits_in, domains))))
-                domain_rules.append(
-                    DomainRuleAtom(
-                        document=number,
-                        domains=domains,
-                        allow_unauthenticated_participants=rule.allow_unauthenticated_participants,
-                        enable_join_access_control=controls_join,
-                        discovery_protection_kind=_kind(rule.discovery_protection_kind, access),
-                        liveliness_protection_kind=_kind(rule.liveliness_protection_kind, access),
-                        rtps_protection_kind=_kind(rule.rtps_protection_kind, access),
-                        location=Location(path=place, line=rule.line),
-                    )
-                )
+                said = _said(read.rule, OF_DOMAINS, access) | {"enable_join_access_control": controls_join}
+                where = Location(path=place, line=read.rule.line)
+                domain_rules.append(DomainRuleAtom(document=number, domains=domains, location=where, **said))
             # Where any rule counts, some channels of a topic rule have other access control than it says.
             off = [union(each[2] for each in self._lists.loose(rules, access, way)) for way in DIRECTIONS]
             for parent, read, topic, here in self._lists.topic_rules(parts, access):
                 channels = self._channels.regions[access.matcher, topic.region]
                 if read is not parts[parent][0]:
                     channels = frozenset(members(bits(channels) & here))
-                for part, write_off, read_off in _by_access_control(channels, off):
+                said, where = _said(topic.rule, OF_TOPICS, access), Location(path=place, line=topic.rule.line)
+                for part, switched_off in _by_access_control(channels, off):
+                    flags = said | dict.fromkeys(switched_off, False)
                     topic_rules.append(
-                        TopicRuleAtom(
-                            domain_rule=first + parent,
-                            channels=part,
-                            enable_discovery_protection=topic.rule.enable_discovery_protection,
-                            enable_liveliness_protection=topic.rule.enable_liveliness_protection,
-                            enable_read_access_control=topic.rule.enable_read_access_control and not read_off,
-                            enable_write_access_control=topic.rule.enable_write_access_control and not write_off,
-                            metadata_protection_kind=_kind(topic.rule.metadata_protection_kind, access),
-                            data_protection_kind=_kind(topic.rule.data_protection_kind, access),
-                            location=Location(path=place, line=topic.rule.line),
-                        )
+                        TopicRuleAtom(domain_rule=first + parent, channels=part, location=where, **flags)
                     )
         return tuple(domain_rules), tuple(topic_rules)
 
@@ -269,17 +254,27 @@ class RuleAtoms:
         return self._channels.regions[access.matcher, rule.region(operation)]
 
 
-def _by_access_control(channels: frozenset[int], off: Sequence[int]) -> Iterator[tuple[frozenset[int], bool, bool]]:
+_CONTROLS: Final = ("enable_write_access_control", "enable_read_access_control")
+"""What a topic rule says of each of the directions."""
+
+
+def _by_access_control(channels: frozenset[int], off: Sequence[int]) -> Iterator[tuple[frozenset[int], Sequence[str]]]:
     """The channels of a topic rule; those apart for which another one switches write, or read, access control off."""
     if not any(off):
-        yield channels, False, False
+        yield channels, ()
         return
-    for write_off, read_off in product((False, True), repeat=2):
-        part = bits(channels) & (off[0] if write_off else ~off[0]) & (off[1] if read_off else ~off[1])
+    for chosen in product((False, True), repeat=len(_CONTROLS)):
+        part = bits(channels)
+        for is_off, those in zip(chosen, off, strict=True):
+            part &= those if is_off else ~those
         if part:
-            yield frozenset(members(part)), write_off, read_off
+            yield frozenset(members(part)), [*compress(_CONTROLS, chosen)]
 
 
-def _kind(kind: ProtectionKind, access: Access) -> ProtectionKind:
-    """What the implementation makes of it."""
-    return kind if access.authenticates_origin else kind.without_origin
+def _said(rule: DomainRule | TopicRule, names: Iterable[str], access: Access) -> dict[str, Any]:
+    """What the implementation makes of what a rule of a governance says."""
+    said = {name: getattr(rule, name) for name in names}
+    if access.authenticates_origin:
+        return said
+    kinds = (item for item in said.items() if isinstance(item[1], ProtectionKind))
+    return said | {name: kind.without_origin for name, kind in kinds}

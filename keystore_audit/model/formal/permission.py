@@ -6,7 +6,7 @@ Sets of channels and of domains are bit sets: channel n is bit n. The definition
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import groupby
 from operator import attrgetter
 
@@ -40,7 +40,7 @@ class Decisions:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._allowed: dict[tuple[int, Operation], int] = {}
+        self._allowed = cache(lambda grant, operation: allowed(self.steps(grant, operation)))
         self.met = Meetings(system.meets).met
         self.all_channels = (1 << len(system.channels)) - 1
         self.all_domains = (1 << len(system.domains)) - 1
@@ -51,27 +51,21 @@ class Decisions:
             stop = start + len([*together])
             self.channels_in[domain] |= (1 << stop) - (1 << start)
             start = stop
-        self._within: dict[frozenset[int], int] = {}
+        self._within = cache(self.within)
 
     @cached_property
-    def _rules(self) -> list[list[RuleAtom]]:
+    def _rules(self) -> dict[int, list[RuleAtom]]:
         """By grant: its rules in order."""
-        rules: list[list[RuleAtom]] = [[] for _ in self._system.grants]
-        for rule in self._system.rules:
-            rules[rule.grant].append(rule)
-        return rules
+        return gathered((rule.grant, rule) for rule in self._system.rules)
 
     def allowed(self, grant: int, operation: Operation) -> int:
         """Channels on which the first matching rule allows, or none matches and the default does."""
-        known = self._allowed.get((grant, operation))
-        if known is None:
-            known = self._allowed[grant, operation] = allowed(self.steps(grant, operation))
-        return known
+        return self._allowed(grant, operation)
 
     def steps(self, grant: int, operation: Operation) -> list[Step[RuleAtom | None]]:
         """What the grant decides about the operation, in order; last (`by` None) the default, about everything."""
         steps: list[Step[RuleAtom | None]] = [
-            Step(self._matches(rule, operation), rule.allow, rule) for rule in self._rules[grant]
+            Step(self._matches(rule, operation), rule.allow, rule) for rule in self._rules.get(grant, ())
         ]
         steps.append(Step(self.all_channels, self._system.grants[grant].default_allow, None))
         return steps
@@ -79,12 +73,8 @@ class Decisions:
     def _matches(self, rule: RuleAtom, operation: Operation) -> int:
         """Channels whose domain, topic and partition the rule matches."""
         named = rule.named(operation)
-        if not named:
-            return 0
-        within = self._within.get(rule.domains)
-        if within is None:
-            within = self._within[rule.domains] = self.within(rule.domains)
-        return bits(named) & within
+        within = self._within(rule.domains)
+        return bits(named) & within if named else 0
 
     def within(self, domains: Iterable[int]) -> int:
         """The channels of these domain classes."""
@@ -94,7 +84,7 @@ class Decisions:
         """Domains that the grant lets its holder join."""
         if self._system.grants[grant].default_allow:
             return self.all_domains
-        return union(bits(rule.domains) for rule in self._rules[grant] if rule.allow)
+        return union(bits(rule.domains) for rule in self._rules.get(grant, ()) if rule.allow)
 
 
 class Permissions:
