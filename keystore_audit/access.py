@@ -15,10 +15,11 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.formal.rights import EffectiveRights
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.question import Answer, Question, Ruling, Usability, joint
+from keystore_audit.model.question import Answer, Question, Usability, joint
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import Profile
 from keystore_audit.text import meant, some
+from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:
     from keystore_audit.model.tables.access_table import AccessTable
@@ -99,22 +100,22 @@ class Access:
         unclear: str | None,
     ) -> Answer:
         location: Location | None = None
-        if unclear is not None and usability.usable is not False:
-            decision, reason = Ruling.UNKNOWN, unclear
-        elif usability.usable:
+        if unclear is not None and usability.usable.may:
+            decision, reason = Truth.UNKNOWN, unclear
+        elif usability.usable.must:
             name = (question.topic, question.partition)
             local = self._local.decide(enclave, profile, question.operation, channel, name)
-            decision, reason, location = Ruling.ALLOW if local.allow else Ruling.DENY, local.reason, local.location
+            decision, reason, location = Truth.YES if local.allow else Truth.NO, local.reason, local.location
         else:
-            decision = Ruling.UNKNOWN if usability.usable is None else Ruling.DENY
+            decision = usability.usable
             doubtful = "whether a participant starts cannot be told"
-            known = doubtful if usability.usable is None else "no participant starts"
+            known = doubtful if decision.may else "no participant starts"
             reason = f"{known}: {'; '.join(usability.reasons)}"
         accepted = self._effective.accepted(enclave.path, profile.name, question.operation)
         return Answer(
             usable=usability.usable,
             decision=decision,
-            effective=accepted.ruling(channel) if unclear is None else Ruling.UNKNOWN,
+            effective=accepted.holds(channel) if unclear is None else Truth.UNKNOWN,
             reason=reason,
             location=location,
         )

@@ -134,12 +134,10 @@ def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -
 
 def _exit_code(answers: Collection[Answer], *, effective: bool, expected: str | None) -> int:
     """4 where any answer is unknown, 0 where all are `expected` (none: allow), else 1."""
-    from keystore_audit.model.question import Ruling
-
-    rulings = {answer.ruling(effective=effective) for answer in answers}
-    if Ruling.UNKNOWN in rulings:
+    words = {answer.accepted if effective else answer.decided for answer in answers}
+    if "unknown" in words:
         return EXIT_INCOMPLETE
-    return 0 if rulings == {Ruling(expected or "allow")} else 1
+    return 0 if words == {expected or "allow"} else 1
 
 
 def _batch(keystore: str, given: dict[str, Any]) -> int:

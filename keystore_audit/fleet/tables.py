@@ -148,7 +148,7 @@ def _enclaves(start: tuple[Any, ...], report: Report) -> Iterator[tuple[Any, ...
     for entry in report.enclaves:
         for profile, usability in entry.profiles.items():
             who = (entry.path, entry.directory, entry.subject)
-            yield (*start, *who, profile, usability.usable, list(usability.reasons))
+            yield (*start, *who, profile, usability.usable.value, list(usability.reasons))
 
 
 def _properties(start: tuple[Any, ...], report: Report) -> Iterator[tuple[Any, ...]]:

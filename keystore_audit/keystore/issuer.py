@@ -11,6 +11,7 @@ from cryptography import x509
 from keystore_audit.keystore import public_key
 from keystore_audit.keystore.certificate import Certificate, is_netscape_type
 from keystore_audit.keystore.crl import RevocationList, extension_of, same_name
+from keystore_audit.truth import Truth
 
 _EMAIL_PROTECTION: Final = "1.3.6.1.5.5.7.3.4"  # id-kp-emailProtection, RFC 5280, 4.2.1.12
 _NETSCAPE_SMIME_OR_CLIENT: Final = 0x20 | 0x80  # SSL client too: "workaround for some buggy certificates" (v3_purp.c)
@@ -38,11 +39,11 @@ def issued_by(certificate: Certificate, issuer: Certificate) -> Issue:
     if not certificate.algorithms_agree:  # X509_verify compares both statements of the algorithm first
         return Issue.SIGNATURE_INVALID
     verified = public_key.verifies(issuer.parsed, certificate.parsed.tbs_certificate_bytes, certificate.parsed)
-    if verified is False:
+    if verified is Truth.NO:
         return Issue.SIGNATURE_INVALID
     if not key_identifier_fits(certificate, issuer):
         return Issue.KEY_IDENTIFIER_DIFFERS
-    return Issue.ISSUED if verified else Issue.UNSUPPORTED
+    return Issue.ISSUED if verified.must else Issue.UNSUPPORTED
 
 
 def fit_to_sign(certificate: Certificate) -> bool:
@@ -126,9 +127,9 @@ def _netscape_type(parsed: x509.Certificate) -> int | None:
 
 
 @lru_cache(maxsize=4096)  # asked by rules, usability and systems, under every trust row
-def crl_signed_by(crl: RevocationList, ca: Certificate) -> bool | None:
-    """Whether the key of `ca` made the signature of `crl`; None where the library cannot tell.
+def crl_signed_by(crl: RevocationList, ca: Certificate) -> Truth:
+    """Whether the key of `ca` made the signature of `crl`; UNKNOWN where the library cannot tell.
 
     Names, dates and keyUsage are not looked at. X509_CRL_verify compares both statements of the algorithm first.
     """
-    return crl.algorithms_agree and public_key.verifies(ca.parsed, crl.signed_part, crl.parsed)
+    return public_key.verifies(ca.parsed, crl.signed_part, crl.parsed) if crl.algorithms_agree else Truth.NO

@@ -19,6 +19,7 @@ from cryptography.x509.oid import PublicKeyAlgorithmOID
 
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.der import SEQUENCE, children
+from keystore_audit.truth import Truth
 
 SIGNATURE_ALGORITHMS: Final[Mapping[str, str]] = {
     # OpenSSL's names (crypto/objects/objects.txt), as `openssl x509 -text` prints them.
@@ -117,29 +118,29 @@ def public_half(parsed: x509.Certificate) -> PublicKeyTypes | None:
 
 def verifies(
     issuer: x509.Certificate, signed: bytes, parsed: x509.Certificate | x509.CertificateRevocationList
-) -> bool | None:
+) -> Truth:
     """Whether the key of `issuer` made the signature of a certificate or revocation list over its part `signed`.
 
-    Weak digests included; None where the library cannot tell. One by an algorithm that belongs to another kind of key
-    is a signature that this key did not make.
+    Weak digests included; UNKNOWN where the library cannot tell. One by an algorithm that belongs to another kind of
+    key is a signature that this key did not make.
     """
     key, name = public_half(issuer), SIGNATURE_ALGORITHMS.get(parsed.signature_algorithm_oid.dotted_string)
     if name is None or not isinstance(key, _VERIFYING):  # DSA, keys that sign nothing: no run time was measured
-        return None
+        return Truth.UNKNOWN
     if issuer.public_key_algorithm_oid == PublicKeyAlgorithmOID.RSASSA_PSS:  # such a key restricts what it signs
-        return None
+        return Truth.UNKNOWN
     try:
         parameters, digest = parsed.signature_algorithm_parameters, parsed.signature_hash_algorithm
     except (ValueError, UnsupportedAlgorithm):
-        return None
+        return Truth.UNKNOWN
     if is_of_another_kind(name, kind(key)):
-        return False
+        return Truth.NO
     if name.startswith("ecdsa") and "SHA3-" in name:  # OpenSSL 3.0 finds no issuer for ECDSA with SHA-3 (measured)
-        return None
+        return Truth.UNKNOWN
     # The library hands out no parameters where it would not sign itself: MD5, SHA-1.
     scheme = parameters if isinstance(parameters, padding.PSS) else padding.PKCS1v15()
     if name == "rsassaPss" and scheme is not parameters:
-        return None
+        return Truth.UNKNOWN
     return _made(key, parsed.signature, signed, scheme, digest)
 
 
@@ -149,8 +150,8 @@ def _made(
     data: bytes,
     scheme: padding.PSS | padding.PKCS1v15 | None,
     digest: hashes.HashAlgorithm | None,
-) -> bool | None:
-    """Whether `key` made `signature` over `data`, with this padding for RSA; None where that cannot be checked."""
+) -> Truth:
+    """Whether `key` made `signature` over `data`, with this padding for RSA; UNKNOWN where that cannot be checked."""
     try:
         if isinstance(key, rsa.RSAPublicKey) and scheme is not None and digest is not None:
             key.verify(signature, data, scheme, digest)
@@ -159,12 +160,12 @@ def _made(
         elif isinstance(key, ed25519.Ed25519PublicKey | ed448.Ed448PublicKey) and digest is None:
             key.verify(signature, data)
         else:
-            return None
+            return Truth.UNKNOWN
     except InvalidSignature:
-        return False
+        return Truth.NO
     except (UnsupportedAlgorithm, ValueError):  # a digest or curve that this build lacks, odd PSS parameters
-        return None
-    return True
+        return Truth.UNKNOWN
+    return Truth.YES
 
 
 _VERIFYING: Final = (
@@ -218,10 +219,10 @@ class Scheme(NamedTuple):
     digest: hashes.HashAlgorithm | None
     problems: tuple[Problem, ...]
 
-    def made_by(self, key: PublicKeyTypes, signature: bytes, data: bytes) -> bool | None:
-        """Whether `key` made `signature` over `data`; None where that cannot be checked here."""
+    def made_by(self, key: PublicKeyTypes, signature: bytes, data: bytes) -> Truth:
+        """Whether `key` made `signature` over `data`; UNKNOWN where that cannot be checked here."""
         if self.family is None or not kind(key).startswith(self.family):
-            return None
+            return Truth.UNKNOWN
         return _made(key, signature, data, padding.PKCS1v15(), self.digest)
 
 

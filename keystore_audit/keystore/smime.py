@@ -18,6 +18,7 @@ from keystore_audit.keystore.der import well_formed_throughout
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.mime import Message, MimeError, read_message, split_text
 from keystore_audit.keystore.public_key import DIGESTS, public_half
+from keystore_audit.truth import Truth
 
 MAX_KEYS_TRIED: Final = 64
 """Distinct keys that are tried on one signature beyond those that it names: a document that no certificate of the
@@ -226,9 +227,9 @@ class _Reading:
                 self._defect(Kind.CMS_MALFORMED, found)  # OpenSSL goes by the key
                 continue
             answer = _made_by(certificate, signer, data)
-            if answer:
+            if answer.must:
                 return certificate
-            if answer is None and not said:
+            if answer is Truth.UNKNOWN and not said:
                 found = f"a signature that cannot be checked here: {signer.digest}, key {certificate.key_kind}"
                 self._defect(Kind.UNSUPPORTED_ALGORITHM, found)
         return None
@@ -239,14 +240,14 @@ class _Reading:
         everyone = (each for pool in self._pools for each in pool.by_digest.values())
         same_serial = [other for other in everyone if other.serial == signer.serial and other.key not in tried]
         for other in self._distinct_keys(same_serial):
-            if _made_by(other, signer, data):
+            if _made_by(other, signer, data).must:
                 # OpenSSL compares names by meaning (X509_NAME_cmp), so it may take this one for the signer.
                 found = "the issuer in the signature is written in other bytes than in the signer's certificate"
                 self._defect(Kind.CMS_MALFORMED, found)
                 return other
         others = (each[0] for pool in self._pools for key, each in pool.by_key.items() if key not in tried)
         return next(
-            (other for other in itertools.islice(others, MAX_KEYS_TRIED) if _made_by(other, signer, data)), None
+            (other for other in itertools.islice(others, MAX_KEYS_TRIED) if _made_by(other, signer, data).must), None
         )
 
     def _distinct_keys(self, certificates: Iterable[Certificate]) -> list[Certificate]:
@@ -258,14 +259,14 @@ class _Reading:
         return distinct[:MAX_KEYS_TRIED]
 
 
-def _made_by(certificate: Certificate, signer: SignerInfo, data: bytes) -> bool | None:
-    """Whether the certificate's key made the signature over `data`; None where that cannot be checked."""
+def _made_by(certificate: Certificate, signer: SignerInfo, data: bytes) -> Truth:
+    """Whether the certificate's key made the signature over `data`; UNKNOWN where that cannot be checked."""
     key = public_half(certificate.parsed)
     if key is None:
-        return None
+        return Truth.UNKNOWN
     made = signer.scheme.made_by(key, signer.signature, data)
-    if made is False and certificate.parsed.public_key_algorithm_oid == PublicKeyAlgorithmOID.RSASSA_PSS:
-        return None  # a key for RSA-PSS alone, which OpenSSL uses so whatever the signature algorithm says
+    if made is Truth.NO and certificate.parsed.public_key_algorithm_oid == PublicKeyAlgorithmOID.RSASSA_PSS:
+        return Truth.UNKNOWN  # a key for RSA-PSS alone, which OpenSSL uses so whatever the signature algorithm says
     return made
 
 

@@ -32,6 +32,7 @@ from keystore_audit.model.semantics import (
 from keystore_audit.model.subjects.comparison import names
 from keystore_audit.model.validity import Dated, counts_at, read_date
 from keystore_audit.profiles import QUIRKS, SPEC, Access, Alike, DateReading, OpenRange, Profile
+from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:  # most audits are told no zone
     from zoneinfo import ZoneInfo
@@ -253,10 +254,12 @@ class AccessViews:
                     return ReadDocument(doubt=(f"{date.text!r} is no date of the years 1 to 9999", date.line))
                 return ReadDocument(refusal=f"{date.text!r} is no date")
             in_force = counts_at(not_before, not_after, self.at, access.dates)
-            if in_force is None:
+            if in_force is Truth.UNKNOWN:
                 date = grant.not_before if not_before.local and not_before.latest > self.at else grant.not_after
                 return ReadDocument(doubt=(f"{date.text!r} {ZONE_DECIDES}", date.line))
-            grants.append(read_grant(grant, rules, *self._bounds(not_before, not_after, in_force=in_force), access))
+            grants.append(
+                read_grant(grant, rules, *self._bounds(not_before, not_after, in_force=in_force.must), access)
+            )
         return ReadDocument(grants=tuple(grants))
 
     def _bounds(self, not_before: Dated, not_after: Dated, *, in_force: bool) -> tuple[datetime, datetime]:

@@ -63,7 +63,7 @@ class Occasions:
         """Whether it is not for certain that the grant counts."""
         dates = [read_date(date.text, access.dates, self._zone) for date in (grant.not_before, grant.not_after)]
         start, end = dates
-        return start is None or end is None or counts_at(start, end, self._at, access.dates) is not True
+        return start is None or end is None or not counts_at(start, end, self._at, access.dates).must
 
 
 def expressions(file: Typed) -> Iterator[Text]:

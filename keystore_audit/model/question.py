@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import Enum
 from typing import Final
 
 from msgspec import Struct
@@ -11,24 +10,19 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
+from keystore_audit.truth import Truth
 
+WORDS: Final = {Truth.YES: "allow", Truth.NO: "deny", Truth.UNKNOWN: "unknown"}
+"""What a decision is called."""
 
-class Ruling(str, Enum):
-    """The values of a decision (design section 3). PARTLY: of a service or an action alone."""
-
-    ALLOW = "allow"
-    DENY = "deny"
-    PARTLY = "partly"
-    UNKNOWN = "unknown"
+PARTLY: Final = "partly"
+"""What it is called of a service or an action of which some is allowed and some is denied."""
 
 
 class Usability(Struct, frozen=True, kw_only=True):
-    """Whether a participant of the enclave would be created in some domain; None: cannot be told.
+    """Whether a participant of the enclave would be created in some domain. Each reason is a sentence."""
 
-    Each reason is a sentence.
-    """
-
-    usable: bool | None
+    usable: Truth
     reasons: tuple[str, ...]
 
 
@@ -60,8 +54,8 @@ class Half(Struct, frozen=True, kw_only=True):
 
     operation: Operation
     topic: str
-    decision: Ruling
-    effective: Ruling
+    decision: Truth
+    effective: Truth
 
     def __str__(self) -> str:
         return f"{self.operation.value} {self.topic}"
@@ -76,19 +70,31 @@ class Answer(Struct, frozen=True, kw_only=True):
     action.
     """
 
-    usable: bool | None
-    decision: Ruling
-    effective: Ruling
+    usable: Truth
+    decision: Truth
+    effective: Truth
     reason: str
     location: Location | None
     halves: tuple[Half, ...] = ()
 
-    def ruling(self, *, effective: bool) -> Ruling:
-        """What peers accept, or the decision."""
-        return self.effective if effective else self.decision
+    @property
+    def decided(self) -> str:
+        """The decision in a word."""
+        return self._word(self.decision, {half.decision for half in self.halves})
+
+    @property
+    def accepted(self) -> str:
+        """What peers do in a word."""
+        return self._word(self.effective, {half.effective for half in self.halves})
+
+    def _word(self, whole: Truth, halves: set[Truth]) -> str:
+        """Half of a service is no denial of it: servers carry out a request whether or not its sender may read the
+        reply, and clients take a reply (measured).
+        """
+        return PARTLY if halves >= {Truth.YES, Truth.NO} else WORDS[whole]
 
 
-_OBSTACLES: Final = (Ruling.DENY, Ruling.UNKNOWN, Ruling.ALLOW)
+_OBSTACLES: Final = (Truth.NO, Truth.UNKNOWN, Truth.YES)
 """Whose reason is told, of the channels of a service or an action."""
 
 
@@ -98,8 +104,8 @@ def joint(questions: Sequence[Question], answers: Sequence[Answer]) -> Answer:
         return answers[0]
     question, decisive = min(zip(questions, answers, strict=True), key=lambda each: _OBSTACLES.index(each[1].decision))
     reason = decisive.reason
-    if decisive.usable:
-        which = "" if decisive.decision is not Ruling.ALLOW else f"each of the {len(questions)} is allowed, e.g. "
+    if decisive.usable.must:
+        which = "" if decisive.decision is not Truth.YES else f"each of the {len(questions)} is allowed, e.g. "
         reason = f"{which}{question.operation.value} {question.topic}: {reason}"
     return replace(
         decisive,
@@ -113,10 +119,8 @@ def joint(questions: Sequence[Question], answers: Sequence[Answer]) -> Answer:
     )
 
 
-def _together(rulings: set[Ruling]) -> Ruling:
-    """Half of a service is no denial of it: servers carry out a request whether or not its sender may read the reply,
-    and clients take a reply (measured).
-    """
-    if rulings >= {Ruling.ALLOW, Ruling.DENY}:
-        return Ruling.PARTLY
-    return Ruling.UNKNOWN if Ruling.UNKNOWN in rulings else rulings.pop()
+def _together(parts: set[Truth]) -> Truth:
+    """Whether all of it may be done."""
+    if parts >= {Truth.YES, Truth.NO}:
+        return Truth.NO
+    return Truth.UNKNOWN if Truth.UNKNOWN in parts else parts.pop()

@@ -16,6 +16,7 @@ from msgspec import Struct
 
 from keystore_audit.errors import UsageError
 from keystore_audit.profiles import DateReading
+from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:  # most audits are told no zone
     from zoneinfo import ZoneInfo
@@ -173,23 +174,23 @@ def in_force(limited: Limited, at: datetime) -> bool:
     return limited.not_before <= at <= limited.not_after
 
 
-def counts_at(not_before: Dated, not_after: Dated, at: datetime, reading: DateReading) -> bool | None:
-    """Whether a grant with these dates counts `at` an instant (aware UTC); None: it hangs on the robot's zone."""
+def counts_at(not_before: Dated, not_after: Dated, at: datetime, reading: DateReading) -> Truth:
+    """Whether a grant with these dates counts `at` an instant (aware UTC); UNKNOWN: it hangs on the robot's zone."""
     if reading in (DateReading.ROBOT_TIME, DateReading.SHIFTED_CLOCK):
         at = at.replace(microsecond=0)  # their clock is `time`, which counts whole seconds
     # Exclusive bounds differ from inclusive ones by the least step of time.
     step = datetime.resolution if reading is DateReading.UNREADABLE_IS_PAST else timedelta()
     begun = _not_later(not_before, _moved(at, -step))
     ended = _not_later(not_after, _moved(at, step - datetime.resolution))
-    if begun is False or ended is True:
-        return False
-    return None if begun is None or ended is None else True
+    if begun is Truth.NO or ended is Truth.YES:
+        return Truth.NO
+    return Truth.UNKNOWN if Truth.UNKNOWN in (begun, ended) else Truth.YES
 
 
-def _not_later(dated: Dated, than: datetime) -> bool | None:
+def _not_later(dated: Dated, than: datetime) -> Truth:
     if dated.latest <= than:
-        return True
-    return None if dated.earliest <= than else False
+        return Truth.YES
+    return Truth.UNKNOWN if dated.earliest <= than else Truth.NO
 
 
 @lru_cache(maxsize=4096)  # the dates of one keystore are mostly the same two

@@ -17,7 +17,7 @@ from keystore_audit.assumptions import Assumption, holds_if
 from keystore_audit.grouped import grouped
 from keystore_audit.model.formal.rights import Safeguard
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.question import Ruling
+from keystore_audit.model.question import WORDS
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner, label
 from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.report.access_words import (
@@ -34,6 +34,7 @@ from keystore_audit.report.content import answered_if
 from keystore_audit.report.page import wrapped
 from keystore_audit.report.suggested import array, document, encoded, keys, picked
 from keystore_audit.text import counted, csv_cell, instant, shorten, terminal
+from keystore_audit.truth import Truth
 
 # The access table for programs: as JSON (docs/reference.md, `schemas/access.schema.json`), and as CSV.
 
@@ -43,7 +44,7 @@ SCHEMA_VERSION: Final = 1
 HEADER: Final = (
     "profiles", "enclave", "usable", "operation", "name", "topic", "partition", "decision", "effective",
 )  # fmt: skip
-_USABLE: Final = {True: "yes", False: "no", None: "unknown"}
+_USABLE: Final = {Truth.YES: "yes", Truth.NO: "no", Truth.UNKNOWN: "unknown"}
 
 
 def json(table: AccessTable) -> str:
@@ -90,7 +91,7 @@ def _safeguard(safeguard: Safeguard) -> dict[str, Any]:
 
 def _enclave(table: AccessTable, path: str, enclave: EnclaveRights) -> dict[str, Any]:
     otherwise = {operation: _rulings(enclave.otherwise(operation, table.rest)) for operation in enclave.rights}
-    return {"path": path, **picked(enclave, "usable", "reasons"), "otherwise": otherwise}
+    return {"path": path, "usable": enclave.usable.value, "reasons": enclave.reasons, "otherwise": otherwise}
 
 
 def _rights(table: AccessTable, group: Group) -> Iterator[dict[str, Any]]:
@@ -102,8 +103,8 @@ def _rights(table: AccessTable, group: Group) -> Iterator[dict[str, Any]]:
                 yield {"enclave": path, "operation": operation, **named, **_rulings(rulings)}
 
 
-def _rulings(both: Iterable[Ruling]) -> dict[str, Ruling]:
-    return dict(zip(("decision", "effective"), both, strict=True))
+def _rulings(both: Iterable[Truth]) -> dict[str, str]:
+    return dict(zip(("decision", "effective"), (WORDS[each] for each in both), strict=True))
 
 
 def csv(table: AccessTable) -> str:
@@ -123,12 +124,12 @@ def _csv_rows(table: AccessTable, group: Group) -> Iterator[tuple[str, ...]]:
         for operation in enclave.rights:
             start = (profiles, path, _USABLE[enclave.usable], operation.value)
             otherwise = enclave.otherwise(operation, table.rest)
-            if any(ruling is not Ruling.DENY for ruling in otherwise):
-                yield (*start, "any other name", "", "", *(ruling.value for ruling in otherwise))
+            if any(ruling.may for ruling in otherwise):
+                yield (*start, "any other name", "", "", *(WORDS[ruling] for ruling in otherwise))
             for number, decision, effective in enclave.exceptions(operation, table.rest):
                 named = table.names[number]
                 yield (
-                    *start, label(table, number), named.topic, named.partition, decision.value, effective.value,
+                    *start, label(table, number), named.topic, named.partition, WORDS[decision], WORDS[effective],
                 )  # fmt: skip
 
 
@@ -214,7 +215,7 @@ class _Page:
             if shown:
                 self._rows(columns, shown, self._label_width(rows))
             else:
-                unknown = any(column.usable is None for column in columns)
+                unknown = any(column.usable is Truth.UNKNOWN for column in columns)
                 self.put("What they may do cannot be told." if unknown else "They may do nothing.", indent=2)
         if rows:
             self.blank()
@@ -275,15 +276,19 @@ class _Column:
         longest = max((len("+".join(SHORT[word] for word in words)) for _row, words in done), default=0)
         self.width = max(longest, len(f"[{number}]")) + GAP
         self.room = max(longest, len(f"[{len(group.enclaves)}]")) + GAP
-        states = {True: "", False: ": DO NOT START" if len(paths) > 1 else ": DOES NOT START", None: ": UNKNOWN"}
+        states = {
+            Truth.YES: "",
+            Truth.NO: ": DO NOT START" if len(paths) > 1 else ": DOES NOT START",
+            Truth.UNKNOWN: ": UNKNOWN",
+        }
         reasons = f" ({'; '.join(enclave.reasons)})" if enclave.reasons else ""
         self.said = f"{', '.join(_by_namespace(paths, group))}{states[self.usable]}{reasons}"
 
     def cell(self, row: Row) -> str:
         """What they may do, in short."""
-        if self.usable is None:
+        if self.usable is Truth.UNKNOWN:
             return "?"
-        return "+".join(SHORT[word] for word in row.cells.get(self._path, ())) or ("" if self.usable else "-")
+        return "+".join(SHORT[word] for word in row.cells.get(self._path, ())) or ("" if self.usable.must else "-")
 
 
 def _columns(group: Group, rows: Sequence[Row]) -> Iterator[_Column]:

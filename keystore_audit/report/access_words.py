@@ -22,6 +22,7 @@ from keystore_audit.model.tables.access_rows import (
 )
 from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
 from keystore_audit.text import some
+from keystore_audit.truth import Truth
 
 MAX_NAMES: Final = 8
 """Names in one sentence; JSON and CSV have all."""
@@ -168,7 +169,7 @@ def differences(table: AccessTable, group: Group, main: Group, rows: Sequence[Ro
         found: list[str] = []
         if (enclave.usable, enclave.reasons) != (other.usable, other.reasons):
             found.append(_start(enclave))
-        if enclave.usable and other.usable is not None:
+        if enclave.usable.must and other.usable is not Truth.UNKNOWN:
             more = _without(own.get(path, {}), shared.get(path, {}))
             less = _without(shared.get(path, {}), own.get(path, {}))
             found += [f"may also {_listed(more)}"] if more else []
@@ -199,7 +200,11 @@ def _safeguards(table: AccessTable, group: Group, main: Group) -> Iterator[str]:
 
 def _start(enclave: EnclaveRights) -> str:
     reasons = f" ({'; '.join(enclave.reasons)})" if enclave.reasons else ""
-    words = {True: "starts", False: "does not start", None: "whether it starts cannot be told"}
+    words = {
+        Truth.YES: "starts",
+        Truth.NO: "does not start",
+        Truth.UNKNOWN: "whether it starts cannot be told",
+    }
     return words[enclave.usable] + reasons
 
 

@@ -10,11 +10,12 @@ from msgspec import Struct
 
 from keystore_audit.assumptions import Needed, holds_if
 from keystore_audit.model.domains import Interval, describe
-from keystore_audit.model.question import Answer, Ruling
+from keystore_audit.model.question import PARTLY, WORDS, Answer
 from keystore_audit.report.content import answered_if
 from keystore_audit.report.page import by_answer, profiles, wrapped
 from keystore_audit.report.suggested import encoded, picked
 from keystore_audit.text import instant, terminal
+from keystore_audit.truth import Truth
 
 
 class Asked(Struct, frozen=True, kw_only=True):
@@ -48,7 +49,7 @@ def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
 
 def _assumptions(answers: Mapping[str, Answer]) -> tuple[Needed, ...]:
     """What it rests on that peers refuse something."""
-    refused = [name for name, answer in answers.items() if answer.effective is Ruling.DENY]
+    refused = [name for name, answer in answers.items() if answer.accepted == WORDS[Truth.NO]]
     return answered_if(refused) if refused else ()
 
 
@@ -59,8 +60,22 @@ def error(line: int, message: str) -> str:
 
 def _described(answer: Answer) -> dict[str, object]:
     place = picked(answer.location, "path", "line") if answer.location else {"path": None, "line": None}
-    described = {**picked(answer, "usable", "decision", "effective", "reason"), **place}
-    halves = [{"dds_name": half.topic, **picked(half, "operation", "decision", "effective")} for half in answer.halves]
+    described = {
+        "usable": answer.usable.value,
+        "decision": answer.decided,
+        "effective": answer.accepted,
+        "reason": answer.reason,
+        **place,
+    }
+    halves = [
+        {
+            "dds_name": half.topic,
+            "operation": half.operation,
+            "decision": WORDS[half.decision],
+            "effective": WORDS[half.effective],
+        }
+        for half in answer.halves
+    ]
     return {**described, "halves": halves} if halves else described
 
 
@@ -84,48 +99,48 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
 
 
 def _answer(answer: Answer, under: str) -> list[str]:
-    label = f"{answer.decision.value.upper():<8} "
+    label = f"{answer.decided.upper():<8} "
     lines = [wrapped(under, label, " " * len(label))]
     lines.append(_sentence(answer.reason))
     if answer.location is not None:
         lines.append(terminal(f"  {answer.location}"))
-    if answer.decision is Ruling.PARTLY:
-        halves = {ruling: _halves(answer, ruling, effective=False) for ruling in Ruling}
-        said = [f"{words} {halves[ruling]}" for ruling, words in _ITSELF.items() if halves[ruling]]
+    if answer.decided == PARTLY:
+        halves = {truth: _halves(answer, truth, effective=False) for truth in Truth}
+        said = [f"{words} {halves[truth]}" for truth, words in _ITSELF.items() if halves[truth]]
         lines.append(_sentence(f"its own implementation {'; '.join(said)}"))
-    if answer.usable is not None:
-        start = f"its participant {'starts' if answer.usable else 'does not start'}"
-        but = "but " if answer.effective is not answer.decision else ""
+    if answer.usable is not Truth.UNKNOWN:
+        start = f"its participant {'starts' if answer.usable.must else 'does not start'}"
+        but = "but " if answer.accepted != answer.decided else ""
         lines.append(_sentence(f"{start}; {but}{_accept(answer)}"))
     else:
         lines.append(_sentence(_accept(answer)))
     return lines
 
 
-def _halves(answer: Answer, ruling: Ruling, *, effective: bool) -> str:
+def _halves(answer: Answer, truth: Truth, *, effective: bool) -> str:
     """The DDS topics of a service or an action that are answered so."""
-    return ", ".join(str(half) for half in answer.halves if (half.effective if effective else half.decision) is ruling)
+    return ", ".join(str(half) for half in answer.halves if (half.effective if effective else half.decision) is truth)
 
 
 def _accept(answer: Answer) -> str:
     """What peers do; of a service or an action, with the halves that they accept where they do not accept it all."""
-    if answer.effective is Ruling.ALLOW or not answer.halves:
-        return _PEERS[answer.effective].format("what is asked") + _ASIDE.get((answer.effective, answer.decision), "")
-    halves = {ruling: _halves(answer, ruling, effective=True) for ruling in Ruling}
-    told = [words.format(halves[ruling]) for ruling, words in _PEERS.items() if halves[ruling]]
-    return "; ".join(told) + _ASIDE.get((answer.effective, answer.decision), "")
+    aside = _ASIDE.get((answer.accepted, answer.decided), "")
+    if answer.effective.must or not answer.halves:
+        return _PEERS[answer.effective].format("what is asked") + aside
+    halves = {truth: _halves(answer, truth, effective=True) for truth in Truth}
+    return "; ".join(words.format(halves[truth]) for truth, words in _PEERS.items() if halves[truth]) + aside
 
 
-_ITSELF: Final = {Ruling.ALLOW: "allows", Ruling.DENY: "denies", Ruling.UNKNOWN: "may allow or deny"}
+_ITSELF: Final = {Truth.YES: "allows", Truth.NO: "denies", Truth.UNKNOWN: "may allow or deny"}
 _PEERS: Final = {
-    Ruling.ALLOW: "some peer accepts {}",
-    Ruling.DENY: "no peer accepts {}",
-    Ruling.UNKNOWN: "whether any peer accepts {} cannot be told",
+    Truth.YES: "some peer accepts {}",
+    Truth.NO: "no peer accepts {}",
+    Truth.UNKNOWN: "whether any peer accepts {} cannot be told",
 }
 _ASIDE: Final = {
-    (Ruling.ALLOW, Ruling.DENY): " from whoever holds the enclave's keys and skips its own checks",
-    (Ruling.ALLOW, Ruling.PARTLY): " from whoever holds the enclave's keys and skips its own checks",
-    (Ruling.DENY, Ruling.ALLOW): ", except one that attacks",
+    ("allow", "deny"): " from whoever holds the enclave's keys and skips its own checks",
+    ("allow", PARTLY): " from whoever holds the enclave's keys and skips its own checks",
+    ("deny", "allow"): ", except one that attacks",
 }
 """Where peers do something else than the enclave's own implementation."""
 

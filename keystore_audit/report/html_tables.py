@@ -27,6 +27,7 @@ from keystore_audit.report.access_words import (
 )
 from keystore_audit.report.content import Report
 from keystore_audit.text import counted
+from keystore_audit.truth import Truth
 
 MAX_COLUMNS: Final = 14
 """Columns of one matrix, so that it fits on a page."""
@@ -150,7 +151,7 @@ class _Drawing:
                 "paths": alike,
                 "short": alike[0].rpartition("/")[2] or "/",
                 "number": self._sheet.numbers.get(alike[0]),
-                "usable": self._group.enclaves[alike[0]].usable,
+                "usable": self._group.enclaves[alike[0]].usable.value,
                 "reasons": self._group.enclaves[alike[0]].reasons,
             }
             for alike in grouped(paths, kind).values()
@@ -178,7 +179,11 @@ def _protection(row: Row) -> tuple[int, str]:
     return protected(row.safeguards).rank, protection_words(row.safeguards)
 
 
-_STARTS: Final = {True: ("✓", "starts"), False: ("✗", "does not start"), None: ("?", "unknown")}
+_STARTS: Final = {
+    Truth.YES: ("✓", "starts"),
+    Truth.NO: ("✗", "does not start"),
+    Truth.UNKNOWN: ("?", "unknown"),
+}
 
 
 def profiles(sheet: Sheet, rows: Sequence[Mapping[str, Any]], table: AccessTable | None) -> Mapping[str, Any]:

@@ -149,7 +149,7 @@ def _engine(run: EngineRun) -> dict[str, Any]:
 
 
 def _enclave(entry: EnclaveEntry) -> dict[str, Any]:
-    profiles = {name: picked(usability, "usable", "reasons") for name, usability in entry.profiles.items()}
+    profiles = {name: {"usable": u.usable.value, "reasons": u.reasons} for name, u in entry.profiles.items()}
     return {**picked(entry, "path", "directory", "subject"), "profiles": profiles}
 
 

@@ -29,6 +29,7 @@ from keystore_audit.report.page import Page
 from keystore_audit.report.text_details import UNCHANGED, put_details, put_rows
 from keystore_audit.report.view_model import Cause, Consequences, warnings
 from keystore_audit.text import counted, instant, shorten, some
+from keystore_audit.truth import Truth
 
 MAX_PATH: Final = 400
 """Characters of a path on a page about several keystores."""
@@ -174,8 +175,8 @@ def _in_short(page: Page, report: Report) -> None:
     """A line each of who cannot start, what was decided and accepted, what it rests on, and how long it lasts."""
     page.blank()
     for usable, words in (
-        (False, "its DDS participant does not start everywhere"),
-        (None, "unknown whether its DDS participant starts"),
+        (Truth.NO, "its DDS participant does not start everywhere"),
+        (Truth.UNKNOWN, "unknown whether its DDS participant starts"),
     ):
         if paths := [e.path for e in report.enclaves if any(use.usable is usable for use in e.profiles.values())]:
             put_rows(page, "Enclaves", [f"{some(paths, MAX_NAMED)}: {words} (-v)"])

@@ -25,6 +25,7 @@ from keystore_audit.report.view_model import (
     until,
 )
 from keystore_audit.text import counted, instant, some
+from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:
     from keystore_audit.model.blast_radius import Ranked, Ranking
@@ -42,9 +43,9 @@ UNCHANGED: Final = "No date on these files changes this answer."
 
 _STATUS_STYLE: Final = {Status.HOLDS: "green", Status.VIOLATED: "bold red", Status.UNKNOWN: "bold yellow"}
 _STARTS: Final = {
-    True: "a DDS participant starts",
-    False: "CANNOT START",
-    None: "UNKNOWN whether it can start,",
+    Truth.YES: "a DDS participant starts",
+    Truth.NO: "CANNOT START",
+    Truth.UNKNOWN: "UNKNOWN whether it can start,",
 }
 
 

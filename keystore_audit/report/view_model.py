@@ -210,5 +210,5 @@ def assumed(report: Report) -> tuple[str, ...]:
 
 def starting(report: Report) -> tuple[list[EnclaveEntry], list[EnclaveEntry]]:
     """The enclaves whose participant starts under all profiles, and the others."""
-    starts = grouped(report.enclaves, lambda entry: all(each.usable for each in entry.profiles.values()))
+    starts = grouped(report.enclaves, lambda entry: all(each.usable.must for each in entry.profiles.values()))
     return starts.get(True, []), starts.get(False, [])

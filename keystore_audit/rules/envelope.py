@@ -12,19 +12,19 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.model.trust.verdicts import Acceptance
 from keystore_audit.profiles import facts
 from keystore_audit.rules.registry import Violation, rule
 from keystore_audit.rules.remedies import SIGN_AGAIN, sign_again
 from keystore_audit.rules.subjects import SignedUse
 from keystore_audit.rules.wording import defective, of_kinds
+from keystore_audit.truth import Truth
 
 
 def _has(use: SignedUse, says: str, *kinds: Kind, opens: bool = False) -> Iterable[Violation]:
     """`opens`: it is undecided, unless something else makes every implementation refuse the document."""
     if not use.signed.defects:
         return ()
-    undecided = opens and use.envelope.verdict is Acceptance.UNKNOWN
+    undecided = opens and use.envelope.verdict is Truth.UNKNOWN
     return defective(of_kinds(use.signed.defects, *kinds), says, undecided=undecided)
 
 

@@ -42,6 +42,7 @@ from keystore_audit.rules.subjects import (
 )
 from keystore_audit.settings.suppressions import accepted, uses
 from keystore_audit.text import shorten
+from keystore_audit.truth import Truth
 
 MAX_MESSAGE: Final = 2000
 """Characters of a message, the last guard: the rules bound what they quote, counterexamples come from the engines."""
@@ -183,7 +184,7 @@ class _Run:
             reasons: dict[tuple[str, ...], tuple[str, ...]] = {}
             for profile in self._context.profiles:
                 usability = self._context.meaning.usability.get((enclave.files.directory, profile.name))
-                if usability is not None and usability.usable is False:
+                if usability is not None and usability.usable is Truth.NO:
                     reasons[usability.reasons] = (*reasons.get(usability.reasons, ()), profile.name)
             files = {file.place for file in enclave.files.files.values()}
             if reasons and enclave.path not in spoken and not files & places:

@@ -185,7 +185,7 @@ class Meanings:
         """Who may use an enclave's permissions, in which domains, and whether some implementation lets it start."""
         known = self._context.meaning.usability
         usable = {
-            f"{known[enclave.files.directory, profile.name].usable}"
+            f"{known[enclave.files.directory, profile.name].usable.value}"
             for profile in self._context.profiles
             if (enclave.files.directory, profile.name) in known
         }

@@ -18,7 +18,6 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.subjects.comparison import matching, same_meaning
-from keystore_audit.model.trust.verdicts import Acceptance
 from keystore_audit.profiles import VARIANTS, JoinCheck, Profile, SubjectComparison, doing, facts
 from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject
@@ -27,6 +26,7 @@ from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import ROWS, PermissionsUse, instant_of, speaks, verdict
 from keystore_audit.rules.wording import defective, listed, located, quoted
+from keystore_audit.truth import Truth
 
 
 def dated(grant: Grant) -> str:
@@ -165,7 +165,7 @@ def _unnamed(use: PermissionsUse, named: Sequence[str]) -> Iterator[tuple[Enclav
 
 def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
     """Whether the enclave takes the document under no known implementation."""
-    return all(verdict(use.signed, enclave, trust) is Acceptance.REFUSED for trust in ROWS)
+    return all(verdict(use.signed, enclave, trust) is Truth.NO for trust in ROWS)
 
 
 @rule(

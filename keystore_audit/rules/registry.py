@@ -23,6 +23,7 @@ from keystore_audit.properties.result import EngineRun, PropertyResult
 from keystore_audit.remedy import Remedy
 from keystore_audit.settings.suppressions import Acceptance
 from keystore_audit.text import meant
+from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs none of it
     from keystore_audit.model.intended.drift import Drift
@@ -73,7 +74,7 @@ class Context(Struct, frozen=True, kw_only=True):
         """Whether one of them does not start under a chosen profile (of these), whatever the reason."""
         chosen = [profile.name for profile in self.profiles if among is None or profile.name in among]
         known = (self.meaning.usability.get((each.files.directory, name)) for each in enclaves for name in chosen)
-        return any(usability is not None and usability.usable is False for usability in known)
+        return any(usability is not None and usability.usable is Truth.NO for usability in known)
 
 
 S = TypeVar("S")

@@ -28,6 +28,7 @@ from keystore_audit.rules.wording import (
     sole,
 )
 from keystore_audit.text import counted, instant
+from keystore_audit.truth import Truth
 
 
 def new_list(first: str = "") -> Remedy:
@@ -54,10 +55,10 @@ def _about(use: RevocationUse, revocations: RevocationList, message: str, key: s
     )
 
 
-def _signed(use: RevocationUse, revocations: RevocationList) -> bool | None:
-    """Whether an identity CA of the enclaves signed the list; None where that cannot be told."""
+def _signed(use: RevocationUse, revocations: RevocationList) -> Truth:
+    """Whether an identity CA of the enclaves signed the list."""
     answers = [crl_signed_by(revocations, authority) for authority in use.authorities]
-    return True if True in answers else None if None in answers else False
+    return next((each for each in (Truth.YES, Truth.UNKNOWN) if each in answers), Truth.NO)
 
 
 @rule(
@@ -77,7 +78,7 @@ def identity_revoked(keystore: Keystore) -> Iterator[Violation]:
         (use, revocations)
         for use in revocation_uses(keystore)
         for revocations in use.in_use
-        if revocations.revoked and _signed(use, revocations)
+        if revocations.revoked and _signed(use, revocations).must
     ]
     for enclave in keystore.enclaves:
         first = enclave.identity
@@ -166,9 +167,9 @@ def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, 
         expected = quoted(use.authorities[0].subject)
         return f"got the issuer {quoted(revocations.issuer)}, expected {expected}", False
     signed = _signed(use, revocations)
-    if signed is None:
+    if signed is Truth.UNKNOWN:
         return f"its signature ({revocations.signature_algorithm}) cannot be verified here", True
-    if not signed:
+    if signed is Truth.NO:
         return f"both say {quoted(revocations.issuer)}, but another key signed", False
     if all(ca.key_usage is not None and "cRLSign" not in ca.key_usage for ca in named):
         return "the keyUsage of the identity CA does not let it sign revocation lists", False

@@ -16,13 +16,14 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.trust.chain import path_refusal, signer_refusal
-from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, may_sign, vouches
+from keystore_audit.model.trust.verdicts import document_verdict, may_sign, vouches
 from keystore_audit.profiles import VARIANTS, Profile, facts, implementations
 from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import sign_again
 from keystore_audit.rules.subjects import EXCHANGED, SPEC, DocumentUse, SignedUse, accepting, exchange, signed_bytes
 from keystore_audit.rules.wording import located, of_kinds, paths, quoted
+from keystore_audit.truth import Truth
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"
 _FORGED: Final = (
@@ -100,7 +101,7 @@ def _makers(use: SignedUse, context: Context, wanted: _Maker) -> Iterator[tuple[
 def _readable(use: SignedUse, _context: Context) -> bool:
     """Whether there is a signature to judge, of which we know what it covers."""
     refused_form = any(of_kinds(use.signed.defects, Kind.NOT_SMIME, Kind.NO_TEXT_PLAIN))
-    return bool(use.signed.signatures) and not refused_form and use.envelope.verdict is not Acceptance.UNKNOWN
+    return bool(use.signed.signatures) and not refused_form and use.envelope.verdict is not Truth.UNKNOWN
 
 
 def _comparable(use: SignedUse, context: Context) -> bool:
@@ -111,9 +112,7 @@ def _comparable(use: SignedUse, context: Context) -> bool:
 def _refusing(use: SignedUse) -> tuple[tuple[Enclave, CertificateFile], ...]:
     """The enclaves whose permissions CA did not sign."""
     return tuple(
-        (enclave, file)
-        for enclave, file in use.judging
-        if document_verdict(use.signed, file, SPEC) is Acceptance.REFUSED
+        (enclave, file) for enclave, file in use.judging if document_verdict(use.signed, file, SPEC) is Truth.NO
     )
 
 
@@ -312,10 +311,10 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
     """
     refusals: dict[str, list[Profile]] = {}
     for file in dict.fromkeys(file for _enclave, file in use.judging):
-        if document_verdict(use.signed, file, SPEC) is not Acceptance.ACCEPTED:
+        if document_verdict(use.signed, file, SPEC) is not Truth.YES:
             continue
         for profile in VARIANTS.values():
-            refused = document_verdict(use.signed, file, profile.trust) is Acceptance.REFUSED
+            refused = document_verdict(use.signed, file, profile.trust) is Truth.NO
             why = (signer_refusal if refused else path_refusal)(use.signed, file, profile.trust)
             if why is None:
                 why = path_refusal(use.signed, file, profile.trust, context.at)

@@ -21,13 +21,14 @@ from keystore_audit.model.inventory import (
     permissions_cas,
 )
 from keystore_audit.model.participants.stray_identity import Admitted, admitted
-from keystore_audit.model.trust.verdicts import Acceptance, envelope
+from keystore_audit.model.trust.verdicts import envelope
 from keystore_audit.remedy import decision
 from keystore_audit.rules.files import renaming
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import SIGN_AGAIN
 from keystore_audit.rules.subjects import stray_uses
 from keystore_audit.rules.wording import VERBS, listed, located, more_like, of_kinds, quoted, sentence
+from keystore_audit.truth import Truth
 
 _CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"
 
@@ -205,7 +206,7 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
     for doubt in context.meaning.doubts:
         stray = strays.get(doubt.location.path)
         document = stray.document if stray is not None else None
-        if stray is None or (document is not None and envelope(document.signed).verdict is Acceptance.UNKNOWN):
+        if stray is None or (document is not None and envelope(document.signed).verdict is Truth.UNKNOWN):
             continue
         crashes = document is not None and any(of_kinds(document.defects, *_CRASHES))
         yield Violation(

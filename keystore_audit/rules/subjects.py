@@ -22,11 +22,12 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.model.inventory import permissions_at_large
-from keystore_audit.model.trust.verdicts import Acceptance, Envelope, document_verdict, envelope, vouches
+from keystore_audit.model.trust.verdicts import Envelope, document_verdict, envelope, vouches
 from keystore_audit.model.validity import read_date
 from keystore_audit.profiles import VARIANTS, DateReading, Profile, RevocationLists, Trust
 from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.registry import Context
+from keystore_audit.truth import Truth
 
 ROWS: Final = tuple(dict.fromkeys(profile.trust for profile in VARIANTS.values()))
 """The trust rows of all known variants, the specification's first."""
@@ -55,16 +56,16 @@ def unread_authority(enclave: Enclave) -> bool:
 
 def accepting(signed: SignedDocument, files: Iterable[CertificateFile]) -> tuple[Profile, ...]:
     """The known variants under which an enclave with one of these permissions CA files takes the document."""
-    takes = {trust for trust in ROWS for file in files if document_verdict(signed, file, trust) is Acceptance.ACCEPTED}
+    takes = {trust for trust in ROWS for file in files if document_verdict(signed, file, trust) is Truth.YES}
     return tuple(profile for profile in VARIANTS.values() if profile.trust in takes)
 
 
-def verdict(signed: SignedDocument, enclave: Enclave, trust: Trust) -> Acceptance:
+def verdict(signed: SignedDocument, enclave: Enclave, trust: Trust) -> Truth:
     """What the enclave does with the document; UNKNOWN too where its permissions CA could not be read."""
     said = document_verdict(signed, enclave.permissions_ca, trust)
-    if said is not Acceptance.REFUSED or not unread_authority(enclave):
+    if said is not Truth.NO or not unread_authority(enclave):
         return said
-    return said if envelope(signed).verdict is Acceptance.REFUSED else Acceptance.UNKNOWN
+    return said if envelope(signed).verdict is Truth.NO else Truth.UNKNOWN
 
 
 def may_be_taken(signed: SignedDocument, enclaves: Sequence[Enclave]) -> bool:
@@ -72,12 +73,12 @@ def may_be_taken(signed: SignedDocument, enclaves: Sequence[Enclave]) -> bool:
 
     Where none may, what its XML says is of no consequence: the signature's finding says everything.
     """
-    return any(verdict(signed, enclave, trust) is not Acceptance.REFUSED for trust in ROWS for enclave in enclaves)
+    return any(verdict(signed, enclave, trust) is not Truth.NO for trust in ROWS for enclave in enclaves)
 
 
 def genuine_for(signed: SignedDocument, enclaves: Sequence[Enclave]) -> int:
     """How many of the enclaves have a permissions CA that signed the document."""
-    return sum(verdict(signed, enclave, SPEC) is Acceptance.ACCEPTED for enclave in enclaves)
+    return sum(verdict(signed, enclave, SPEC) is Truth.YES for enclave in enclaves)
 
 
 EXCHANGED: Final = "The files of the two authorities hold each other's certificate."

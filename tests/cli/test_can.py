@@ -18,8 +18,9 @@ from keystore_audit.cli.program import run
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model import question as questions
 from keystore_audit.model.names import dds_channels
-from keystore_audit.model.question import Answer, Question, Ruling
+from keystore_audit.model.question import Answer, Question
 from keystore_audit.profiles import DEFAULT
+from keystore_audit.truth import Truth
 from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, rule, signed_keystore
 from tests.keystore.builder import GOVERNANCE
 from tests.schemas import schema
@@ -469,19 +470,19 @@ def test_batch_answers_are_those_of_single_questions(
         assert decisions(TURTLESIM, *words, "--", name)[1] == line
 
 
-SINGLE = st.sampled_from([Ruling.ALLOW, Ruling.DENY, Ruling.UNKNOWN])
+SINGLE = st.sampled_from([Truth.YES, Truth.NO, Truth.UNKNOWN])
 
 
 @given(st.lists(st.tuples(SINGLE, SINGLE), min_size=1, max_size=9))
-def test_a_whole_is_what_its_halves_are(rulings: list[tuple[Ruling, Ruling]]) -> None:
+def test_a_whole_is_what_its_halves_are(rulings: list[tuple[Truth, Truth]]) -> None:
     asked = [Question(enclave="/e", operation=Operation.PUBLISH, topic=str(n)) for n in range(len(rulings))]
     given_ = [
-        Answer(usable=True, decision=decision, effective=effective, reason=f"r{n}", location=None)
+        Answer(usable=Truth.YES, decision=decision, effective=effective, reason=f"r{n}", location=None)
         for n, (decision, effective) in enumerate(rulings)
     ]
     whole = questions.joint(asked, given_)
-    for of, found in ((0, whole.decision), (1, whole.effective)):
-        assert found.value == together({each[of].value for each in rulings})
+    for of, found in ((0, whole.decided), (1, whole.accepted)):
+        assert found == together({questions.WORDS[each[of]] for each in rulings})
     assert [(half.decision, half.effective) for half in whole.halves] == (rulings if len(rulings) > 1 else [])
 
 
@@ -542,7 +543,7 @@ def test_a_ros_question_is_that_about_its_dds_topics(operation: str, name: str) 
     for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client"):
         single = {access.answers(each)["spec"].decision for each in asked if each.enclave == enclave}
         code = decisions(ACTIONS, enclave, operation, name, "--profile", "spec")[0]
-        assert (code == 0) is (single == {Ruling.ALLOW})
+        assert (code == 0) is (single == {Truth.YES})
 
 
 def test_a_permissions_ca_in_a_form_that_we_do_not_read(tmp_path: Path) -> None:

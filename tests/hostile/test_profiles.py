@@ -27,12 +27,13 @@ from keystore_audit.model.formal.rights import EffectiveRights
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.question import Question, Ruling
+from keystore_audit.model.question import Question
 from keystore_audit.model.semantics import read_rules
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.profiles import VARIANTS, Access, Profile
+from keystore_audit.truth import Truth
 from tests.cli.keystores import write_enclave
 from tests.keystore.builder import Signed, authority, certificate
 from tests.oracles.vendors import recipe as r
@@ -364,7 +365,7 @@ def test_a_range_without_a_beginning_is_unknown_where_it_may_be_passed_over(tmp_
     question = Question(enclave="/a", operation=Operation.PUBLISH, topic="rt/b", domain=0)
     answers = Answers(tmp_path, [question], Circumstances(profiles=PROFILES, at=r.NOW)).answers(question)
     for name, answer in answers.items():
-        expected = (None, Ruling.UNKNOWN) if name.startswith("cyclonedds") else (True, Ruling.ALLOW)
+        expected = (Truth.UNKNOWN,) * 2 if name.startswith("cyclonedds") else (Truth.YES,) * 2
         if name != "opendds":  # refuses the stock governance
             assert (answer.usable, answer.decision) == expected, name
-        assert answer.effective is not Ruling.DENY, name
+        assert answer.effective is not Truth.NO, name

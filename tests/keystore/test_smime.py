@@ -17,7 +17,8 @@ from keystore_audit.keystore import smime
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
-from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
+from keystore_audit.model.trust.verdicts import document_verdict
+from keystore_audit.truth import Truth
 from tests.keystore import messages
 from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, evidence, present, read, signed_document
 from tests.keystore.messages import by_openssl, with_signature
@@ -44,7 +45,7 @@ def kinds(message: bytes, *candidates: Signed) -> list[Kind]:
     return [defect.kind for defect in document(message, *candidates).defects]
 
 
-def verdict(message: bytes) -> Acceptance:
+def verdict(message: bytes) -> Truth:
     return document_verdict(document(message), TRUSTED, PINNED)
 
 
@@ -125,8 +126,8 @@ def test_a_document_signed_by_an_enclave_names_the_enclave() -> None:
     (signature,) = read_document.signatures
     assert [c.subject for c in signature.named] == [c.subject for c in signature.verified_by] == ["CN=/talker"]
     assert read_document.content == CRLF_GOVERNANCE
-    assert document_verdict(read_document, TRUSTED, PINNED) is Acceptance.REFUSED
-    assert document_verdict(read_document, TRUSTED, CHAINED) is Acceptance.ACCEPTED
+    assert document_verdict(read_document, TRUSTED, PINNED) is Truth.NO
+    assert document_verdict(read_document, TRUSTED, CHAINED) is Truth.YES
 
 
 def test_a_signer_that_only_the_message_knows_is_found_in_it() -> None:
@@ -148,7 +149,7 @@ def test_every_signature_is_checked() -> None:
     read_document = document(by_openssl(("smime", "-text"), CA, LEAF), CA, LEAF)
     assert [defect.kind for defect in read_document.defects] == [Kind.SEVERAL_SIGNERS]
     assert sorted(c.subject for s in read_document.signatures for c in s.verified_by) == ["CN=/talker", "CN=sros2CA"]
-    assert document_verdict(read_document, TRUSTED, PINNED) is Acceptance.REFUSED
+    assert document_verdict(read_document, TRUSTED, PINNED) is Truth.NO
 
 
 def test_an_authority_renewed_with_its_key_verifies_but_is_not_named() -> None:
@@ -159,7 +160,7 @@ def test_an_authority_renewed_with_its_key_verifies_but_is_not_named() -> None:
     without = document(by_openssl(("smime", "-text", "-nocerts"), CA), renewed)
     assert without.signatures[0].named == ()
     assert without.signatures[0].verified_by == (evidence(renewed),)
-    assert document_verdict(without, read(renewed.pem), PINNED) is Acceptance.REFUSED
+    assert document_verdict(without, read(renewed.pem), PINNED) is Truth.NO
 
 
 def test_another_authority_with_the_same_name_verifies_nothing() -> None:
@@ -174,7 +175,7 @@ def test_a_certificate_with_the_serial_number_of_the_authority_does_not_pass_for
     (signature,) = document(message, CA).signatures
     assert len(signature.named) == 2, "the candidate and the one in the message"
     assert [c.sha256 for c in signature.verified_by] == [evidence(impostor).sha256]
-    assert verdict(message) is Acceptance.REFUSED
+    assert verdict(message) is Truth.NO
     both = document(message, CA, impostor)
     assert [c.sha256 for c in both.signatures[0].verified_by] == [evidence(impostor).sha256]
 
@@ -188,7 +189,7 @@ def test_an_issuer_written_in_other_bytes_leaves_the_signer_open(oracle: Callabl
     with running(oracle, tmp_path, printable.pem) as answers:
         assert answers.content(message) is not None
     assert [defect.kind for defect in read_document.defects] == [Kind.CMS_MALFORMED]
-    assert document_verdict(read_document, read(printable.pem), PINNED) is Acceptance.UNKNOWN
+    assert document_verdict(read_document, read(printable.pem), PINNED) is Truth.UNKNOWN
 
 
 def test_unnamed_keys_are_tried_up_to_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -274,7 +275,7 @@ def test_a_second_text_inside_the_signature_is_not_overlooked() -> None:
     opaque = messages.taken_apart(by_openssl(("smime", "-text", "-nodetach"), CA))[1]
     read_document = document(with_signature(STOCK, opaque))
     assert Kind.TWO_CONTENTS in [defect.kind for defect in read_document.defects]
-    assert verdict(with_signature(STOCK, opaque)) is Acceptance.UNKNOWN
+    assert verdict(with_signature(STOCK, opaque)) is Truth.UNKNOWN
 
 
 # --- hostile sizes: an answer, soon
@@ -334,12 +335,12 @@ PIECES = [
 @given(st.lists(st.sampled_from(PIECES), max_size=40))
 def test_no_arrangement_of_mime_raises(pieces: list[bytes]) -> None:
     read_document = document(b"".join(pieces))
-    assert document_verdict(read_document, TRUSTED, PINNED) is not Acceptance.ACCEPTED
+    assert document_verdict(read_document, TRUSTED, PINNED) is not Truth.YES
 
 
 @given(st.binary(min_size=1, max_size=60), st.integers(0, 2000))
 def test_no_insertion_into_a_real_message_raises(inserted: bytes, place: int) -> None:
     at = place % len(STOCK)
     read_document = document(STOCK[:at] + inserted + STOCK[at:])
-    if document_verdict(read_document, TRUSTED, PINNED) is Acceptance.ACCEPTED:
+    if document_verdict(read_document, TRUSTED, PINNED) is Truth.YES:
         assert read_document.content == CRLF_GOVERNANCE

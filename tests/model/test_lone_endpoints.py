@@ -23,6 +23,7 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.truth import Truth
 from tests.keystore.builder import START, Signed, certificate, crl
 from tests.model.comparing import Member, Store, criterion, governance, grant, permissions, rule
 from tests.oracles.vendors import random_keystores, recipe
@@ -136,8 +137,8 @@ def test_what_it_reads_once_the_older_authority_is_over(profile: str, reads: boo
     keystore = read_keystore(replace(store, members={"/e": Member(permissions=document, issuer=new)}).write(tmp_path))
     accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
     [enclave], usabilities = keystore.enclaves, Usabilities(None, accesses)
-    assert usabilities.of(enclave, recipe.NOW, VARIANTS[profile]).usable is False
-    assert usabilities.of(enclave, recipe.NOW + timedelta(days=31), VARIANTS[profile]).usable is reads
+    assert usabilities.of(enclave, recipe.NOW, VARIANTS[profile]).usable is Truth.NO
+    assert usabilities.of(enclave, recipe.NOW + timedelta(days=31), VARIANTS[profile]).usable.must is reads
     assert days_of(Path(keystore.root), profile) == ([30] if reads else [])
 
 
@@ -156,7 +157,7 @@ def test_whom_the_list_of_an_authority_takes_back_until_that_is_over(lists: int,
     [realm], [identity] = system.realms, {enclave.identity for enclave in system.enclaves}
     assert realm.revoked == {identity}
     after = recipe.NOW + timedelta(days=31)
-    assert Usabilities(None, accesses).of(keystore.enclaves[0], after, row).usable is (lists == 2)
+    assert Usabilities(None, accesses).of(keystore.enclaves[0], after, row).usable.must is (lists == 2)
     by_moment = [each for moment, each in realm.revoked_later if system.instants[moment // 2] <= after]
     assert by_moment[-1:] == ([frozenset()] if lists == 2 else [])
 
@@ -198,7 +199,7 @@ def test_nothing_that_is_read_or_written_is_missing(start: int, tmp_path: Path) 
                 found = bits(
                     channel
                     for channel in members(rights.allowed(enclave, profile, operation))
-                    if starts[system.channels[channel].domain].of(enclave, recipe.NOW, profile).usable is not False
+                    if starts[system.channels[channel].domain].of(enclave, recipe.NOW, profile).usable.may
                 )
                 assert found & ~by_peers & ~kept == 0, (seed, profile.name, operation)
                 lone[operation] += bool(kept & ~by_peers)

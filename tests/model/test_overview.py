@@ -20,10 +20,11 @@ from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.flow import Flows, Search
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.question import Question, Ruling
+from keystore_audit.model.question import Question
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.tables.overview import MAX_VIEWS, Dated, Overview, overview
 from keystore_audit.profiles import VARIANTS, resolve
+from keystore_audit.truth import Truth
 from tests.cli.keystores import keystore, rule
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
@@ -129,7 +130,7 @@ class TestAllowances:
         _read, seen = sample(name)
         assert seen.access is not None
         for path, enclave in seen.access.groups[-1].enclaves.items():
-            if not enclave.usable:
+            if not enclave.usable.must:
                 continue
             for operation, right in enclave.rights.items():
                 allowed = 0
@@ -183,7 +184,7 @@ class TestAllowances:
                 for allowance in seen.allowances[path]
                 if allowance.operation is operation and allowance.names >> number & 1
             ]
-            allowed = answer.decision is Ruling.ALLOW
+            allowed = answer.decision is Truth.YES
             assert lines == ([of_rule(answer.location, answer.reason)] if allowed else [])
             told += len(lines)
         assert told > 20

@@ -12,8 +12,9 @@ from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.trust.chain import path_refusal
-from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
+from keystore_audit.model.trust.verdicts import document_verdict
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.truth import Truth
 from tests.keystore.builder import END, START, Signed, authority, certificate
 from tests.oracles.vendors.recipe import Recipe
 from tests.oracles.vendors.recipes_signers import PAST, _ca, with_options
@@ -77,7 +78,7 @@ def lost_to_us_and_openssl(recipe: Recipe, root: Path, *options: str) -> tuple[b
     assert read.permissions is not None
     assert read.permissions_ca is not None
     row = VARIANTS["fastdds-2.9"].trust
-    assert document_verdict(read.permissions.signed, read.permissions_ca, row) is Acceptance.ACCEPTED
+    assert document_verdict(read.permissions.signed, read.permissions_ca, row) is Truth.YES
     refusal = path_refusal(read.permissions.signed, read.permissions_ca, row, datetime.now(timezone.utc))
     assert path_refusal(read.permissions.signed, read.permissions_ca, VARIANTS["fastdds-2.14"].trust) is None
     message = ["-text", *options, "-CAfile", "permissions_ca.cert.pem", "-in", "permissions.p7s"]

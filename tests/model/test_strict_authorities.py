@@ -77,7 +77,9 @@ def test_one_out_of_date_is_refused_where_it_comes_first(name: str, tmp_path: Pa
         usabilities = Usabilities(None, AccessViews(documents_of(keystore), NOW, None))
         for profile in ("fastdds-3.6", "fastdds-2.9", "spec"):
             strict = VARIANTS[profile].trust.strict_authorities
-            assert usabilities.of(keystore.enclaves[0], NOW, VARIANTS[profile]).usable is not (strict and not number)
+            assert usabilities.of(keystore.enclaves[0], NOW, VARIANTS[profile]).usable.must is not (
+                strict and not number
+            )
 
 
 @pytest.mark.parametrize("whole", [True, False])
@@ -93,4 +95,4 @@ def test_an_intermediate_comes_first_where_its_root_is_there_too(whole: bool, tm
     keystore = read_keystore(Store(members={"/talker": talker}, identity=file).write(tmp_path / "keystore"))
     usabilities = Usabilities(None, AccessViews(documents_of(keystore), NOW, None))
     for profile, loads in (("fastdds-3.6", whole), ("fastdds-2.9", True)):
-        assert usabilities.of(keystore.enclaves[0], NOW, VARIANTS[profile]).usable is loads
+        assert usabilities.of(keystore.enclaves[0], NOW, VARIANTS[profile]).usable.must is loads

@@ -16,6 +16,7 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.trust import chain
 from keystore_audit.model.trust import verdicts as trust
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.truth import Truth
 from tests.keystore import builder
 from tests.model.comparing import Member, Store, criterion, grant, permissions, rule
 
@@ -147,7 +148,7 @@ def test_who_stands_in_the_identity_ca_file_is_told_from_those_it_issued(own: st
     for profile in VARIANTS.values():
         usabilities = Usabilities(None, AccessViews(documents_of(keystore), AT, None))
         found = {each.path: usabilities.of(each, AT, profile) for each in keystore.enclaves}
-        assert found["/b"].usable is False, profile.name
+        assert found["/b"].usable is Truth.NO, profile.name
         assert any("is no authority" in reason for reason in found["/b"].reasons)
         refused = [reason for reason in found[own].reasons if "issue" in reason]
         assert not refused, (profile.name, refused)

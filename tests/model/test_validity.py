@@ -15,6 +15,7 @@ from lxml import etree
 from keystore_audit.errors import UsageError
 from keystore_audit.model.validity import BEGINNING, END, counts_at, read_date, time_zone
 from keystore_audit.profiles import DateReading
+from keystore_audit.truth import Truth
 
 SCHEMA = etree.XMLSchema(
     etree.fromstring(
@@ -185,15 +186,15 @@ def test_the_bounds(reading: DateReading, at_first: bool, at_last: bool, within_
     utc = time_zone("UTC")
     dates = [read_date(text, reading, utc) for text in ("2026-11-21T10:00:00", "2026-11-21T11:00:00")]
     start, end = (dated for dated in dates if dated is not None)
-    assert counts_at(start, end, start.instant, reading) is at_first
-    assert counts_at(start, end, end.instant, reading) is at_last
-    assert counts_at(start, end, end.instant + FRACTION, reading) is within_last_second
-    assert counts_at(start, end, start.instant - FRACTION, reading) is False
-    assert counts_at(start, end, start.instant + FRACTION, reading) is True
-    assert counts_at(start, end, end.instant - FRACTION, reading) is True
+    assert counts_at(start, end, start.instant, reading).must is at_first
+    assert counts_at(start, end, end.instant, reading).must is at_last
+    assert counts_at(start, end, end.instant + FRACTION, reading).must is within_last_second
+    assert counts_at(start, end, start.instant - FRACTION, reading) is Truth.NO
+    assert counts_at(start, end, start.instant + FRACTION, reading) is Truth.YES
+    assert counts_at(start, end, end.instant - FRACTION, reading) is Truth.YES
 
 
-def asked(texts: list[str], at: datetime, reading: DateReading, zone: ZoneInfo | None) -> bool | None:
+def asked(texts: list[str], at: datetime, reading: DateReading, zone: ZoneInfo | None) -> Truth:
     start, end = (read_date(text, reading, zone) for text in texts)
     assert start is not None
     assert end is not None
@@ -214,8 +215,8 @@ def test_what_is_certain_without_the_zone_is_so_in_every_zone(
     at = (start + timedelta(hours=passed)).replace(tzinfo=timezone.utc)
     answer = asked(texts, at, reading, None)
     there = asked(texts, at, reading, time_zone(zone))
-    assert there is not None
-    assert answer in (None, there)
+    assert there is not Truth.UNKNOWN
+    assert answer in (Truth.UNKNOWN, there)
 
 
 def test_without_the_zone_nothing_is_said_of_the_hours_around_a_date() -> None:
@@ -224,7 +225,7 @@ def test_without_the_zone_nothing_is_said_of_the_hours_around_a_date() -> None:
     assert begun is not None
     assert date is not None
     answers = {
-        hours: counts_at(begun, date, date.instant + timedelta(hours=hours), DateReading.ROBOT_TIME)
+        hours: counts_at(begun, date, date.instant + timedelta(hours=hours), DateReading.ROBOT_TIME).value
         for hours in (-15, -14, -13, 0, 14, 15)
     }
     assert answers == {-15: True, -14: True, -13: None, 0: None, 14: None, 15: False}

@@ -22,9 +22,10 @@ from keystore_audit.properties.result import (
 )
 from keystore_audit.remedy import decision
 from keystore_audit.report.content import Anchor, Anchors, Checked, EnclaveEntry, Report, Verdict
+from keystore_audit.truth import Truth
 
 PROFILES = ("spec", "fastdds-2.6", "cyclonedds-0.10")
-CAN_START = Usability(usable=True, reasons=())
+CAN_START = Usability(usable=Truth.YES, reasons=())
 
 ReportMaker = Callable[..., Report]
 """`name`: used wherever a keystore's author chooses the text. The rest: fields of Report to replace."""
@@ -139,7 +140,7 @@ AUTHORITIES = tuple(
 
 
 def _full(name: str) -> Report:
-    refused = Usability(usable=False, reasons=("permissions.p7s is signed by no permissions CA",))
+    refused = Usability(usable=Truth.NO, reasons=("permissions.p7s is signed by no permissions CA",))
     return Report(
         version="0.1.0",
         keystore=f"./keys/{name}",

@@ -23,6 +23,7 @@ from keystore_audit.report import markdown
 from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_PLACES
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.text import PLAIN, View, render, render_several
+from keystore_audit.truth import Truth
 from tests.cli.keystores import answer
 from tests.report.outcomes import outcomes_of
 from tools.samples.store import copy_with_modes
@@ -321,9 +322,9 @@ def test_an_example_goes_on_in_the_sentence(make_report: MakeReport, example: st
 def test_reasons_follow_a_colon_and_are_listed(make_report: MakeReport) -> None:
     report = make_report()
     talker = report.enclaves[0]
-    refused = Usability(usable=False, reasons=("the key does not belong", "key.pem is not there."))
-    unclear = Usability(usable=None, reasons=("two texts",))
-    uses = {"spec": refused, "fastdds-2.6": unclear, "cyclonedds-0.10": Usability(usable=True, reasons=())}
+    refused = Usability(usable=Truth.NO, reasons=("the key does not belong", "key.pem is not there."))
+    unclear = Usability(usable=Truth.UNKNOWN, reasons=("two texts",))
+    uses = {"spec": refused, "fastdds-2.6": unclear, "cyclonedds-0.10": Usability(usable=Truth.YES, reasons=())}
     text = full(replace(report, enclaves=(replace(talker, profiles=uses),)))
     flat = " ".join(text.split())
     assert "CANNOT START under spec: the key does not belong; key.pem is not there. UNKNOWN whether" in flat
@@ -336,7 +337,7 @@ def test_reasons_follow_a_colon_and_are_listed(make_report: MakeReport) -> None:
     assert "\n  /a, /b\n    CANNOT START under spec: " in text
     assert (text.count("two texts"), text.count("/c  (")) == (1, 1)
     own = {
-        f"/{name}": {"spec": Usability(usable=False, reasons=(f"no grant names CN=/{name}",))} for name in ("a", "b")
+        f"/{name}": {"spec": Usability(usable=Truth.NO, reasons=(f"no grant names CN=/{name}",))} for name in ("a", "b")
     }
     both = [replace(talker, path=path, subject=f"CN={path}", profiles=uses) for path, uses in own.items()]
     text = full(replace(report, enclaves=tuple(both)))

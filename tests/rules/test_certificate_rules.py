@@ -25,6 +25,7 @@ from keystore_audit.remedy import Act
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.certificate import weak_key, weak_signature_algorithm
 from keystore_audit.rules.subjects import certificate_uses
+from keystore_audit.truth import Truth
 from tests.rules.evidence import (
     AT,
     DAY,
@@ -496,7 +497,7 @@ def test_kinds_of_keys(kind: str, expected: list[str]) -> None:
 def test_a_key_is_as_grave_as_what_it_stops(refusing: str, said: dict[str, Severity]) -> None:
     """Said once: the last net (KA117) is for what no rule of high severity speaks of."""
     store = talker(certificate=changed(certificates(CERT, pem("/talker")), key_kind="RSA 3072"))(healthy())
-    usability = {("enclaves/talker", refusing): Usability(usable=False, reasons=("some reason",))}
+    usability = {("enclaves/talker", refusing): Usability(usable=Truth.NO, reasons=("some reason",))}
     seen = judged(store, meaning=meaning(usability=usability))
     assert {each.code: each.severity for code in ("KA217", "KA117") for each in findings(code, seen)} == said
 

@@ -19,6 +19,7 @@ from keystore_audit.model.formal.rights import EffectiveRights
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import DEFAULT, Profile
+from keystore_audit.truth import Truth
 from tests.rules.divergent import Domains, Listed, chosen, compared, ruled, views
 from tests.rules.evidence import (
     AT,
@@ -108,13 +109,13 @@ def enclaves_that_differ(store: Keystore, profiles: Sequence[Profile], accesses:
                 here |= 1 << builder.channels.of_point(domain, number)
         for each in store.enclaves:
             usable = {profile.name: usabilities.of(each, AT, profile).usable for profile in profiles}
-            if domain is None and len({*usable.values()} - {None}) > 1:
+            if domain is None and len({*usable.values()} - {Truth.UNKNOWN}) > 1:
                 found.add(each.path)
             for operation in Operation:
                 decided, accepted = [], []
                 for profile in profiles:
-                    allowed = local.allowed(each, profile, operation) if usable[profile.name] else 0
-                    decided.append((allowed & here, -1 if usable[profile.name] is None else allowed & here))
+                    allowed = local.allowed(each, profile, operation) if usable[profile.name].must else 0
+                    decided.append((allowed & here, -1 if usable[profile.name] is Truth.UNKNOWN else allowed & here))
                     must, may = astuple(peers.accepted(each.path, profile.name, operation))
                     accepted.append((must & here, may))
                 if differ(decided) or differ(accepted):
@@ -168,7 +169,7 @@ def test_examples_hold(drawn: tuple[Any, ...], zone: str | None) -> None:
         for profile in profiles:
             if example.decided:
                 usable = usabilities.of(each, AT, profile).usable
-                allowed = local.allowed(each, profile, example.operation) if usable else 0
+                allowed = local.allowed(each, profile, example.operation) if usable.must else 0
             else:
                 allowed = peers.accepted(each.path, profile.name, example.operation).must
             assert (profile.name in example.allowing) is bool(allowed >> channel & 1)

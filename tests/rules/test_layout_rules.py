@@ -17,6 +17,7 @@ from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.truth import Truth
 from tests.cli.keystores import AT, answer, rule
 from tests.cli.keystores import keystore as built
 from tests.rules.divergent import views
@@ -318,7 +319,7 @@ def test_a_second_key_in_a_key_file() -> None:
     assert becomes(key_with(defects=(second,))) == ["KA118"]
 
 
-REFUSED = Usability(usable=False, reasons=("it takes no identity with a key of kind RSA 1024",))
+REFUSED = Usability(usable=Truth.NO, reasons=("it takes no identity with a key of kind RSA 1024",))
 
 
 def test_an_enclave_that_does_not_start_is_no_pass() -> None:
@@ -341,7 +342,7 @@ def test_an_enclave_that_does_not_start_is_no_pass() -> None:
 )
 def test_where_it_is_the_domain_no_certificates_are_made_anew(reasons: tuple[str, ...], told: str) -> None:
     """Cyclone DDS and a ROS_DOMAIN_ID that sros2 was not told of: the usual reason of all."""
-    uncovered = Usability(usable=False, reasons=reasons)
+    uncovered = Usability(usable=Truth.NO, reasons=reasons)
     (found,) = findings("KA117", judged(meaning=meaning(usability={("enclaves/talker", "cyclonedds-11"): uncovered})))
     assert [each for each in ("prime256v1", "let it cover", "allow rule") if each in found.fix.text] == [told]
 
@@ -359,8 +360,8 @@ def test_a_finding_that_is_no_reason_does_not_speak_for_it() -> None:
 @pytest.mark.parametrize(
     ("usability", "change"),
     [
-        (Usability(usable=None, reasons=()), None),
-        (Usability(usable=True, reasons=()), None),
+        (Usability(usable=Truth.UNKNOWN, reasons=()), None),
+        (Usability(usable=Truth.YES, reasons=()), None),
         (REFUSED, without_permissions(Status.MISSING)),  # said by KA101
     ],
 )

@@ -18,6 +18,7 @@ from keystore_audit.model.matching.coverage import EVERYTHING, MAX_CANDIDATES, c
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS, Matcher
+from keystore_audit.truth import Truth
 from tests.rules.evidence import (
     AT,
     DAY,
@@ -360,7 +361,7 @@ def test_an_unread_identity_names_nobody() -> None:
 def test_a_grant_without_an_allow_rule_is_as_grave_as_what_it_stops(refusing: str, severity: Severity) -> None:
     """OpenDDS is not asked about here."""
     store = granted(grant("/talker", allow(["rt/x"], allows=False)))(healthy())
-    usability = {("enclaves/talker", refusing): Usability(usable=False, reasons=("some reason",))}
+    usability = {("enclaves/talker", refusing): Usability(usable=Truth.NO, reasons=("some reason",))}
     seen = judged(store, meaning=meaning(usability=usability))
     assert [each.severity for each in findings("KA514", seen)] == [severity]
     assert findings("KA117", seen) == ()

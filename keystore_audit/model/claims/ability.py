@@ -26,6 +26,7 @@ from keystore_audit.model.question import Usability
 from keystore_audit.model.trust.revocation import list_dates
 from keystore_audit.model.validity import LAST, SECOND
 from keystore_audit.profiles import VARIANTS, JoinCheck, Local, Profile, Trust
+from keystore_audit.truth import Truth
 
 MAX_PAIRS: Final = 10_000
 """Pairs of places of one claim: some ten seconds."""
@@ -172,7 +173,7 @@ def _refused(
 
 def _starts(system: System, usable: Iterable[Usability]) -> bool:
     may = system.reading is Reading.MAY
-    return all(may if each.usable is None else each.usable for each in usable)
+    return all(each.usable.may if may else each.usable.must for each in usable)
 
 
 def _among(system: System, paths: Collection[str]) -> frozenset[int]:
@@ -213,14 +214,14 @@ def _closed(
     for profile in profiles:
         if profile.local.joins is not JoinCheck.TABLE_63:
             continue
-        starting = [each for each in enclaves if usabilities.of(each, at, profile).usable is not False]
+        starting = [each for each in enclaves if usabilities.of(each, at, profile).usable.may]
         governed = _governed(system)
         realms = {enclave.label: enclave.realm for enclave in system.enclaves}
         for number, domain in enumerate(channels.domains):
             there = usabilities.in_domain(domain.intervals[0][0])
             for enclave in starting:
                 covered = number in governed[realms[enclave.path]] if enclave.path in realms else False
-                if covered and there.of(enclave, at, profile).usable is False:
+                if covered and there.of(enclave, at, profile).usable is Truth.NO:
                     yield number
                     break
 

@@ -120,7 +120,11 @@ class Forwarding:
         if forward.enclave not in self._number:
             return f"{forward.enclave} could not be read"
         starts = [self._usability[self._directories[forward.enclave], p].usable for p in self.system.profiles]
-        return "" if all(starts) else f"{forward.enclave}, whose forwards are declared, may not start"
+        return (
+            ""
+            if all(each.must for each in starts)
+            else f"{forward.enclave}, whose forwards are declared, may not start"
+        )
 
     def _lacking(self, forward: Forward, domain: int) -> str | None:
         """A topic that the forward's enclave may not use in the domain by its own permissions; None where it may."""

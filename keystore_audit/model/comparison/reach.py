@@ -33,6 +33,7 @@ from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
 from keystore_audit.model.formal.flow import Flows, Lane, Leg, Search
 from keystore_audit.model.formal.influence import Influence
 from keystore_audit.model.names import AMBIENT
+from keystore_audit.truth import Truth
 
 PRESENTED: Final = "right-presented"
 OWN: Final = "own-endpoint"
@@ -205,9 +206,9 @@ def _starts(sides: Sides, causes: Causes) -> Iterator[Draft]:
             before, after = (
                 usable[directory, profile.name] for usable, directory in zip(sides.usability, directories, strict=True)
             )
-            if before.usable is after.usable or None in (before.usable, after.usable):
+            if before.usable is after.usable or Truth.UNKNOWN in (before.usable, after.usable):
                 continue
-            starts = bool(after.usable)
+            starts = after.usable.must
             draft = Draft(
                 layer=Layer.ACCESS,
                 kind="start",

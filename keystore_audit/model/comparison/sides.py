@@ -33,8 +33,9 @@ from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.participants.doubt import enclave_doubts, keystore_doubts
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.trust.verdicts import Acceptance, envelope
+from keystore_audit.model.trust.verdicts import envelope
 from keystore_audit.profiles import Access, Profile
+from keystore_audit.truth import Truth
 
 MAX_SHOWN: Final = 3
 """Names that stand for a change; the rest are counted."""
@@ -272,7 +273,7 @@ class Sides:
         if document is None:
             return False
         refused = self.accesses.read(document, profile.access).refusal is not None
-        return refused or envelope(document.signed).verdict is Acceptance.REFUSED
+        return refused or envelope(document.signed).verdict is Truth.NO
 
     def refused(self, pair: Pair, path: str, document: str) -> bool:
         """Whether the implementations take the enclave's governance or permissions, old or new, for none."""

@@ -45,8 +45,9 @@ from keystore_audit.model.comparison.revocation import revocation_facts
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import Typed, authorities_of, beside_enclaves, governance_apart
 from keystore_audit.model.trust.chain import authority_files
-from keystore_audit.model.trust.verdicts import Acceptance, envelope, may_have_issued
+from keystore_audit.model.trust.verdicts import envelope, may_have_issued
 from keystore_audit.text import some
+from keystore_audit.truth import Truth
 
 FORM: Final = "document-form"
 _AUTHORITIES: Final = {Role.IDENTITY_CA: "identity CA", Role.PERMISSIONS_CA: "permissions CA"}
@@ -285,7 +286,7 @@ def documents(old: Enclave, new: Enclave) -> Iterator[tuple[str, Typed, Typed, t
 def _signature(word: str, one: Typed, other: Typed, *, moved: bool) -> Iterator[Draft]:
     """Whether the signature holds, and who made it. `moved`: the permissions CA did, and is another."""
     before, after = envelope(one.signed), envelope(other.signed)
-    holds = [each.verdict is Acceptance.ACCEPTED for each in (before, after)]
+    holds = [each.verdict is Truth.YES for each in (before, after)]
     yield from turned("signature", f"the signature of its {word}", "holds", "no longer holds", *holds)
     if holds[0] == holds[1] and not moved and {c.key for c in before.signers} != {c.key for c in after.signers}:
         aspect = Aspect("signer", _told(before.signers), _told(after.signers), Direction.MIXED)

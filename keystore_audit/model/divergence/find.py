@@ -32,12 +32,13 @@ from keystore_audit.model.divergence.substitution import (
     Stages,
     odd_documents,
 )
-from keystore_audit.model.formal.bit_sets import Bounds, bits, members
+from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import AMBIENT_TOPICS
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import Profile
+from keystore_audit.truth import Bounds
 
 MAX_WITNESSES: Final = 64
 """Classes of one difference among which a witness that people can read is looked for."""

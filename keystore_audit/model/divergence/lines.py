@@ -19,7 +19,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.divergence.substitution import Cause
-from keystore_audit.model.formal.bit_sets import Bounds, bits, members
+from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.rights import EffectiveRights, Peers
 from keystore_audit.model.formal.steps import Step, compare
 from keystore_audit.model.formal.system import Reading, System
@@ -31,6 +31,7 @@ from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.validity import in_force, read_date
 from keystore_audit.profiles import PartitionReading, Profile
+from keystore_audit.truth import Bounds
 
 # What an implementation allows, as values that can be compared: for certain, and perhaps.
 
@@ -78,7 +79,7 @@ class LocalValues:
     def starts(self, enclave: Enclave, profile: Profile) -> Bounds:
         """Whether a participant is created, as a set of one member."""
         usable = self._anywhere.of(enclave, self._at, profile).usable
-        return Bounds(int(usable is True), int(usable is not False))
+        return Bounds(int(usable.must), int(usable.may))
 
     def decided(self, enclave: Enclave, operation: Operation, profile: Profile) -> Bounds:
         """The channels on which the operation is allowed to participants that are created there."""
@@ -102,7 +103,7 @@ class LocalValues:
         for number, inside in enumerate(self._members):
             if inside & wanted:
                 domain = self._channels.domains[number].intervals[0][0]
-                if self._anywhere.in_domain(domain).of(enclave, self._at, profile).usable is not False:
+                if self._anywhere.in_domain(domain).of(enclave, self._at, profile).usable.may:
                     found |= inside
         return found
 

@@ -10,37 +10,9 @@ from weakref import WeakKeyDictionary
 from msgspec import Struct
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.question import Ruling
 
 _FEW: Final = 16
 """Numbers that make a set one by one; the set of more is made in an array."""
-
-
-class Bounds(Struct, frozen=True):
-    """A set of which not everything is known: what is in it for certain (`must`), and what may be (`may`, no less)."""
-
-    must: int
-    may: int
-
-    @classmethod
-    def exact(cls, numbers: int) -> Bounds:
-        """A set without doubt."""
-        return cls(numbers, numbers)
-
-    @property
-    def unknown(self) -> int:
-        """What may be in it or not."""
-        return self.may & ~self.must
-
-    def but(self, unclear: int) -> Bounds:
-        """The same, these numbers apart, of which nothing is known."""
-        return Bounds(self.must & ~unclear, self.may | unclear)
-
-    def ruling(self, number: int) -> Ruling:
-        """Whether the number is in it."""
-        if self.must >> number & 1:
-            return Ruling.ALLOW
-        return Ruling.UNKNOWN if self.may >> number & 1 else Ruling.DENY
 
 
 def bits(numbers: Iterable[int]) -> int:

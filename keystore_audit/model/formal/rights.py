@@ -16,9 +16,10 @@ from msgspec.structs import replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import RealmView, enclaves_views
-from keystore_audit.model.formal.bit_sets import Abilities, Bounds, bits, members, union
+from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.permission import Decisions, Permissions, Protection
 from keystore_audit.model.formal.system import EnclaveAtom, Reading, System
+from keystore_audit.truth import Bounds
 
 
 class Peers:

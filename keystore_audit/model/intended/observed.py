@@ -25,9 +25,9 @@ from keystore_audit.model.intended.observed_needs import Need, in_layout, needs,
 from keystore_audit.model.intended.observed_rights import Deciders, JointRuling, PointRights
 from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.model.names import Use
-from keystore_audit.model.question import Ruling
 from keystore_audit.model.semantics import DIRECTIONS
 from keystore_audit.profiles import Profile
+from keystore_audit.truth import Truth
 
 
 class MissingGrant(Struct, frozen=True, kw_only=True):
@@ -202,15 +202,15 @@ class _Comparison:
         kinds = [  # most enclaves have all that they need: then one question is enough
             (profile, names)
             for profile, names in self._deciders.kinds
-            if self._rights.verdict(profile, every).ruling in (Ruling.DENY, Ruling.UNKNOWN)
+            if self._rights.verdict(profile, every).ruling in (Truth.NO, Truth.UNKNOWN)
         ]
         for need in self._needs if kinds else ():
             denied: list[tuple[JointRuling, tuple[str, ...]]] = []
             for profile, names in kinds:
                 verdict = self._rights.verdict(profile, need.channels)
-                if verdict.ruling is Ruling.DENY:
+                if verdict.ruling is Truth.NO:
                     denied.append((verdict, names))
-                elif verdict.ruling is Ruling.UNKNOWN:
+                elif verdict.ruling is Truth.UNKNOWN:
                     self._note("whether a participant starts cannot be told", names)
             if denied:
                 worst = min((verdict for verdict, _names in denied), key=lambda verdict: bool(verdict.domains))
@@ -228,9 +228,9 @@ class _Comparison:
             denying: list[str] = []
             for profile, names in self._deciders.kinds:
                 rulings = {self._rights.verdict(profile, channels).ruling for channels in usages(used.name)}
-                if rulings == {Ruling.DENY}:
+                if rulings == {Truth.NO}:
                     denying += names
-                elif rulings <= {Ruling.DENY, Ruling.UNKNOWN}:
+                elif rulings <= {Truth.NO, Truth.UNKNOWN}:
                     self._note(f"whether it may use {used.name} cannot be told", names)
             if denying:
                 yield DeniedName(used=used, enclave=self._enclave.path, profiles=self._in_order(denying))

@@ -32,22 +32,22 @@ from keystore_audit.model.intended.observed_needs import DISCOVERY, Usual, in_la
 from keystore_audit.model.matching.expression import UNESCAPED_WILDCARDS
 from keystore_audit.model.names import Use, dds_channels, dds_expressions
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.question import Ruling
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.window import Window
 from keystore_audit.profiles import Profile
+from keystore_audit.truth import Truth
 
 
 class JointRuling(Struct, frozen=True, kw_only=True):
     """What one kind of implementation says to channels all of which are needed.
 
-    `ruling`: ALLOW in every domain in which it starts, DENY in one of them, UNKNOWN where that it starts
-    cannot be told; None where it starts in none.
+    `ruling`: YES in every domain in which it starts, NO in one of them, UNKNOWN where that it starts cannot be told;
+    None where it starts in none.
     `domains`: where it denies, in words, "" for everywhere; `location`: the line that decides. `explain`: why, a
     sentence without its full stop, which goes through all that the grant lists.
     """
 
-    ruling: Ruling | None
+    ruling: Truth | None
     domains: str = ""
     location: Location | None = None
     explain: Callable[[], str] = str
@@ -62,7 +62,7 @@ class Beyond(NamedTuple):
 
 
 _NOWHERE = JointRuling(ruling=None)
-_ALLOWED = JointRuling(ruling=Ruling.ALLOW)
+_ALLOWED = JointRuling(ruling=Truth.YES)
 
 
 class Deciders:
@@ -85,8 +85,8 @@ class Deciders:
         )
         """One profile of each kind, and the names of all."""
 
-    def usable(self, enclave: Enclave, domain: int, profile: Profile) -> bool | None:
-        """Whether a participant of the enclave is created there, None where that cannot be told."""
+    def usable(self, enclave: Enclave, domain: int, profile: Profile) -> Truth:
+        """Whether a participant of the enclave is created there."""
         return self._usabilities.in_domain(domain).of(enclave, self.at, profile).usable
 
 
@@ -112,8 +112,8 @@ class PointRights:
         started = self._started(profile)
         if not started:
             return _NOWHERE
-        if any(usable is None for _domain, usable in started):
-            return JointRuling(ruling=Ruling.UNKNOWN)
+        if any(usable is Truth.UNKNOWN for _domain, usable in started):
+            return JointRuling(ruling=Truth.UNKNOWN)
         if all(self._everywhere(profile, operation) >> self._points[topic, ""] & 1 for operation, topic in needed):
             return _ALLOWED
         return self._denial(profile, needed)
@@ -137,7 +137,7 @@ class PointRights:
             number
             for number, channel in enumerate(channels.channels)
             if any(
-                usable and contains(channels.domains[channel.domain].intervals, domain)
+                usable.must and contains(channels.domains[channel.domain].intervals, domain)
                 for domain, usable in self._started(profile)
             )
         )
@@ -176,12 +176,12 @@ class PointRights:
         lowest = (atom.intervals[0][0] for atom in self._channels.domains) if rules is not None else (0,)
         return (each for each in lowest if rules is None or any(contains(rule.domains, each) for rule in rules))
 
-    def _where_it_starts(self, profile: Profile) -> Sequence[tuple[int, bool | None]]:
-        """The domains, one of each class, in which the enclave starts, or (None) may start for all we know."""
+    def _where_it_starts(self, profile: Profile) -> Sequence[tuple[int, Truth]]:
+        """The domains, one of each class, in which the enclave starts, or may start for all we know."""
         deciders = self._deciders
         domains = self._governed(profile) if deciders.domain is None else (deciders.domain,)
         asked = ((domain, deciders.usable(self._enclave, domain, profile)) for domain in domains)
-        return [(domain, usable) for domain, usable in asked if usable is not False]
+        return [(domain, usable) for domain, usable in asked if usable.may]
 
     def _denial(self, profile: Profile, needed: Sequence[Use]) -> JointRuling:
         """Where not all of it is allowed, and why."""
@@ -197,7 +197,7 @@ class PointRights:
         which = f"{operation.value} {topic}: " if len(needed) > 1 else ""
         where = dict.fromkeys(domain for domain, _operation, _topic in denied)
         return JointRuling(
-            ruling=Ruling.DENY,
+            ruling=Truth.NO,
             domains="" if len(where) == len(started) else ", ".join(self._label(domain) for domain in where),
             location=self._local.step(self._enclave, profile, operation, channel).by.location,
             explain=lambda: which + self._local.decide(self._enclave, profile, operation, channel, (topic, "")).reason,
@@ -210,7 +210,7 @@ class PointRights:
     def _ever(self, profile: Profile, operation: Operation) -> int:
         """The points on which it is allowed in some domain in which the enclave certainly starts."""
         held = self._held(profile, operation)
-        return union(held[domain] for domain, usable in self._started(profile) if usable)
+        return union(held[domain] for domain, usable in self._started(profile) if usable.must)
 
     def _allowed(self, profile: Profile, operation: Operation) -> Mapping[int, int]:
         """By domain: the points on which the operation is allowed, as a bit set."""
@@ -238,7 +238,7 @@ def listed_usages(enclave: Enclave, name: str, deciders: Deciders) -> tuple[Acti
     found = []
     for action, channels in wanted.items():
         rulings = {rights.verdict(profile, channels).ruling for profile, _names in deciders.kinds}
-        if listed.issuperset(channels) and rulings - {None} == {Ruling.ALLOW}:
+        if listed.issuperset(channels) and rulings - {None} == {Truth.YES}:
             found.append(action)
     return tuple(found)
 

@@ -26,16 +26,9 @@ from keystore_audit.model.inventory import (
 from keystore_audit.model.question import Doubt
 from keystore_audit.model.subjects.comparison import is_printable
 from keystore_audit.model.trust.revocation import list_unread
-from keystore_audit.model.trust.verdicts import (
-    MAX_AUTHORITIES,
-    Acceptance,
-    envelope,
-    is_authority,
-    issue,
-    may_take,
-    stands_alone,
-)
+from keystore_audit.model.trust.verdicts import MAX_AUTHORITIES, envelope, is_authority, issue, may_take, stands_alone
 from keystore_audit.profiles import Access, Profile, Trust, facts
+from keystore_audit.truth import Truth
 
 
 def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews) -> Iterator[Doubt]:
@@ -112,7 +105,7 @@ def may_say_anything(
     document: Typed, read: ReadDocument, files: Iterable[CertificateFile | None], trust: Trust
 ) -> bool:
     """Whether who has one of these permissions CA files may take the document, and what it says is unknown."""
-    unknown = read.is_silent or envelope(document.signed).verdict is Acceptance.UNKNOWN
+    unknown = read.is_silent or envelope(document.signed).verdict is Truth.UNKNOWN
     return unknown and may_take(document.signed, files, trust)
 
 

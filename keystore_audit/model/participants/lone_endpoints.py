@@ -206,8 +206,8 @@ class LoneEndpoints:
             here = asked & self._channels.bits_in(number)
             if here:
                 usable = self._usabilities.in_domain(domain.intervals[0][0]).of(enclave, at, profile).usable
-                possible |= here if usable is not False else 0
-                certain |= here if usable else 0
+                possible |= here if usable.may else 0
+                certain |= here if usable.must else 0
         return possible, certain
 
     def _may_differ(self, governance: GovernanceFile, grants: Iterable[ReadGrant], access: Access) -> bool:

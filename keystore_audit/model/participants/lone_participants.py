@@ -18,6 +18,7 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.trust.revocation import ends_of_lists
 from keystore_audit.model.validity import SECOND
 from keystore_audit.profiles import VARIANTS, JoinCheck
+from keystore_audit.truth import Truth
 
 
 def starts_alone(
@@ -54,7 +55,7 @@ def starts_alone(
                 continue
             there = usabilities.in_domain(atom.intervals[0][0])
             answers = {there.of(enclave, at, profile).usable for profile in profiles for at in moments}
-            if True in answers or (None in answers and system.reading is Reading.MAY):
+            if Truth.YES in answers or (Truth.UNKNOWN in answers and system.reading is Reading.MAY):
                 found.add((number, domain))
     return frozenset(found)
 

@@ -21,7 +21,6 @@ from keystore_audit.model.participants.doubt import file_doubts
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import lists_carried
 from keystore_audit.model.trust.verdicts import (
-    Acceptance,
     authorities_read,
     certificate_alike,
     document_alike,
@@ -30,6 +29,7 @@ from keystore_audit.model.trust.verdicts import (
     may_have_issued,
 )
 from keystore_audit.profiles import Trust
+from keystore_audit.truth import Truth
 
 REQUIRED = (
     Role.IDENTITY_CA,
@@ -71,7 +71,7 @@ def sight_of(enclave: Enclave) -> Sight:
     certificate, key = enclave.identity, enclave.key
     signed = enclave.permissions.signed if enclave.permissions is not None else None
     listed = enclave.crl is not None or enclave.files.files[Role.CRL].status.unknown or lists_carried(enclave)
-    doubtful = file_doubts(enclave) or (signed is not None and envelope(signed).verdict is Acceptance.UNKNOWN)
+    doubtful = file_doubts(enclave) or (signed is not None and envelope(signed).verdict is Truth.UNKNOWN)
     alone, file = bool(listed or doubtful), enclave.identity_ca
     seen = None
     if certificate is not None:

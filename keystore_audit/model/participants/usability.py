@@ -29,15 +29,10 @@ from keystore_audit.model.question import Usability
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.trust.chain import chain_refusal, path_refusal
 from keystore_audit.model.trust.revocation import list_broken, list_missing, list_used, lists_read, revoked
-from keystore_audit.model.trust.verdicts import (
-    Acceptance,
-    document_verdict,
-    is_issued,
-    may_sign,
-    signers_taken,
-)
+from keystore_audit.model.trust.verdicts import document_verdict, is_issued, may_sign, signers_taken
 from keystore_audit.model.validity import in_force
 from keystore_audit.profiles import Profile, Trust
+from keystore_audit.truth import Truth
 
 UNGOVERNED: Final = ("the governance covers no domain", "the governance does not cover domain")
 """How reasons begin that are about domains, as `joining.UNGRANTED`: only governance and permissions mend them."""
@@ -76,7 +71,7 @@ class _Own(NamedTuple):
         return (*filter(None, (self.certificate,)), *(self.grants or ()))
 
 
-_USABLE: Final = Usability(usable=True, reasons=())
+_USABLE: Final = Usability(usable=Truth.YES, reasons=())
 
 _NO_GRANT: Final = "no grant in force names"
 """A reason that is told with the subject."""
@@ -115,7 +110,7 @@ class Usabilities:
     def of(self, enclave: Enclave, at: datetime, profile: Profile) -> Usability:
         """Whether a participant of the enclave is created at `at` (aware UTC).
 
-        `usable` is None where something could not be read and nothing else already rules it out.
+        It is unknown where something could not be read and nothing else already rules it out.
         """
         own, kind = self._own_of(enclave, profile), self.kind(profile)
         key = (own.alike[0].files.directory, kind, *[in_force(each, at) for each in own.limited])
@@ -138,8 +133,8 @@ class Usabilities:
         refusals, doubts = self._standing[key]
         reasons = (*refusals, *_refusals_at(self._dated[key], own, profile, at))
         if reasons:
-            return Usability(usable=False, reasons=reasons)
-        return Usability(usable=None, reasons=doubts) if doubts else _USABLE
+            return Usability(usable=Truth.NO, reasons=reasons)
+        return Usability(usable=Truth.UNKNOWN, reasons=doubts) if doubts else _USABLE
 
     def touched(self, one: datetime, other: datetime) -> frozenset[str]:
         """The directories of the enclaves, of those asked about, whose answers may differ between two instants.
@@ -210,8 +205,8 @@ class Usabilities:
             return []
         found = []
         verdict = document_verdict(read.signed, permissions_ca, profile.trust)
-        lost = path_refusal(read.signed, permissions_ca, profile.trust) if verdict is Acceptance.ACCEPTED else None
-        if verdict is Acceptance.REFUSED or lost is not None:
+        lost = path_refusal(read.signed, permissions_ca, profile.trust) if verdict is Truth.YES else None
+        if verdict is Truth.NO or lost is not None:
             whom = "the permissions CA" if profile.trust.pins_signer else "anybody whom the permissions CA vouches for"
             found.append(f"{role.value}.p7s is not validly signed by {whom}{f': {lost}' if lost else ''}")
         refusal = self._accesses.read(read, profile.access).refusal
@@ -247,7 +242,7 @@ def _naming(answer: Usability, enclave: Enclave) -> Usability:
     """The answer for all that are alike as it is for this one, by its name."""
     subject = enclave.identity.subject if enclave.identity is not None else ""
     named = f"{_NO_GRANT} {subject or 'the empty subject'}"
-    return Usability(usable=False, reasons=tuple(named if each is _NO_GRANT else each for each in answer.reasons))
+    return Usability(usable=Truth.NO, reasons=tuple(named if each is _NO_GRANT else each for each in answer.reasons))
 
 
 def may_refuse_peers(enclave: Enclave, trust: Trust) -> bool:
@@ -294,7 +289,7 @@ def _signed_validly(enclave: Enclave, trust: Trust) -> Iterator[tuple[Role, Sign
     for role, read in ((Role.GOVERNANCE, enclave.governance), (Role.PERMISSIONS, enclave.permissions)):
         if read is None or file is None:
             continue
-        if document_verdict(read.signed, file, trust) is Acceptance.ACCEPTED:
+        if document_verdict(read.signed, file, trust) is Truth.YES:
             yield role, read.signed, file
 
 

@@ -19,7 +19,6 @@ from keystore_audit.model.participants.lone_endpoints import Alone, LoneEndpoint
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.revocation import ends_of_lists, list_dates, list_unread, revoked
 from keystore_audit.model.trust.verdicts import (
-    Acceptance,
     authorities_read,
     envelope,
     is_first_embedded,
@@ -30,6 +29,7 @@ from keystore_audit.model.trust.verdicts import (
 )
 from keystore_audit.model.validity import SECOND
 from keystore_audit.profiles import Access, Profile, SubjectComparison, Trust
+from keystore_audit.truth import Truth
 
 
 class Kind(NamedTuple):
@@ -192,7 +192,7 @@ class Views:
             return frozenset()
         signed = document.file.signed
         judged = envelope(signed)
-        if judged.verdict is not Acceptance.ACCEPTED:
+        if judged.verdict is not Truth.YES:
             return frozenset()
         signers = signers_taken(signed, trust)
         if not trust.pins_signer and not all(is_first_embedded(signer, signed) for signer in signers):

@@ -131,7 +131,7 @@ class _Search:
 
     def _starts(self, enclave: Enclave, reader: _Reader) -> bool:
         usability = self._usability.get((enclave.files.directory, reader.names[0]))
-        return usability is None or usability.usable is not False
+        return usability is None or usability.usable.may
 
     def _shared(self, enclave: Enclave, readers: Sequence[_Reader]) -> tuple[_Found, ...]:
         """What was found for an enclave with the same rules below the same governance."""

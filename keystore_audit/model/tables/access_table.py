@@ -19,16 +19,16 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.channels import MAX_CELLS, governed_domains
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.bit_sets import Bounds, bits, members, union
+from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.rights import EffectiveRights, Safeguard
 from keystore_audit.model.formal.system import Reading
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.matching.patterns import Patterns
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.question import Ruling
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.window import Window
 from keystore_audit.profiles import Access, Profile
+from keystore_audit.truth import Bounds, Truth
 
 # The names that a keystore's documents tell apart, each class by a witness, for tables that people read.
 #
@@ -128,24 +128,24 @@ class Rights(Struct, frozen=True, kw_only=True):
 
 
 class EnclaveRights(Struct, frozen=True, kw_only=True):
-    """`usable`: whether its participant starts in the domain, None if that cannot be told; `reasons`: why not."""
+    """`usable`: whether its participant starts in the domain; `reasons`: why not."""
 
-    usable: bool | None
+    usable: Truth
     reasons: tuple[str, ...]
     rights: Mapping[Operation, Rights]
 
-    def otherwise(self, operation: Operation, rest: int) -> tuple[Ruling, Ruling]:
+    def otherwise(self, operation: Operation, rest: int) -> tuple[Truth, Truth]:
         """Decision and effective of whatever no document lists (`AccessTable.rest`)."""
         right = self.rights[operation]
-        return right.decided.ruling(rest), right.taken.ruling(rest)
+        return right.decided.holds(rest), right.taken.holds(rest)
 
-    def exceptions(self, operation: Operation, rest: int) -> Iterable[tuple[int, Ruling, Ruling]]:
+    def exceptions(self, operation: Operation, rest: int) -> Iterable[tuple[int, Truth, Truth]]:
         """The names of which something else holds: place, decision and effective."""
         right = self.rights[operation]
         every = (right.decided.must, right.decided.may, right.taken.must, right.taken.may)
         differing = union(~held if held >> rest & 1 else held for held in every)
         for name in members(differing & right.names):
-            yield name, right.decided.ruling(name), right.taken.ruling(name)
+            yield name, right.decided.holds(name), right.taken.holds(name)
 
 
 class Group(Struct, frozen=True, kw_only=True):
@@ -162,7 +162,7 @@ class Group(Struct, frozen=True, kw_only=True):
     def has_unknown(self) -> bool:
         """Whether anything in it could not be decided."""
         return any(
-            enclave.usable is None
+            enclave.usable is Truth.UNKNOWN
             or any(right.decided.unknown or right.taken.unknown for right in enclave.rights.values())
             for enclave in self.enclaves.values()
         )
@@ -261,8 +261,8 @@ class _Table:
         rights = {}
         unclear = self._unclear[profile.name]
         for operation in Operation:
-            decided = Bounds(0, 0 if usability.usable is False else self._window.all)
-            if usability.usable:
+            decided = Bounds(0, self._window.all if usability.usable.may else 0)
+            if usability.usable.must:
                 decided = Bounds.exact(self._allowed(enclave, profile, operation)).but(unclear)
             taken = self._effective.accepted(enclave.path, profile.name, operation)
             taken = Bounds(self._window.of(taken.must), self._window.of(taken.may)).but(unclear)

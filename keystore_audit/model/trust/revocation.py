@@ -102,7 +102,7 @@ def revoked(
         for certificate, each in used
         if each is not None
         and names_revoked(each, certificate)
-        and any(crl_signed_by(each, authority) for authority in authorities)
+        and any(crl_signed_by(each, authority).must for authority in authorities)
     )
 
 
@@ -142,7 +142,7 @@ def list_looked_up(authority: Certificate, lists: Iterable[RevocationList], at: 
         and key_identifier_fits(each, authority)
         and not each.unknown_critical
         and _lets_sign_lists(each, authority)
-        and crl_signed_by(each, authority) is not False
+        and crl_signed_by(each, authority).may
     )
     return _chosen(usable, at)
 
@@ -184,7 +184,7 @@ def _usable(
 ) -> bool:
     """Whether a list can be used for a certificate; a signature that cannot be checked counts."""
     return _is_about(revocations, certificate) and any(
-        crl_signed_by(revocations, signer) is not False and _lets_sign_lists(revocations, signer)
+        crl_signed_by(revocations, signer).may and _lets_sign_lists(revocations, signer)
         for signer in _signers(revocations, certificate, authorities, trust, at)
     )
 

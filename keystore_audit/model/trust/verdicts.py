@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from datetime import datetime
-from enum import Enum
 from functools import lru_cache
 from typing import Any, Final, TypeVar
 
@@ -30,6 +29,7 @@ from keystore_audit.keystore.issuer import (
 from keystore_audit.keystore.smime import Signature, SignedDocument
 from keystore_audit.model.validity import in_force
 from keystore_audit.profiles import SPEC, Trust
+from keystore_audit.truth import Truth
 
 T = TypeVar("T")
 
@@ -45,21 +45,13 @@ _ENVELOPE_UNKNOWN = frozenset(
 """Forms that we refuse to interpret and that some implementation accepts."""
 
 
-class Acceptance(str, Enum):
-    """What an implementation does with a document. UNKNOWN: we cannot tell, so it may be accepted."""
-
-    ACCEPTED = "accepted"
-    REFUSED = "refused"
-    UNKNOWN = "unknown"
-
-
 class Envelope(Struct, frozen=True, kw_only=True):
     """What the envelope of a document is worth before anybody asks who signed it.
 
-    `verdict`: ACCEPTED where every signature verifies under `signers`, whom the signer identifiers name.
+    `verdict`: whether every signature verifies under `signers`, whom the signer identifiers name.
     """
 
-    verdict: Acceptance
+    verdict: Truth
     signers: tuple[Certificate, ...]
 
 
@@ -68,13 +60,13 @@ def envelope(signed: SignedDocument) -> Envelope:
     """Whether the signatures hold, apart from who made them."""
     kinds = {defect.kind for defect in signed.defects}
     if kinds & _REFUSED_BY_ALL:
-        return Envelope(verdict=Acceptance.REFUSED, signers=())
+        return Envelope(verdict=Truth.NO, signers=())
     if kinds & _ENVELOPE_UNKNOWN or signed.content is None:
-        return Envelope(verdict=Acceptance.UNKNOWN, signers=())
+        return Envelope(verdict=Truth.UNKNOWN, signers=())
     signers = [_signer(signature) for signature in signed.signatures]
     if not signers or None in signers:
-        return Envelope(verdict=Acceptance.REFUSED, signers=())
-    return Envelope(verdict=Acceptance.ACCEPTED, signers=tuple(signer for signer in signers if signer is not None))
+        return Envelope(verdict=Truth.NO, signers=())
+    return Envelope(verdict=Truth.YES, signers=tuple(signer for signer in signers if signer is not None))
 
 
 def _signer(signature: Signature) -> Certificate | None:
@@ -340,27 +332,27 @@ def first_of_number(signer: Certificate, among: Iterable[Certificate]) -> Certif
     return next((each for each in alike if same_name(each.issuer_name, signer.issuer_name)), None)
 
 
-def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Acceptance:
-    """What an enclave with this permissions CA file does with the document's signatures."""
+def document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Truth:
+    """Whether an enclave with this permissions CA file takes the document's signatures."""
     return _document_verdict(document_alike(signed), permissions_ca, _judging(trust, permissions_ca))
 
 
 @lru_cache(maxsize=65_536)
-def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Acceptance:
+def _document_verdict(signed: SignedDocument, permissions_ca: CertificateFile | None, trust: Trust) -> Truth:
     judged = envelope(signed)
-    if judged.verdict is not Acceptance.ACCEPTED:
+    if judged.verdict is not Truth.YES:
         return judged.verdict
     if permissions_ca is None:
-        return Acceptance.REFUSED
+        return Truth.NO
     if all(may_sign(signer, signed, permissions_ca, trust) for signer in signers_taken(signed, trust)):
-        return Acceptance.ACCEPTED
+        return Truth.YES
     # What we do not read in the file, implementations may: OpenSSL's own form of certificates, for one.
-    return Acceptance.UNKNOWN if first_opaque(permissions_ca.defects) is not None else Acceptance.REFUSED
+    return Truth.UNKNOWN if first_opaque(permissions_ca.defects) is not None else Truth.NO
 
 
 def may_take(signed: SignedDocument, files: Iterable[CertificateFile | None], trust: Trust) -> bool:
     """Whether an enclave with one of these permissions CA files may take the document."""
-    return any(document_verdict(signed, file, trust) is not Acceptance.REFUSED for file in files)
+    return any(document_verdict(signed, file, trust).may for file in files)
 
 
 def is_authority(certificate: Certificate) -> bool:

@@ -15,8 +15,9 @@ from msgspec import Struct
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
-from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
+from keystore_audit.model.trust.verdicts import document_verdict
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.truth import Truth
 from tests.keystore.builder import present
 from tests.keystore.builder import read as read_pem
 from tests.oracles.pkits import suite
@@ -48,7 +49,7 @@ class Reading(Struct, frozen=True):
     document: SignedDocument
     authority: CertificateFile
 
-    def verdict(self, *, pins_signer: bool) -> Acceptance:
+    def verdict(self, *, pins_signer: bool) -> Truth:
         return document_verdict(self.document, self.authority, PINNED if pins_signer else UNPINNED)
 
 
@@ -71,9 +72,9 @@ def test_the_signer_as_permissions_ca(openssl: Oracle) -> None:
         pinned, _chained = asked(openssl, case.without_lists, case.signer)
         verdict = ours.verdict(pins_signer=True)
         if case.label in UNKNOWN:
-            assert verdict is Acceptance.UNKNOWN, case.label
+            assert verdict is Truth.UNKNOWN, case.label
         else:
-            assert verdict is Acceptance.ACCEPTED, case.label
+            assert verdict is Truth.YES, case.label
             assert pinned is not None, case.label
             assert ours.document.content == pinned == b"This is a sample signed message.\r\n", case.label
 
@@ -87,7 +88,7 @@ def test_another_as_permissions_ca(openssl: Oracle) -> None:
             assert pinned is None, case.label
             ours = reading(case.without_lists, authority)
             unread = not ours.authority.certificates  # of two that inherit the parameters of their DSA keys
-            wanted = Acceptance.UNKNOWN if case.label in UNKNOWN or unread else Acceptance.REFUSED
+            wanted = Truth.UNKNOWN if case.label in UNKNOWN or unread else Truth.NO
             assert ours.verdict(pins_signer=True) is wanted, case.label
 
 
@@ -95,7 +96,7 @@ def test_messages_with_revocation_lists_are_unknown(openssl: Oracle) -> None:
     """OpenSSL passes the lists by and accepts, so that refused would be wrong, and what they do is not ours to say."""
     for case in suite.load().cases:
         ours = reading(case.message, case.signer)
-        assert ours.verdict(pins_signer=True) is Acceptance.UNKNOWN, case.label
+        assert ours.verdict(pins_signer=True) is Truth.UNKNOWN, case.label
         assert Kind.CMS_MALFORMED in {defect.kind for defect in ours.document.defects}
         pinned, _chained = asked(openssl, case.message, case.signer)
         assert (pinned is None) == (case.number == "4.1.5"), case.label
@@ -106,10 +107,10 @@ def test_a_changed_message_is_refused(openssl: Oracle) -> None:
         changed = case.without_lists.replace(b"a sample", b"an evil")
         pinned, chained = asked(openssl, changed, case.signer)
         assert (pinned, chained) == (None, None)
-        assert reading(changed, case.signer).verdict(pins_signer=True) is not Acceptance.ACCEPTED
+        assert reading(changed, case.signer).verdict(pins_signer=True) is not Truth.YES
 
 
-def chains(openssl: Oracle) -> Iterator[tuple[Case, Acceptance, bool]]:
+def chains(openssl: Oracle) -> Iterator[tuple[Case, Truth, bool]]:
     """What we and the older variants say of every message whose signer should chain to the trust anchor."""
     anchor = suite.load().anchor
     for case in suite.load().cases:
@@ -118,7 +119,7 @@ def chains(openssl: Oracle) -> Iterator[tuple[Case, Acceptance, bool]]:
 
 
 def test_what_older_variants_accept_is_not_refused(openssl: Oracle) -> None:
-    wrong = [case.label for case, verdict, accepted in chains(openssl) if accepted and verdict is Acceptance.REFUSED]
+    wrong = [case.label for case, verdict, accepted in chains(openssl) if accepted and verdict is Truth.NO]
     assert not wrong, wrong
 
 
@@ -128,13 +129,13 @@ def test_what_older_variants_refuse_is_hardly_accepted(openssl: Oracle) -> None:
     That nobody takes such a document is never said: it is a critical finding for every profile (KA301, KA302), and
     whoever may sign counts as signing.
     """
-    wrong = [case for case, verdict, accepted in chains(openssl) if verdict is Acceptance.ACCEPTED and not accepted]
+    wrong = [case for case, verdict, accepted in chains(openssl) if verdict is Truth.YES and not accepted]
     strange = [case.label for case in wrong if case.section not in {"4.2", "4.13"} and case.number != "4.6.1"]
     assert not strange, "neither dates nor name constraints nor an authority by keyUsage alone"
 
 
 def test_chains_are_followed(openssl: Oracle) -> None:
     """Both accept most of what is valid, and what only policies or revocation lists forbid."""
-    both = [case for case, verdict, accepted in chains(openssl) if verdict is Acceptance.ACCEPTED and accepted]
+    both = [case for case, verdict, accepted in chains(openssl) if verdict is Truth.YES and accepted]
     assert len(both) > 170
     assert {case.section for case in both} == suite.SECTIONS.keys()

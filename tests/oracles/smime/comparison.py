@@ -13,8 +13,9 @@ from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
 from keystore_audit.model.trust.chain import path_refusal
-from keystore_audit.model.trust.verdicts import Acceptance, document_verdict
+from keystore_audit.model.trust.verdicts import document_verdict
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.truth import Truth
 from tests.keystore.builder import Signed, present, read
 from tests.oracles.smime.oracle import Answer, Oracle
 
@@ -37,8 +38,8 @@ class Comparison(Struct, frozen=True, kw_only=True):
     """A message as we read it, our verdicts on it, and OpenSSL's."""
 
     document: SignedDocument
-    pinned: Acceptance
-    chained: Acceptance
+    pinned: Truth
+    chained: Truth
     answer: Answer
 
     def contradictions(self) -> list[str]:
@@ -52,13 +53,13 @@ class Comparison(Struct, frozen=True, kw_only=True):
             ("pinned", self.pinned, self.answer.pinned),
             ("chained", self.chained, self.answer.chained),
         ):
-            if ours is Acceptance.ACCEPTED and theirs is None:
+            if ours is Truth.YES and theirs is None:
                 found.append(f"{variant}: we accept, OpenSSL refuses")
-            elif ours is Acceptance.ACCEPTED and theirs != self.document.content:
+            elif ours is Truth.YES and theirs != self.document.content:
                 found.append(f"{variant}: we read other bytes than OpenSSL")
-            elif ours is Acceptance.REFUSED and theirs is not None:
+            elif ours is Truth.NO and theirs is not None:
                 found.append(f"{variant}: we refuse, OpenSSL accepts")
-            elif ours is not Acceptance.UNKNOWN and self.answer.split:
+            elif ours is not Truth.UNKNOWN and self.answer.split:
                 found.append(f"{variant}: we are certain, and OpenSSL reads a file in another way than memory")
         return found
 
@@ -67,7 +68,7 @@ class Comparison(Struct, frozen=True, kw_only=True):
         accepted = self.answer.pinned is not None or self.answer.chained is not None
         if not accepted and not self.answer.split:
             return frozenset()
-        if Acceptance.UNKNOWN not in (self.pinned, self.chained):
+        if Truth.UNKNOWN not in (self.pinned, self.chained):
             return frozenset()
         return frozenset((defect.kind.value, said(defect)) for defect in self.document.defects if defect.kind.opaque)
 
@@ -98,10 +99,10 @@ def compare(oracle: Oracle, message: bytes, trusted: Sequence[Signed], known: It
     document = read_signed(present(message), candidates)
     oracle.trust(pem)
     chained = document_verdict(document, file, CHAINED)
-    lost = chained is Acceptance.ACCEPTED and path_refusal(document, file, CHAINED, INSTANT) is not None
+    lost = chained is Truth.YES and path_refusal(document, file, CHAINED, INSTANT) is not None
     return Comparison(
         document=document,
         pinned=document_verdict(document, file, PINNED),
-        chained=Acceptance.REFUSED if lost else chained,
+        chained=Truth.NO if lost else chained,
         answer=oracle.ask(message),
     )

@@ -15,7 +15,7 @@ from cryptography.x509.name import _ASN1Type
 from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
-from keystore_audit.model.trust.verdicts import Acceptance
+from keystore_audit.truth import Truth
 from tests.keystore.builder import END, Signed, authority, certificate
 from tests.keystore.messages import with_signature
 from tests.oracles.smime.comparison import compare
@@ -80,7 +80,7 @@ def _some(rng: random.Random, pool: Sequence[Signed]) -> list[Signed]:
 
 def test_whoever_is_taken_for_whom(oracle: Callable[[str], str], tmp_path: Path) -> None:
     rng = random.Random(1)
-    seen: Counter[tuple[Acceptance, Acceptance]] = Counter()
+    seen: Counter[tuple[Truth, Truth]] = Counter()
     with running(oracle, tmp_path) as answers:
         for pool in (_pool(rng) for _ in range(POOLS)):
             for _ in range(MESSAGES):
@@ -89,6 +89,6 @@ def test_whoever_is_taken_for_whom(oracle: Callable[[str], str], tmp_path: Path)
                 assert found.contradictions() == [], (pool, trusted, known, found.document)
                 seen[found.pinned, found.chained] += 1
         assert answers.crashes == []
-    assert seen[Acceptance.ACCEPTED, Acceptance.ACCEPTED] > 20, seen
-    assert seen[Acceptance.ACCEPTED, Acceptance.REFUSED] > 20, seen
-    assert seen[Acceptance.REFUSED, Acceptance.ACCEPTED] > 5, seen
+    assert seen[Truth.YES, Truth.YES] > 20, seen
+    assert seen[Truth.YES, Truth.NO] > 20, seen
+    assert seen[Truth.NO, Truth.YES] > 5, seen

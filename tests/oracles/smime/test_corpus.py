@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from keystore_audit.model.trust.verdicts import Acceptance
+from keystore_audit.truth import Truth
 from tests.keystore.builder import read
 from tests.oracles.smime.comparison import Comparison, compare
 from tests.oracles.smime.corpus import TABLE, cases
@@ -57,7 +57,7 @@ def test_the_verdicts_on(row: list[str], compared: dict[str, Comparison]) -> Non
 
 
 def test_what_is_accepted_has_the_same_bytes(compared: dict[str, Comparison]) -> None:
-    accepted = [comparison for comparison in compared.values() if comparison.pinned is Acceptance.ACCEPTED]
+    accepted = [comparison for comparison in compared.values() if comparison.pinned is Truth.YES]
     assert len(accepted) >= 100
     assert all(comparison.document.content == comparison.answer.pinned for comparison in accepted)
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from keystore_audit.model.trust.verdicts import Acceptance
+from keystore_audit.truth import Truth
 from tests.keystore.messages import with_signature
 from tests.oracles.smime.comparison import compare
 from tests.oracles.smime.der import attribute, tlv
@@ -44,7 +44,7 @@ def test_no_mutation_is_accepted_that_openssl_refuses(seed: int, answers: Oracle
 def test_values_of_signed_attributes(answers: Oracle) -> None:
     """Every tag with contents of all kinds, signed by the authority: OpenSSL decodes the value, we only look at it."""
     rng = random.Random(1)
-    seen: Counter[tuple[Acceptance, bool]] = Counter()
+    seen: Counter[tuple[Truth, bool]] = Counter()
     for _ in range(1000):
         tag = rng.choice((*range(0x1F), *range(0x20, 0x3F), 0x80, 0xA0, 0x65))
         value = tlv(tag, bytes(rng.choices((0, 1, 4, 0x7F, 0x80, 0x81, 0xFF), k=rng.randrange(5))))
@@ -53,6 +53,6 @@ def test_values_of_signed_attributes(answers: Oracle) -> None:
         assert comparison.contradictions() == [], value.hex()
         assert comparison.stricter() <= listed().keys(), value.hex()
         seen[comparison.pinned, comparison.answer.pinned is not None] += 1
-    assert seen[Acceptance.ACCEPTED, True] > 250
-    assert seen[Acceptance.UNKNOWN, False] > 250
-    assert seen[Acceptance.UNKNOWN, True] < 200
+    assert seen[Truth.YES, True] > 250
+    assert seen[Truth.UNKNOWN, False] > 250
+    assert seen[Truth.UNKNOWN, True] < 200

@@ -17,8 +17,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from keystore_audit.keystore.smime import Candidates, read_signed
 from keystore_audit.model.trust.chain import path_refusal
-from keystore_audit.model.trust.verdicts import Acceptance, document_verdict, may_sign, signers_taken
+from keystore_audit.model.trust.verdicts import document_verdict, may_sign, signers_taken
 from keystore_audit.model.validity import in_force
+from keystore_audit.truth import Truth
 from tests.keystore.builder import PrivateKey, Signed, certificate, present, read
 from tests.oracles.smime.comparison import CHAINED, INSTANT
 from tests.oracles.smime.oracle import running
@@ -71,7 +72,7 @@ def _accepted(message: bytes, authorities: bytes) -> bool:
     """As `model/participants/usability.py` decides at an instant."""
     file = read(authorities)
     document = read_signed(present(message), Candidates(file.certificates))
-    if document_verdict(document, file, CHAINED) is not Acceptance.ACCEPTED:
+    if document_verdict(document, file, CHAINED) is not Truth.YES:
         return False
     if any(path_refusal(document, file, CHAINED, at) is not None for at in (None, INSTANT)):
         return False

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from msgspec import Struct, field
 
-from keystore_audit.model.question import Ruling
+from keystore_audit.truth import Truth
 from tests.oracles.vendors.enclave import Answer, Vendor
 from tests.oracles.vendors.ours import Verdict, decide
 from tests.oracles.vendors.recipe import NOW, Recipe
@@ -31,19 +31,19 @@ class Comparison(Struct, kw_only=True):
     def add(self, recipe: Recipe, vendor: str, verdict: Verdict, answer: Answer) -> None:
         """Compare the participant, and the endpoints where one starts."""
         place = (vendor, recipe.title)
-        if verdict.usable is None:
+        if verdict.usable is Truth.UNKNOWN:
             self.abstained[place] = verdict.reason
             return
-        if verdict.usable != (answer.participant is None):
+        if verdict.usable.must != (answer.participant is None):
             theirs = answer.participant or "starts"
-            self.deviating[place] = f"ours: usable is {verdict.usable} ({verdict.reason}); theirs: {theirs}"
+            self.deviating[place] = f"ours: usable is {verdict.usable.value} ({verdict.reason}); theirs: {theirs}"
             return
         self.agreed[vendor] += 1
-        listed = zip(recipe.endpoints, verdict.endpoints, verdict.exact, answer.endpoints, strict=verdict.usable)
+        listed = zip(recipe.endpoints, verdict.endpoints, verdict.exact, answer.endpoints, strict=verdict.usable.must)
         for endpoint, ruling, exact, refusal in listed:
-            if ruling is Ruling.UNKNOWN:
+            if ruling is Truth.UNKNOWN:
                 self.abstained[place] = str(endpoint)
-            elif (ruling is Ruling.ALLOW) != (refusal is None) and (exact or refusal is None):
+            elif (ruling is Truth.YES) != (refusal is None) and (exact or refusal is None):
                 self.deviating[place] = f"{endpoint}; ours: {ruling.value}; theirs: {refusal or 'created'}"
             else:
                 self.agreed[vendor] += 1

@@ -12,8 +12,9 @@ from msgspec import Struct
 from keystore_audit.access import Access
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.question import Answer, Question, Ruling
+from keystore_audit.model.question import Answer, Question
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.truth import Truth
 from tests.oracles.vendors import enclave
 
 PROFILES = {"cyclone": VARIANTS["cyclonedds-0.10"], "fastdds": VARIANTS["fastdds-2.9"]}
@@ -21,15 +22,15 @@ PROFILES = {"cyclone": VARIANTS["cyclonedds-0.10"], "fastdds": VARIANTS["fastdds
 
 
 class Verdict(Struct, frozen=True, kw_only=True):
-    """Whether a participant starts (None: unknown) and why not, and the decision on each endpoint.
+    """Whether a participant starts and why not, and the decision on each endpoint.
 
     An endpoint in several partitions may be created only if it may be in each of them; `exact` says of each whether
     that is all it needs.
     """
 
-    usable: bool | None
+    usable: Truth
     reason: str
-    endpoints: tuple[Ruling, ...]
+    endpoints: tuple[Truth, ...]
     exact: tuple[bool, ...]
 
 
@@ -70,7 +71,7 @@ def _verdict(
     rulings = []
     for questions in asked.values():
         each = {answers[question][name].decision for question in questions}
-        rulings.append(next(ruling for ruling in (Ruling.DENY, Ruling.UNKNOWN, Ruling.ALLOW) if ruling in each))
+        rulings.append(next(ruling for ruling in (Truth.NO, Truth.UNKNOWN, Truth.YES) if ruling in each))
     # Fast DDS asks the one rule that decides about each partition; Cyclone DDS wants one criterion that lists all.
     exact = tuple(vendor == "fastdds" or len(questions) == 1 for questions in asked.values())
     return Verdict(usable=started.usable, reason=started.reason, endpoints=tuple(rulings), exact=exact)

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from keystore_audit.access import Access
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.model.question import Answer, Question, Ruling
+from keystore_audit.model.question import Answer, Question
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.truth import Truth
 from tests.oracles.vendors.enclave import Endpoint
 
 PROFILES = {"cyclone": "cyclonedds-0.10", "fastdds": "fastdds-2.9"}
@@ -18,7 +19,7 @@ PROFILES = {"cyclone": "cyclonedds-0.10", "fastdds": "fastdds-2.9"}
 
 def effective(
     keystore: Path, enclave: str, domain: int, endpoints: Sequence[Endpoint], vendor: str
-) -> tuple[Ruling | None, ...]:
+) -> tuple[Truth | None, ...]:
     """For each endpoint of the enclave what the most permissive peer accepts; None where no question asks for it."""
     found = answers(keystore, enclave, domain, endpoints, vendor)
     return tuple(None if answer is None else answer.effective for answer in found)

@@ -17,9 +17,10 @@ from keystore_audit.circumstances import Circumstances
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.asked import Attacker
-from keystore_audit.model.question import Question, Ruling
+from keystore_audit.model.question import Question
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.properties import Status
+from keystore_audit.truth import Truth
 from tests.keystore.builder import Signed, certificate
 from tests.oracles.vendors import recipe
 from tests.oracles.vendors.enclave import publish, subscribe
@@ -96,6 +97,6 @@ def test_so_it_counts_where_it_lies_in_the_tree(name: str, vendor: str, tmp_path
         [(_attacker, flow)] = find_flow(store, asked, Circumstances(profiles=profiles, at=recipe.NOW)).results
         told[len(kept)] = [(answers[each.name].effective, flow.profiles[each.name].status) for each in profiles]
     unpinned, pinned = told[1]
-    assert unpinned == (Ruling.ALLOW, Status.VIOLATED)
+    assert unpinned == (Truth.YES, Status.VIOLATED)
     assert told[0] == [pinned, pinned], "nothing of the kind lies there, or the signer is pinned"
-    assert pinned[0] is Ruling.DENY
+    assert pinned[0] is Truth.NO

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.model.question import Ruling
+from keystore_audit.truth import Truth
 from tests.oracles.vendors.pairs import Pairs
 from tests.oracles.vendors.pairs_case import KEYSTORE
 from tests.oracles.vendors.pairs_measured import CASES, measured, outcomes
@@ -54,10 +54,10 @@ def test_we_call_effective_what_was_accepted(vendor: str, tmp_path: Path) -> Non
         ours = answers(tmp_path / str(number) / KEYSTORE, "/second", case.domains[0], case.endpoints, vendor)
         is_exact = case.peers_agree
         for endpoint, letter, answer in zip(case.endpoints, letters, ours, strict=False):
-            if answer is None or (case.title in ABSTAINING and answer.effective is Ruling.UNKNOWN):
+            if answer is None or (case.title in ABSTAINING and answer.effective is Truth.UNKNOWN):
                 continue
             exact += is_exact
-            wanted = Ruling.ALLOW if letter in "+~" else Ruling.DENY if is_exact and letter == "." else None
+            wanted = Truth.YES if letter in "+~" else Truth.NO if is_exact and letter == "." else None
             if wanted is not None and answer.effective is not wanted:
                 others.append(f"{case.title}: {endpoint}: measured {letter}, effective is {answer.effective.value}")
     assert not others
@@ -75,7 +75,7 @@ def test_we_decide_as_an_honest_side_does(vendor: str, tmp_path: Path) -> None:
         # A side that did not start has no letter for each endpoint, and was never asked where the first one did not.
         each = letters if letters not in ("first", "second") else "-" * len(ours) if letters == "second" else ""
         for endpoint, letter, answer in zip(case.endpoints, each, ours, strict=False):
-            wanted = Ruling.DENY if letter == "-" else Ruling.ALLOW
+            wanted = Truth.NO if letter == "-" else Truth.YES
             if answer is not None and answer.decision is not wanted:
                 others.append(f"{case.title}: {endpoint}: measured {letters}, decision is {answer.decision.value}")
     assert not others

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit.model.question import Ruling
+from keystore_audit.truth import Truth
 from tests.oracles.vendors.pairs import PATIENCE, Pairs
 from tests.oracles.vendors.remote import ENDPOINTS_OF_A_PAIR, Remote, random_remote
 from tests.oracles.vendors.remote_ours import effective
@@ -60,7 +60,7 @@ def test_what_is_accepted_is_what_the_measurements_led_to(vendor: str, accepted:
     others: list[str] = []
     for seed, answers in accepted.items():
         remote = random_remote(seed)
-        expected = [Ruling.ALLOW if answer else Ruling.DENY for answer in _REFERENCES[vendor](remote)]
+        expected = [Truth.YES if answer else Truth.NO for answer in _REFERENCES[vendor](remote)]
         others += _differences(seed, remote, answers, expected)
     assert not others
 
@@ -86,8 +86,8 @@ def test_what_is_accepted_is_what_we_call_effective(
     assert asked >= 1_000
 
 
-def _differences(seed: int, remote: Remote, theirs: Sequence[bool], expected: Sequence[Ruling | None]) -> Iterator[str]:
+def _differences(seed: int, remote: Remote, theirs: Sequence[bool], expected: Sequence[Truth | None]) -> Iterator[str]:
     """`expected` None: an endpoint in several partitions, of which we are not asked."""
     for endpoint, their, our in zip(remote.endpoints, theirs, expected, strict=True):
-        if our is not None and our is not (Ruling.ALLOW if their else Ruling.DENY):
+        if our is not None and our is not (Truth.YES if their else Truth.NO):
             yield f"{seed}: {endpoint}: the vendor says {their}, we {our.value}"

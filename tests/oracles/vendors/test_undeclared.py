@@ -15,9 +15,10 @@ from keystore_audit.access import Access
 from keystore_audit.assumptions import EVERY, Assumption, holds_if
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.question import Question, Ruling
+from keystore_audit.model.question import Question
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.report.content import answered_if
+from keystore_audit.truth import Truth
 from tests.oracles.vendors import recipe
 from tests.oracles.vendors.enclave import publish, subscribe
 from tests.oracles.vendors.pairs import pairs
@@ -65,8 +66,8 @@ def test_without_the_assumption_our_answer_is_that_of_the_vendor(tmp_path: Path)
         )
         told[assumed] = [answer.effective for answer in access.answers(question).values()]
     told_truly, told_anything = told.values()
-    assert told_truly == [Ruling.DENY] * 4
-    assert told_anything == [Ruling.ALLOW, Ruling.ALLOW, Ruling.DENY, Ruling.DENY]
+    assert told_truly == [Truth.NO] * 4
+    assert told_anything == [Truth.YES, Truth.YES, Truth.NO, Truth.NO]
 
 
 def test_conditions_say_so_of_cyclone_dds_alone() -> None:

@@ -19,6 +19,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.truth import Truth
 from tests.oracles.xml.plugins import Plugin
 
 pytestmark = pytest.mark.xdist_group("xml-oracle")
@@ -47,10 +48,10 @@ def test_what_is_usable_starts_and_what_is_refused_does_not(plugins: dict[str, P
                 continue
             compared += 1
             ours = usabilities.of(enclave, now, VARIANTS["cyclonedds-0.10"])
-            if ours.usable and refused is not None:
+            if ours.usable.must and refused is not None:
                 optimistic[name] = refused
             reasons = [reason for reason in ours.reasons if not any(word in reason for word in ASKED_ELSEWHERE)]
-            if ours.usable is False and refused is None and reasons:
+            if ours.usable is Truth.NO and refused is None and reasons:
                 pessimistic[name] = reasons
     assert compared > 250
     assert optimistic == {}
