@@ -50,8 +50,8 @@ fun authentic: Realm -> Enclave {
 /** Enclaves that can issue themselves any identity: their key is that of an authority that a realm believes. */
 fun issuing: Realm -> Enclave { (identity_ca & Realm -> authority).public_key.~public_key.~identity }
 
-/** Realms that enclaves are of, and not identities at large alone: how the keystore is meant to be used. */
-fun of_enclaves: set Realm { (Enclave - AtLarge).in_realm }
+/** Realms that enclaves are of, and not unmanaged identities alone: how the keystore is meant to be used. */
+fun of_enclaves: set Realm { (Enclave - Unmanaged).in_realm }
 
 /** Pairs of enclaves whose identities have one key, so that each can pass for the other. */
 fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - iden }
@@ -64,30 +64,30 @@ fun acts_as: Enclave -> Enclave {
 /** Pairs of enclaves whose identities one grant names, so that neither can have rights that the other has not. */
 fun one_subject: Enclave -> Enclave { identity.~subject_name.subject_name.~identity - iden }
 
-/** Pairs of an enclave and an identity at large, either first, of one issuer and one subject to every grant. */
+/** Pairs of an enclave and an unmanaged identity, either first, of one issuer and one subject to every grant. */
 fun renewed: Enclave -> Enclave {
-	let same = { e: Enclave - AtLarge, large: AtLarge |
+	let same = { e: Enclave - Unmanaged, large: Unmanaged |
 		e.identity.issuer = large.identity.issuer and subject_name.(e.identity) = subject_name.(large.identity) } |
 			same + ~same
 }
 
 /**
- * Enclaves that each can pass for; one that we could not read, for anybody. Of two, one may be at large, but then it is
+ * Enclaves that each can pass for; one that we could not read, for anybody. Of two, one may be unmanaged, but then it is
  * no certificate of the other that was renewed.
  */
-fun shares_identity: Enclave -> Enclave { one_key - AtLarge -> AtLarge - renewed + anybody -> Enclave }
+fun shares_identity: Enclave -> Enclave { one_key - Unmanaged -> Unmanaged - renewed + anybody -> Enclave }
 
-/** Pairs of an enclave and an identity at large, either first, whose key is that of another enclave. */
+/** Pairs of an enclave and an unmanaged identity, either first, whose key is that of another enclave. */
 fun held_by_another: Enclave -> Enclave {
-	let held = { e: Enclave - AtLarge, large: AtLarge | some large.one_key - AtLarge - e } | held + ~held
+	let held = { e: Enclave - Unmanaged, large: Unmanaged | some large.one_key - Unmanaged - e } | held + ~held
 }
 
 /**
  * Enclaves that each shares its rights with; one that we could not read, with anybody. Permissions that we could not
- * read may have a grant that names two. An identity at large that no enclave has shares nothing with enclaves.
+ * read may have a grant that names two. An unmanaged identity that no enclave has shares nothing with enclaves.
  */
 fun shares_subject: Enclave -> Enclave {
-	one_subject - (AtLarge -> Enclave + Enclave -> AtLarge - held_by_another)
+	one_subject - (Unmanaged -> Enclave + Enclave -> Unmanaged - held_by_another)
 	- Enclave -> anybody + anybody -> Enclave
 	+ ((some (opaque & Document) - Realm.governance or DocumentsElsewhere) implies Enclave -> Enclave - iden else none -> none)
 }

@@ -109,7 +109,7 @@ fun listens_in[realm: Realm]: (Enclave + Certificate + Outsider) -> Channel {
 }
 
 /** Everybody but second certificates of keys that enclaves have: these are asked with all that their keys open. */
-fun insiders: set Enclave { Enclave - (AtLarge & (Enclave - AtLarge).one_key) }
+fun insiders: set Enclave { Enclave - (Unmanaged & (Enclave - Unmanaged).one_key) }
 
 -- never in one domain
 

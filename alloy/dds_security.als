@@ -127,10 +127,10 @@ abstract sig Realm {}
 abstract sig Enclave {}
 
 /**
- * An identity at large: no enclave of the keystore, but a certificate beside theirs that a realm takes. Whoever has its
- * key joins under it. Where it is the key of an enclave, that enclave does.
+ * An unmanaged identity: no enclave of the keystore, but a certificate beside theirs that a realm takes. Whoever
+ * has its key joins under it. Where it is the key of an enclave, that enclave does.
  */
-abstract sig AtLarge extends Enclave {}
+abstract sig Unmanaged extends Enclave {}
 
 /** All domain ids that no document of the keystore tells apart: what is so in one of them is so in each. */
 abstract sig Domain {}

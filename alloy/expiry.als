@@ -37,14 +37,14 @@ one sig Compartment { var inside: set Enclave + Outsider }
 
 /** No enclave is cut off by its authorities while its own certificate is in force. */
 assert AuthoritiesOutliveIdentities {
-	always all enclave: Enclave - AtLarge |
+	always all enclave: Enclave - Unmanaged |
 		enclave.identity in in_force and enclave in enclave.in_realm.(introduced[Certificate])
 		implies enclave in enclave.in_realm.introduced_in_force
 }
 
 /** Every identity that is vouched for now stays so. */
 assert IdentitiesStayVouchedFor {
-	all enclave: Enclave - AtLarge | enclave in enclave.in_realm.introduced_in_force
+	all enclave: Enclave - Unmanaged | enclave in enclave.in_realm.introduced_in_force
 		implies always enclave in enclave.in_realm.introduced_in_force
 }
 

@@ -8,7 +8,7 @@
 module properties
 open enforcement
 
--- Of realms those count that enclaves are of. Where only identities at large are, who comes there wants it so.
+-- Of realms those count that enclaves are of. Where only unmanaged identities are, who comes there wants it so.
 
 -- authentication: who may take part (8.3 and 9.3)
 
@@ -21,12 +21,12 @@ assert OnlyAuthenticatedParticipantsJoin {
 assert IdentitiesChainToTheIdentityCa {
 	all enclave: Enclave |
 		enclave not in anybody
-		and (some (enclave - AtLarge).identity implies enclave in enclave.in_realm.introduced_in_force)
+		and (some (enclave - Unmanaged).identity implies enclave in enclave.in_realm.introduced_in_force)
 }
 
 /** Every governance and permissions document is signed by the permissions CA itself, in force. */
 assert DocumentsSignedByThePermissionsCa {
-	all enclave: Enclave - AtLarge, document: enclave.permissions + enclave.in_realm.governance |
+	all enclave: Enclave - Unmanaged, document: enclave.permissions + enclave.in_realm.governance |
 		document in enclave.in_realm.genuine and document.signer in in_force
 }
 

@@ -16,7 +16,7 @@ from keystore_audit.engine.shorter_subjects import shorter_subjects
 from keystore_audit.model.claims.named import Determinism
 from keystore_audit.model.claims.stated import Claim, LabelPair
 from keystore_audit.model.formal.asked import ClaimKind
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from keystore_audit.properties.result import (
     ANYBODY,
@@ -172,7 +172,7 @@ class _Asked(NamedTuple):
         """
         native_first = sorted(self.engines, key=lambda engine: engine.engine != "native")
         told = (number for number in kind if self.systems[number].assumed >= WORLD)  # else nothing here is why
-        certain_first = sorted(told, key=lambda number: self.systems[number].reading is Reading.MAY)
+        certain_first = sorted(told, key=lambda number: self.systems[number].may)
         for number in certain_first:
             for engine in native_first:
                 answer = engine.answers[number].get(name)

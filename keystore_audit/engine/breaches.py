@@ -17,7 +17,7 @@ from keystore_audit.engine.kept import KeptFlows
 from keystore_audit.engine.native_claims import Claims, claims_at
 from keystore_audit.model.formal.asked import ATTACKERS, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.permission import Decisions
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties.result import Answer, AssertedResult, PropertyResult, Role, Status, Witness
 
 MAX_STEPS: Final = 200_000
@@ -151,9 +151,9 @@ def _topic(system: System, names: _Names, channel: int) -> str:
 
 
 def _called(system: System, number: int) -> str:
-    """An enclave by its path; an identity at large also by all of its subject, of which its label holds a part."""
+    """An enclave by its path; an unmanaged identity also by all of its subject, of which its label holds a part."""
     enclave = system.enclaves[number]
-    if not enclave.at_large or enclave.identity is None:
+    if not enclave.unmanaged or enclave.identity is None:
         return enclave.label
     return f"{enclave.label} {system.certificates[enclave.identity].label}"
 
@@ -194,4 +194,4 @@ def _violations(
 def _violated(result: PropertyResult, system: System) -> list[str]:
     """The profiles of a system under which it is violated: of what must not be, all that may be."""
     found = {name for name, each in result.profiles.items() if each.status is Status.VIOLATED}
-    return sorted(found.intersection(system.profiles)) if system.reading is Reading.MAY else []
+    return sorted(found.intersection(system.profiles)) if system.may else []

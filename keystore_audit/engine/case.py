@@ -20,8 +20,8 @@ from keystore_audit.model.formal.system import (
     ChannelAtom,
     DocumentAtom,
     DomainRuleAtom,
-    EnclaveAtom,
     GrantAtom,
+    Participant,
     RealmAtom,
     System,
     TopicRuleAtom,
@@ -69,7 +69,7 @@ class Case:
         return self.system.realms[self.realm]
 
     @property
-    def enclave(self) -> EnclaveAtom:
+    def enclave(self) -> Participant:
         """The enclave that the witness names."""
         return self.system.enclaves[self.witness[Role.ENCLAVE]]
 
@@ -188,7 +188,7 @@ class Case:
         channel = f"{self._domain}, topic {self.channel.topic}{self._partition}"
         return step_at(location, self.channel.topic, channel=channel, enclave=enclave)
 
-    def identity_step(self, enclave: EnclaveAtom) -> Step:
+    def identity_step(self, enclave: Participant) -> Step:
         """The step that shows who an enclave is."""
         if enclave.identity is None:
             return step_at(enclave.location, enclave.label, enclave=enclave.label)
@@ -227,7 +227,7 @@ class Case:
         document = atom.location if atom.permissions is None else self.system.documents[atom.permissions].location
         return (self.step(next(self._own_lines(atom, operation), document), atom.label),)
 
-    def _own_lines(self, enclave: EnclaveAtom, operation: Operation) -> Iterator[Location]:
+    def _own_lines(self, enclave: Participant, operation: Operation) -> Iterator[Location]:
         """The lines of its own document that allow the channel, whatever its domain and whatever stands before."""
         for channel in self._here_and_meeting:
             for rule in self.system.rules:
@@ -282,12 +282,12 @@ def plainest(system: System, witnesses: Sequence[Witness]) -> Witness:
 
     def rank(witness: Witness) -> tuple[object, ...]:
         enclave, channel = witness.get(Role.ENCLAVE), witness.get(Role.CHANNEL)
-        at_large = enclave is not None and system.enclaves[enclave].at_large
+        unmanaged = enclave is not None and system.enclaves[enclave].unmanaged
         if channel is None:
-            return (at_large,)
+            return (unmanaged,)
         atom = system.channels[channel]
         right = enclave is not None and has_right(enclave, channel)
         of_users = atom.topic.startswith("rt/") and atom.topic not in AMBIENT
-        return at_large, atom.partition != "", not of_users, atom.infinite, right, len(atom.topic)
+        return unmanaged, atom.partition != "", not of_users, atom.infinite, right, len(atom.topic)
 
     return min(witnesses, key=rank)

@@ -20,7 +20,7 @@ from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import DocumentAtom, System
 from keystore_audit.model.names import ros_name
-from keystore_audit.model.participants.at_large import MAX_SUBJECT
+from keystore_audit.model.participants.unmanaged import MAX_SUBJECT
 from keystore_audit.properties.result import ANYBODY, Answer, Counterexample, Hop, Role, Step
 from keystore_audit.text import instant, shorten, some
 

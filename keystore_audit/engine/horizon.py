@@ -17,7 +17,7 @@ from keystore_audit.assumptions import CONDITIONS, WORLD, Assumption
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
@@ -193,7 +193,7 @@ def _asked_without(
     asked = []
     for system in systems:
         names = tuple(n for n in system.profiles if n in profiles and (assumption in WORLD or is_announced_to(n)))
-        if names and assumption in system.assumed and (system.reading is Reading.MAY or assumption not in WORLD):
+        if names and assumption in system.assumed and (system.may or assumption not in WORLD):
             announced = system.asks_announced_only or assumption is Assumption.TRUTHFUL_ANNOUNCEMENTS
             less = system.assumed - {assumption}
             asked.append(replace(system, profiles=names, assumed=less, asks_announced_only=announced))

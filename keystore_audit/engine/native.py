@@ -178,14 +178,14 @@ class _Questions:
         """Enclaves whose identity nobody vouches for now."""
         for enclave, atom in enumerate(self.system.enclaves):
             known = atom.identity is None or self._realms[atom.realm].introduced(enclave, in_force=True)
-            if self.system.anybody(enclave) or not (known or atom.at_large):
+            if self.system.anybody(enclave) or not (known or atom.unmanaged):
                 yield {Role.ENCLAVE: enclave}
 
     def unsigned_documents(self) -> Iterator[Witness]:
         """Documents in use that the permissions CA did not sign, or is not in force to."""
         for enclave, atom in enumerate(self.system.enclaves):
             view = self._realms[atom.realm]
-            used = {atom.permissions, self.system.realms[atom.realm].governance} if not atom.at_large else ()
+            used = {atom.permissions, self.system.realms[atom.realm].governance} if not atom.unmanaged else ()
             for document in sorted(number for number in used if number is not None):
                 signers = [self.system.certificates[s] for s in self.system.documents[document].signers]
                 if document not in view.genuine or not all(
@@ -338,12 +338,12 @@ def _status(witness: Witness | None) -> Status:
 
 def shared_identities(system: System) -> Iterator[Witness]:
     """Pairs of enclaves with one identity key; an opaque enclave may be any other, even one that is not here."""
-    subjects = _subjects(system) if any(enclave.at_large for enclave in system.enclaves) else {}
+    subjects = _subjects(system) if any(enclave.unmanaged for enclave in system.enclaves) else {}
     for sharing in system.holders().values():
         for one, other in permutations(sharing, 2):
-            at_large = system.enclaves[one].at_large, system.enclaves[other].at_large
-            renewed = any(at_large) and subjects[one] == subjects[other]
-            if not (all(at_large) or renewed):
+            unmanaged = system.enclaves[one].unmanaged, system.enclaves[other].unmanaged
+            renewed = any(unmanaged) and subjects[one] == subjects[other]
+            if not (all(unmanaged) or renewed):
                 yield {Role.ENCLAVE: one, Role.OTHER: other}
     for one in range(len(system.enclaves)):
         if system.anybody(one):
@@ -385,10 +385,10 @@ def shared_subjects(system: System) -> Iterator[Witness]:
 
 
 def _serve_two(system: System, holders: Mapping[int, Sequence[int]], one: int, other: int) -> bool:
-    """Whether two enclaves have these identities: one at large is that of each enclave that has its key."""
-    first, second = sorted((one, other), key=lambda enclave: system.enclaves[enclave].at_large)
+    """Whether two enclaves have these identities: one that is unmanaged is that of each enclave that has its key."""
+    first, second = sorted((one, other), key=lambda enclave: system.enclaves[enclave].unmanaged)
     key = system.key_of(second)
-    if not system.enclaves[second].at_large or key is None:
+    if not system.enclaves[second].unmanaged or key is None:
         return True
-    sharing = [enclave for enclave in holders[key] if not system.enclaves[enclave].at_large]
-    return not system.enclaves[first].at_large and any(enclave != first for enclave in sharing)
+    sharing = [enclave for enclave in holders[key] if not system.enclaves[enclave].unmanaged]
+    return not system.enclaves[first].unmanaged and any(enclave != first for enclave in sharing)

@@ -31,8 +31,8 @@ class Claims:
     def _insiders(self) -> list[int]:
         """Everybody but second certificates of enclaves' keys: enclaves are asked with all that their keys open."""
         system = self._system
-        keys = {system.key_of(n) for n, enclave in enumerate(system.enclaves) if not enclave.at_large} - {None}
-        return [n for n, enclave in enumerate(system.enclaves) if not enclave.at_large or system.key_of(n) not in keys]
+        keys = {system.key_of(n) for n, enclave in enumerate(system.enclaves) if not enclave.unmanaged} - {None}
+        return [n for n, enclave in enumerate(system.enclaves) if not enclave.unmanaged or system.key_of(n) not in keys]
 
     def violation(self, claim: ClaimAtom) -> Found | None:
         """What violates the claim, None where it holds."""

@@ -86,7 +86,7 @@ def _shown(case: Case, enclave: int, found: Way) -> Way:
     """With the certificate that makes it a participant, where it is no enclave."""
     atom = case.system.enclaves[enclave]
     step = case.identity_step(atom)
-    return replace(found, steps=(*found.steps, step)) if atom.at_large and step not in found.steps else found
+    return replace(found, steps=(*found.steps, step)) if atom.unmanaged and step not in found.steps else found
 
 
 def _by_keys(case: Case, enclave: int) -> Way:

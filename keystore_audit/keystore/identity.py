@@ -19,7 +19,7 @@ from keystore_audit.keystore.keystore import Keystore, Reader, with_subject_as_p
 from keystore_audit.keystore.layout import Role, discover
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import read_signed
-from keystore_audit.keystore.stray import loose_keys
+from keystore_audit.keystore.unmanaged import loose_keys
 from keystore_audit.keystore.walk import records
 
 MAX_NAMED: Final = 10_000

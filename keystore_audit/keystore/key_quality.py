@@ -123,10 +123,10 @@ def material_of(
 
 def material_of_keystore(keystore: Keystore) -> Material:
     """All that was read of it: in files of their own, inside messages, beside the enclaves."""
-    certificates = every_certificate(keystore.enclaves, keystore.authorities, keystore.strays)
+    certificates = every_certificate(keystore.enclaves, keystore.authorities, keystore.unmanaged)
     beside = (*keystore.identities.keyless, *(each.certificate for each in keystore.identities.found))
     documents = [each.signed for own in keystore.enclaves for each in (own.governance, own.permissions) if each]
-    documents += [stray.document.signed for stray in keystore.strays if stray.document is not None]
+    documents += [each.document.signed for each in keystore.unmanaged if each.document is not None]
     files = (
         file for enclave in keystore.enclaves for file in (enclave.identity_ca, enclave.permissions_ca, enclave.crl)
     )

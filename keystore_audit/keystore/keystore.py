@@ -23,13 +23,13 @@ from keystore_audit.keystore.permissions import Grant, PermissionsFile, read_per
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
-from keystore_audit.keystore.stray import (
+from keystore_audit.keystore.unmanaged import (
     Carried,
-    Stray,
-    StrayIdentities,
+    UnmanagedDocument,
+    UnmanagedIdentities,
     own_places,
-    read_stray_identities,
-    read_strays,
+    read_unmanaged,
+    read_unmanaged_identities,
 )
 from keystore_audit.keystore.walk import contents, digest, records, uncovered
 
@@ -92,9 +92,9 @@ class Keystore(Struct, frozen=True, kw_only=True, eq=False):
     """Path and SHA-256, in hexadecimal, of every file, by path: of the bytes that were parsed, or searched."""
     uncovered: tuple[str, ...] = ()
     """Paths, in order, of files and directories of which no digest holds what is in them."""
-    strays: tuple[Stray, ...] = ()
-    """Signed messages that no enclave carries, by place, each content once: see `stray`."""
-    identities: StrayIdentities = StrayIdentities()
+    unmanaged: tuple[UnmanagedDocument, ...] = ()
+    """Signed messages that no enclave carries, by place, each content once: see `unmanaged`."""
+    identities: UnmanagedIdentities = UnmanagedIdentities()
     """Identities beside the enclaves."""
     declared: DeclaredFiles = NOTHING_DECLARED
     foreign: tuple[Foreign, ...] = ()
@@ -140,10 +140,10 @@ def read_keystore(
                 progress(len(enclaves), len(layout.enclaves))
         entries = sorted(records(root))  # with them, every file has been read
         marked, private_keys = _marked(root, layout), root.holding_private_keys()
-        strays = _strays(root, marked, enclaves, candidates)
-        carried = _carried(layout, enclaves, authorities, strays)
+        others = _unmanaged(root, marked, enclaves, candidates)
+        carried = _carried(layout, enclaves, authorities, others)
         unread = (file for file in marked if _may_hold_keys(file) and file.place not in carried.key_places[1])
-        identities = read_stray_identities(root, carried, unread)
+        identities = read_unmanaged_identities(root, carried, unread)
         return Keystore(
             root=root.path,
             layout=layout,
@@ -155,7 +155,7 @@ def read_keystore(
             digest=digest(entries),
             contents=tuple(contents(entries)),
             uncovered=tuple(uncovered(entries)),
-            strays=strays,
+            unmanaged=others,
             identities=identities,
             declared=declared,
             foreign=tuple(find_foreign(root, layout)),
@@ -255,9 +255,9 @@ def _moved(document: _Document, file: File) -> _Document:
     return replace(document, signed=moved, defects=defects(document.defects))
 
 
-def _strays(
+def _unmanaged(
     root: Root, marked: Iterable[File], enclaves: Iterable[Enclave], candidates: Candidates
-) -> tuple[Stray, ...]:
+) -> tuple[UnmanagedDocument, ...]:
     """Read the signed messages that no enclave carries; those that could not be read are known by their mark."""
     carried = {
         document.signed.file.sha256 or document.signed.file.place
@@ -266,11 +266,14 @@ def _strays(
         if document is not None
     }
     unknown = [file for file in marked if file.may_be_message]
-    return tuple(sorted(read_strays([*root.messages(), *unknown], carried, candidates), key=lambda stray: stray.place))
+    return tuple(sorted(read_unmanaged([*root.messages(), *unknown], carried, candidates), key=lambda each: each.place))
 
 
 def _carried(
-    layout: Layout, enclaves: Sequence[Enclave], authorities: Iterable[CertificateFile], strays: Iterable[Stray]
+    layout: Layout,
+    enclaves: Sequence[Enclave],
+    authorities: Iterable[CertificateFile],
+    unmanaged: Iterable[UnmanagedDocument],
 ) -> Carried:
     identity_cas = dict.fromkeys(enclave.identity_ca for enclave in enclaves if enclave.identity_ca is not None)
     permissions_cas = dict.fromkeys(
@@ -282,7 +285,7 @@ def _carried(
     return Carried(
         identities=tuple(enclave.identity for enclave in enclaves if enclave.identity is not None),
         authorities=(*filter(may_issue, trusted), *(file.first for file in permissions_cas if file.first is not None)),
-        others=tuple(every_certificate(enclaves, authorities, strays)),
+        others=tuple(every_certificate(enclaves, authorities, unmanaged)),
         files=frozenset(file.file.sha256 for file in files if not file.defects),
         places=frozenset(file.file.place for file in files),
         keys=tuple(enclave.key for enclave in enclaves if enclave.key is not None),
@@ -297,7 +300,7 @@ def _carried(
 
 
 def every_certificate(
-    enclaves: Iterable[Enclave], authorities: Iterable[CertificateFile], strays: Iterable[Stray]
+    enclaves: Iterable[Enclave], authorities: Iterable[CertificateFile], unmanaged: Iterable[UnmanagedDocument]
 ) -> Iterator[Certificate]:
     """The certificates in files that are read as what they are: of enclaves, authorities, and inside messages."""
     for enclave in enclaves:
@@ -305,8 +308,8 @@ def every_certificate(
             yield from file.certificates if file is not None else ()
         for document in (enclave.governance, enclave.permissions):
             yield from document.signed.embedded if document is not None else ()
-    for stray in strays:
-        yield from stray.document.signed.embedded if stray.document is not None else ()
+    for each in unmanaged:
+        yield from each.document.signed.embedded if each.document is not None else ()
     for file in authorities:
         yield from file.certificates
 

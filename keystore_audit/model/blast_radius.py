@@ -24,7 +24,7 @@ from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.flow import Flows, Lane, Search
 from keystore_audit.model.formal.influence import Influence
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import documents_of, system_documents
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.systems import SystemBuilder
@@ -57,9 +57,9 @@ class BlastRadius(Struct, frozen=True, kw_only=True):
 
     `written`: topics that peers take its samples on by right. `forged`: others, on which it passes for a writer.
     `read`: topics whose payload it reads. In these two is what anybody on the network can. `passes_for`: enclaves that
-    peers cannot tell it from, and identities at large, by their labels. `reached_alone`: enclaves that its data can get
-    to as long as everybody else stays honest; `reached`: if all on the way are compromised too. `learns`: it reads what
-    somebody else may write.
+    peers cannot tell it from, and unmanaged identities, by their labels. `reached_alone`: enclaves that its data can
+    get to as long as everybody else stays honest; `reached`: if all on the way are compromised too. `learns`: it reads
+    what somebody else may write.
     """
 
     written: int
@@ -96,7 +96,7 @@ class Radii:
         self._flows = Flows(system, self._realms)
         self._kept = ~left_out
         self._everybody = range(len(system.enclaves))
-        self._enclaves = bits(number for number, enclave in enumerate(system.enclaves) if not enclave.at_large)
+        self._enclaves = bits(number for number, enclave in enumerate(system.enclaves) if not enclave.unmanaged)
 
     def authenticated(self, enclave: int) -> bool:
         """Whether some enclave takes it for one of its own."""
@@ -320,7 +320,7 @@ def rankings(known: Ground) -> tuple[Ranking, ...]:
     """One for each way in which profiles see the keystore, that of the most profiles first."""
     found: dict[tuple[Ranked, ...], list[str]] = {}
     for system in known.systems:
-        if system.reading is Reading.MAY:
+        if system.may:
             ranked = sorted(_ranked(known, system), key=lambda one: ([-number for number in one.size], one.path))
             found.setdefault(tuple(ranked), []).extend(system.profiles)
     order = {name: place for place, name in enumerate(VARIANTS)}
@@ -334,7 +334,7 @@ def rankings(known: Ground) -> tuple[Ranking, ...]:
 def _ranked(known: Ground, system: System) -> Iterator[Ranked]:
     radii, endless = Radii(system, known.left_out), known.endless
     for number, enclave in enumerate(system.enclaves):
-        if enclave.at_large or not enclave.label.startswith("/"):  # whatever is behind a link that leads away
+        if enclave.unmanaged or not enclave.label.startswith("/"):  # whatever is behind a link that leads away
             continue
         acting = bits(radii.acting(number))
         written, forged, read = radii.abilities(members(acting))

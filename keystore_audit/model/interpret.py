@@ -23,7 +23,7 @@ from keystore_audit.model.divergence.find import divergences
 from keystore_audit.model.formal.attacker import enclaves_views
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions, protection
-from keystore_audit.model.formal.system import ChannelAtom, Reading, System
+from keystore_audit.model.formal.system import ChannelAtom, System
 from keystore_audit.model.meaning import Meaning, UngovernedTopics
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.model.participants.doubt import keystore_doubts
@@ -138,7 +138,7 @@ def _idle(systems: tuple[System, ...]) -> tuple[str, ...]:
     idle = [
         name
         for system in systems
-        if system.reading is Reading.MAY and not any(view.protection.governed for view in enclaves_views(system))
+        if system.may and not any(view.protection.governed for view in enclaves_views(system))
         for name in system.profiles
     ]
     told = (
@@ -161,7 +161,7 @@ def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:
     found: dict[UngovernedTopics, list[str]] = {}
     every = 0
     for system in systems:
-        if system.reading is Reading.MAY:
+        if system.may:
             every += len(system.profiles)
             rules = id(system.domain_rules), id(system.topic_rules)  # one object where they are read alike
             if rules not in known:

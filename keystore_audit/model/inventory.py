@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Final
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
@@ -18,7 +19,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificat
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.keystore.stray import Stray
+from keystore_audit.keystore.unmanaged import UnmanagedDocument, UnmanagedIdentity
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.verdicts import (
@@ -52,7 +53,7 @@ class Document(Struct, frozen=True):
 
 @lru_cache(maxsize=3)  # a comparison has three; asked by whoever looks at all documents
 def documents_of(keystore: Keystore) -> tuple[Document, ...]:
-    """Every distinct document that bears on rights, by place: what enclaves carry, and strays that a peer may take.
+    """Every distinct document that bears on rights, by place: what enclaves carry, and others that a peer may take.
 
     What could not be read is among them.
     """
@@ -62,9 +63,9 @@ def documents_of(keystore: Keystore) -> tuple[Document, ...]:
             file = enclave.files.files[role]
             if read is not None or (role is Role.PERMISSIONS and file.status.unknown):
                 found.setdefault(file.place, Document(file.place, read))
-    strays = [Document(stray.place, stray.document) for stray in permissions_at_large(keystore)]
+    others = [Document(each.place, each.document) for each in unmanaged_permissions(keystore)]
     # At the place of an enclave's document there may be another one, which stands in its text.
-    return tuple(sorted((*found.values(), *strays), key=lambda document: document.place))
+    return tuple(sorted((*found.values(), *others), key=lambda document: document.place))
 
 
 def beside_enclaves(keystore: Keystore) -> Callable[[str], bool]:
@@ -75,28 +76,28 @@ def beside_enclaves(keystore: Keystore) -> Callable[[str], bool]:
     return lambda place: place.startswith(folders) or place in carried
 
 
-def permissions_at_large(keystore: Keystore) -> tuple[Stray, ...]:
-    """The strays that may give rights: permissions that some peer may take, and whatever could not be read.
+def unmanaged_permissions(keystore: Keystore) -> tuple[UnmanagedDocument, ...]:
+    """Those that may give rights: permissions that some peer may take, and whatever could not be read.
 
     Of governance documents an enclave applies its own alone.
     """
     files = permissions_cas(keystore)
     return tuple(
-        stray
-        for stray in keystore.strays
-        if stray.document is None
-        or (isinstance(stray.document, PermissionsFile) and may_be_taken(stray.document.signed, files))
+        each
+        for each in keystore.unmanaged
+        if each.document is None
+        or (isinstance(each.document, PermissionsFile) and may_be_taken(each.document.signed, files))
     )
 
 
-def governance_apart(keystore: Keystore) -> tuple[Stray, ...]:
+def governance_apart(keystore: Keystore) -> tuple[UnmanagedDocument, ...]:
     """Governance documents of no enclave that some peer's permissions CA signed."""
-    found = [stray for stray in keystore.strays if isinstance(stray.document, GovernanceFile)]
+    found = [each for each in keystore.unmanaged if isinstance(each.document, GovernanceFile)]
     files = permissions_cas(keystore) if found else ()
     return tuple(s for s in found if s.document is not None and may_be_taken(s.document.signed, files))
 
 
-def governance_at_large(keystore: Keystore) -> tuple[Stray, ...]:
+def unmanaged_governance(keystore: Keystore) -> tuple[UnmanagedDocument, ...]:
     """The same, where somebody may start with them.
 
     Enclaves do not. Whoever has an identity outside of them has files that nobody here knows, and these lie beside it.
@@ -108,7 +109,7 @@ def governance_at_large(keystore: Keystore) -> tuple[Stray, ...]:
 @lru_cache(maxsize=2)
 def system_documents(keystore: Keystore) -> tuple[Document, ...]:
     """Those of `documents_of`, and the governance documents that no enclave applies and somebody else may, by place."""
-    more = [Document(stray.place, stray.document) for stray in governance_at_large(keystore)]
+    more = [Document(each.place, each.document) for each in unmanaged_governance(keystore)]
     documents = documents_of(keystore)
     return tuple(sorted((*documents, *more), key=lambda document: document.place)) if more else documents
 
@@ -151,10 +152,10 @@ def embeddable(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]:
     """
     identities = keystore.identities
     every = (
-        *every_certificate(keystore.enclaves, keystore.authorities, keystore.strays),
+        *every_certificate(keystore.enclaves, keystore.authorities, keystore.unmanaged),
         *identities.keyless,
         *identities.copies,
-        *(stray.certificate for stray in identities.found),
+        *(each.certificate for each in identities.found),
     )
     known = {c.sha256: c for c in every if at <= c.not_after and (is_authority(c) or fit_to_sign(c))}
     pending = [c for file in permissions_cas(keystore) if file for c in file.certificates if is_authority(c)]
@@ -192,7 +193,7 @@ def certificates_of(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]
         found.setdefault(certificate.sha256, certificate)
     for certificate in embeddable(keystore, at):
         found.setdefault(certificate.sha256, certificate)
-    for identity in identities_at_large(keystore, at):
+    for identity in unmanaged_identities(keystore, at):
         found.setdefault(identity.certificate.sha256, identity.certificate)
     keys = {certificate.key for certificate in authorities_of(keystore)} if keystore.identities.keyless else ()
     for certificate in keystore.identities.keyless:
@@ -233,7 +234,7 @@ def instants_of(certificates: Iterable[Certificate], grants: Iterable[ReadGrant]
 def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certificate, ...]]]:
     """Enclaves whose identity's key has certificates in files of the keystore that are no enclave's own, with these."""
     known: dict[str, dict[str, Certificate]] = {}
-    carried = every_certificate(keystore.enclaves, keystore.authorities, keystore.strays)
+    carried = every_certificate(keystore.enclaves, keystore.authorities, keystore.unmanaged)
     for certificate in (*carried, *keystore.identities.keyless):
         known.setdefault(certificate.key, {}).setdefault(certificate.sha256, certificate)
     firsts = {enclave.identity.sha256 for enclave in keystore.enclaves if enclave.identity is not None}
@@ -242,18 +243,6 @@ def certified_again(keystore: Keystore) -> Iterator[tuple[Enclave, tuple[Certifi
         others = [c for c in known.get(first.key, {}).values() if c.sha256 not in firsts] if first is not None else []
         if others:
             yield enclave, tuple(others)
-
-
-class AtLarge(Struct, frozen=True, kw_only=True, eq=False):
-    """An identity outside the enclaves, and that the identity CA of some enclave vouches for: `authorities`.
-
-    Itself is among those where it stands in such a file and may be taken there (`stands_alone`).
-    `key`: a file that may hold its private key and could not be read; None where it is known that somebody has it.
-    """
-
-    certificate: Certificate
-    authorities: tuple[Certificate, ...]
-    key: str | None = None
 
 
 def authorities_of(keystore: Keystore) -> Iterator[Certificate]:
@@ -284,23 +273,22 @@ def _standing_elsewhere(keystore: Keystore) -> Iterator[Certificate]:
             yield identity
 
 
-def _outside(keystore: Keystore) -> Mapping[str, tuple[Certificate, str | None]]:
-    """By SHA-256 the certificates that are no enclave's alone, authorities apart; with a file as in `AtLarge`."""
+def _outside(keystore: Keystore) -> Mapping[str, UnmanagedIdentity]:
+    """By SHA-256 the certificates that are no enclave's alone, authorities apart."""
     authorities = {certificate.sha256 for certificate in authorities_of(keystore)}
     again = (c for _enclave, others in certified_again(keystore) for c in others if c.sha256 not in authorities)
-    found: dict[str, tuple[Certificate, str | None]] = {
-        certificate.sha256: (certificate, None)
+    found = {
+        certificate.sha256: UnmanagedIdentity(certificate=certificate)
         for certificate in (*again, *keystore.identities.copies, *_standing_elsewhere(keystore))
     }
-    for strays, certain in ((keystore.identities.found, True), (keystore.identities.possible, False)):
-        for stray in strays:
-            if stray.certificate.sha256 not in authorities:
-                found.setdefault(stray.certificate.sha256, (stray.certificate, None if certain else stray.key))
+    for each in (*keystore.identities.found, *keystore.identities.possible):
+        if each.certificate.sha256 not in authorities:
+            found.setdefault(each.certificate.sha256, each)
     return found
 
 
 @lru_cache(maxsize=3)  # asked by the systems, for doubts under each kind of implementation, and by a rule
-def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]:
+def unmanaged_identities(keystore: Keystore, at: datetime) -> tuple[UnmanagedIdentity, ...]:
     """By whose certificates somebody may join `at` an instant (aware UTC) or later, beside the enclaves, by place.
 
     Whoever has the key is a participant with what grants give the subject (measured on Cyclone DDS and Fast DDS).
@@ -314,17 +302,17 @@ def identities_at_large(keystore: Keystore, at: datetime) -> tuple[AtLarge, ...]
     trusted = dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca)
     every = tuple(dict.fromkeys(c for file in trusted for c in file.certificates))
     vouching = [c for c in every if is_authority(c)]
+    lasting = [each for each in found.values() if at <= each.certificate.not_after]
+    lasting.sort(key=lambda each: (each.certificate.path, each.certificate.line, each.certificate.sha256))
     vouched = (
-        AtLarge(
-            certificate=each,
+        replace(
+            each,
             authorities=(
-                *(authority for authority in vouching if may_have_issued(authority, each)),
-                *([each] if stands_alone(each, every) else ()),
+                *(authority for authority in vouching if may_have_issued(authority, each.certificate)),
+                *([each.certificate] if stands_alone(each.certificate, every) else ()),
             ),
-            key=key,
         )
-        for each, key in sorted(found.values(), key=lambda pair: (pair[0].path, pair[0].line, pair[0].sha256))
-        if at <= each.not_after
+        for each in lasting
     )
     return tuple(identity for identity in vouched if identity.authorities)
 

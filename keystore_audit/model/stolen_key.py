@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Radii
-from keystore_audit.model.formal.system import CertificateAtom, EnclaveAtom, GrantAtom, System
+from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, Participant, System
 from keystore_audit.model.subjects.told import grants_naming
 
 MAX_SUBJECTS: Final = 5_000
@@ -135,7 +135,7 @@ class _Added:
         self._key = key
         self._certificates: list[CertificateAtom] = []
         self._named: dict[int, set[int]] = {}
-        self._enclaves: list[EnclaveAtom] = []
+        self._enclaves: list[Participant] = []
 
     def certificate(self, issuers: Collection[int], grants: frozenset[int]) -> int:
         """A new certificate with the key, always in force, for a subject that these grants name."""
@@ -161,8 +161,12 @@ class _Added:
         if not self._system.realms:
             return
         self._enclaves.append(
-            EnclaveAtom(
-                label=HOLDER, location=Location(path=""), realm=0, identity=identity, permissions=None, opaque=False
+            Participant(
+                label=HOLDER,
+                location=Location(path=""),
+                realm=0,
+                identity=identity,
+                permissions=None,
             )
         )
 

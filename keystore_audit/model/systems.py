@@ -17,16 +17,17 @@ from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
 from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.unmanaged import UnmanagedIdentity
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels
 from keystore_audit.model.claims.claims import claim_regions
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.system import (
+    NOWHERE,
     CertificateAtom,
     DocumentAtom,
-    EnclaveAtom,
-    LeftOut,
-    Reading,
+    Participant,
+    ParticipantKind,
     RealmAtom,
     System,
 )
@@ -41,22 +42,19 @@ from keystore_audit.model.inventory import (
     trust_files,
     unread_places,
 )
-from keystore_audit.model.participants.at_large import (
-    Candidate,
-    admits,
-    at_large_atoms,
-    let_in,
-    trusting_all,
-    unread_atoms,
-)
 from keystore_audit.model.participants.doubt import identity_doubt, realm_doubt
-from keystore_audit.model.participants.holders import Large, may_apply, own_endpoints
 from keystore_audit.model.participants.lone_endpoints import (
     NOTHING,
     LocalMoments,
     LoneEndpoints,
     LoneRefusals,
     made_alone,
+)
+from keystore_audit.model.participants.unmanaged import (
+    Unmanaged,
+    may_apply,
+    trusting_all,
+    unread_participants,
 )
 from keystore_audit.model.participants.views import Kind, Realms, Views
 from keystore_audit.model.rights import Atoms, RuleAtoms
@@ -98,8 +96,8 @@ class SystemBuilder:
         self._assumed = accesses.assumed.union(read)
         self._certificates = certificates_of(keystore, at)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
-        self._large = Large(keystore, self._number, self._documents, profiles, at)
-        self._views = Views(keystore, self._documents, self._certificates, accesses, at, self._large.hosts.values())
+        self._unmanaged = Unmanaged(keystore, self._number, self._documents, profiles, at)
+        self._views = Views(keystore, self._documents, self._certificates, accesses, at, self._unmanaged.hosts.values())
         self._realm_doubts = [realm_doubt(enclave) for enclave in keystore.enclaves]
         self._unread_places = unread_places(keystore)
         self._read = {row: self._read_all(row) for row in accesses.rows(profiles)}
@@ -123,7 +121,7 @@ class SystemBuilder:
         """Whether the governance of a realm, or what is in place of it, may say anything."""
         governances = [d for d in self._documents if isinstance(d.file, GovernanceFile)]
         kinds = {Kind(profile.trust, self._accesses.row(profile.access)) for profile in self._profiles}
-        opens = self._opens or self._large.unread is not None
+        opens = self._opens or self._unmanaged.unread is not None
         opens = opens or Assumption.ROBOTS_ENFORCE not in self._assumed
         return opens or any(self._views.is_opaque(each, kind) for kind in kinds for each in governances)
 
@@ -140,26 +138,25 @@ class SystemBuilder:
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
         moments = LocalMoments(self._accesses, self.channels, self.instants, self._at)
-        at_large = [holder.enclave for holder in self._large.holders]
-        lone = LoneEndpoints(self._keystore, self._accesses, self.channels, moments, self._meets, at_large)
+        unmanaged = [folder for _number, _files, folder in self._unmanaged.holders]
+        lone = LoneEndpoints(self._keystore, self._accesses, self.channels, moments, self._meets, unmanaged)
         return self._views.kinds(self._profiles, lone, LoneRefusals(self._keystore, moments))
 
     def systems(self) -> tuple[System, ...]:
         """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
         systems: list[System] = []
         for kind, names in self.kinds().items():
-            systems.append(self.build(kind, profiles=names, reading=Reading.MAY))
+            systems.append(self.build(kind, profiles=names, may=True))
             if systems[-1].has_doubt:
-                systems.append(self.build(kind, profiles=names, reading=Reading.MUST))
+                systems.append(self.build(kind, profiles=names, may=False))
         return tuple(systems)
 
-    def build(self, kind: Kind, *, profiles: tuple[str, ...], reading: Reading) -> System:
+    def build(self, kind: Kind, *, profiles: tuple[str, ...], may: bool) -> System:
         """The system as implementations of this kind read it."""
-        may = reading is Reading.MAY
         opaque, assumed = self._views.opaque(kind), self._assumed
         documents = [d for d in self._documents if may or d.place not in opaque]
         atoms = [self._document_atom(document, kind, opaque=document.place in opaque) for document in documents]
-        enclaves, realms = self._enclave_atoms(kind, documents, atoms, may=may)
+        enclaves, realms = self._participants(kind, documents, atoms, may=may)
         domain_rules, topic_rules, grants, rules = self._typed_atoms(documents, kind)
         return System(
             matcher=kind.access.matcher,
@@ -170,7 +167,7 @@ class SystemBuilder:
             joins_out_of_date=kind.access.joins_out_of_date,
             asks_announced_only=kind.trust.trusts_declarations and Assumption.TRUTHFUL_ANNOUNCEMENTS not in assumed,
             assumed=assumed if may else assumed | WORLD,
-            reading=reading,
+            may=may,
             instants=self.instants,
             now=self.instants.index(self._at),
             certificates=(*self._in_use(enclaves, atoms), *((self._unread,) if may and self._opens else ())),
@@ -187,41 +184,46 @@ class SystemBuilder:
             left_out=() if may else tuple(self._left_out()),
         )
 
-    def _left_out(self) -> Iterator[LeftOut]:
+    def _left_out(self) -> Iterator[Participant]:
         """(MUST) The enclaves of which it is not certain who they are, or what they accept."""
-        for enclave, unknown, doubt in zip(self._keystore.enclaves, self._unknown, self._realm_doubts, strict=True):
+        doubts = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, strict=True)
+        for enclave, unknown, doubt in doubts:
             if unknown or doubt is not None:
-                yield LeftOut(label=enclave.path, identity=None if unknown else self._identity(enclave))
-        for place in self._unread_places:
-            yield LeftOut(label=behind(place), identity=None)
+                yield self._enclave(enclave, NOWHERE, unknown=unknown)
+        yield from (_behind(place, NOWHERE) for place in self._unread_places)
 
-    def _enclave_atoms(
+    def _participants(
         self, kind: Kind, documents: Sequence[Document], atoms: list[DocumentAtom], *, may: bool
-    ) -> tuple[tuple[EnclaveAtom, ...], tuple[RealmAtom, ...]]:
-        """The enclaves and their realms. `atoms`: documents; those come to them that open realms rest on."""
+    ) -> tuple[tuple[Participant, ...], tuple[RealmAtom, ...]]:
+        """Who takes part, and their realms. `atoms`: documents; those come to them that open domains rest on."""
         number = {document.place: n for n, document in enumerate(documents)}
-        realms = Realms()
-        enclaves = list(self._own_atoms(kind, number, atoms, realms, may=may))
+        realms, unmanaged = Realms(), self._unmanaged
+        found = list(self._enclaves(kind, number, atoms, realms, may=may))
         if may:
-            enclaves.extend(self._behind_unread(atoms, realms))
-        asked = (each for each in self._large.candidates if may or not (each.doubted or each.possible))
-        at_large = let_in(asked, enclaves, realms.atoms, self._certificate_atoms)
-        if at_large:
-            self._add_hosts(kind, number, at_large, realms, may=may)
-        if may and at_large and self._large.unread is not None:
-            realms.number(trusting_all(realms.atoms, self._open_realm(atoms, self._large.unread)))
-        holders = self._large.holders
-        alone = kind.alone[len(self._keystore.enclaves) :] or (NOTHING,) * len(holders)
-        own = own_endpoints(holders, alone, realms.known, may=may)
+            open_to = ((place, self._open_realm(atoms, place)) for place in self._unread_places)
+            found += [_behind(place, realms.number(each)) for place, each in open_to]
+        let_in = unmanaged.let_in(found, realms.atoms, self._certificate_atoms, may=may)
+        if let_in:
+            self._add_hosts(kind, number, let_in, realms, may=may)
+        if may and let_in and unmanaged.unread is not None:
+            opened = self._open_realm(atoms, unmanaged.unread)
+            realms.number(trusting_all(realms.atoms, opened))
+        own = unmanaged.own_endpoints(kind.alone[len(self._keystore.enclaves) :], realms.known, may=may)
         names = self._views.names(kind.trust)
-        enclaves += list(at_large_atoms(at_large, enclaves, realms.atoms, self._certificate_atoms, names, own))
+        found += unmanaged.participants(let_in, found, realms.atoms, self._certificate_atoms, names, own)
         if may:
-            enclaves += unread_atoms([file.place for file in self._keystore.identities.unread], realms.atoms)
-        return tuple(enclaves), realms.atoms
+            found += unread_participants([file.place for file in self._keystore.identities.unread], realms.atoms)
+        return tuple(found), realms.atoms
 
-    def _own_atoms(
-        self, kind: Kind, number: Mapping[str, int], atoms: list[DocumentAtom], realms: Realms, *, may: bool
-    ) -> Iterator[EnclaveAtom]:
+    def _enclaves(
+        self,
+        kind: Kind,
+        number: Mapping[str, int],
+        atoms: list[DocumentAtom],
+        realms: Realms,
+        *,
+        may: bool,
+    ) -> Iterator[Participant]:
         """The enclaves of the keystore, each with its realm."""
         count = len(self._keystore.enclaves)
         alone, refusals = kind.alone[:count] or (NOTHING,) * count, kind.refusals or ((),) * count
@@ -236,48 +238,48 @@ class SystemBuilder:
                 realm = realms.known[files]
             else:
                 realm = realms.known[files] = realms.number(self._realm(enclave, number, kind, may=may))
-            atom = EnclaveAtom(
-                label=enclave.path,
-                location=_place(enclave),
-                realm=realm,
-                identity=None if unknown else self._identity(enclave),
-                permissions=number.get(enclave.files.files[Role.PERMISSIONS].place),  # it may be unread (MAY)
-                opaque=unknown,
-            )
-            yield made_alone(atom, lone.possible if may else lone.certain, refused)
+            permissions = number.get(enclave.files.files[Role.PERMISSIONS].place)  # it may be unread (MAY)
+            made = self._enclave(enclave, realm, permissions, unknown=unknown)
+            yield made_alone(made, lone.possible if may else lone.certain, refused)
 
-    def _behind_unread(self, atoms: list[DocumentAtom], realms: Realms) -> Iterator[EnclaveAtom]:
-        """What stands for whatever enclaves are behind places that were not read."""
-        for place in self._unread_places:
-            yield EnclaveAtom(
-                label=behind(place),
-                location=Location(path=place),
-                realm=realms.number(self._open_realm(atoms, place)),
-                identity=None,
-                permissions=None,
-                opaque=True,
-            )
+    def _enclave(self, enclave: Enclave, realm: int, permissions: int | None = None, *, unknown: bool) -> Participant:
+        return Participant(
+            label=enclave.path,
+            location=_place(enclave),
+            realm=realm,
+            identity=None if unknown else self._identity(enclave),
+            permissions=permissions,
+            kind=ParticipantKind.UNREAD if unknown else ParticipantKind.ENCLAVE,
+        )
 
     def _add_hosts(
-        self, kind: Kind, number: Mapping[str, int], at_large: Sequence[Candidate], realms: Realms, *, may: bool
+        self,
+        kind: Kind,
+        number: Mapping[str, int],
+        let_in: Sequence[UnmanagedIdentity],
+        realms: Realms,
+        *,
+        may: bool,
     ) -> None:
-        """Adds the realms in which only identities at large are, who start in place of a host."""
-        for files, host in self._large.hosts.items():
+        """Adds the realms in which only unmanaged identities are, who start in place of a host."""
+        for files, host in self._unmanaged.hosts.items():
             if files not in realms.known and realm_doubt(host) is None and may_apply(host, kind.trust):
                 realm = self._realm(host, number, kind, may=may)
-                if realm in realms or any(admits(realm, each, self._certificate_atoms) for each in at_large):
+                if realm in realms or any(
+                    self._unmanaged.admits(realm, each, self._certificate_atoms) for each in let_in
+                ):
                     realms.known[files] = realms.number(realm)
 
-    def _in_use(self, enclaves: Iterable[EnclaveAtom], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:
-        """The certificates. One at large that adds nothing has no issuer, so that it is not taken for a stranger's.
+    def _in_use(self, enclaves: Iterable[Participant], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:
+        """The certificates. An unmanaged one that adds nothing has no issuer, so that it is not taken for a stranger's.
 
         Signers add something, and so do the authorities over which they chain, and what an attacker may embed.
         """
-        if not self._large.candidates:  # nearly always
+        if not self._unmanaged.identities:  # nearly always
             return self._certificate_atoms
         used = {enclave.identity for enclave in enclaves}.union(*(document.signers for document in documents))
         used |= {self._number[certificate.sha256] for certificate in embeddable(self._keystore, self._at)}
-        idle = {each.number for each in self._large.candidates} - used.union(*self._issuers)
+        idle = {self._unmanaged.number(each) for each in self._unmanaged.identities} - used.union(*self._issuers)
         atoms = enumerate(self._certificate_atoms)
         return [replace(atom, issuers=frozenset()) if number in idle else atom for number, atom in atoms]
 
@@ -382,6 +384,18 @@ class SystemBuilder:
             read = [(document.place, by_place[document.place]) for document in documents]
             self._typed[key] = self._rule_atoms.of(read, names, kind.access)
         return self._typed[key]
+
+
+def _behind(place: str, realm: int) -> Participant:
+    """What stands for whatever enclaves are behind a place that was not read."""
+    return Participant(
+        label=behind(place),
+        location=Location(path=place),
+        realm=realm,
+        identity=None,
+        permissions=None,
+        kind=ParticipantKind.UNREAD,
+    )
 
 
 def _place(enclave: Enclave) -> Location:

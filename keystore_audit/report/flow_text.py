@@ -146,8 +146,8 @@ def _said(ground: Ground, enclaves: int, radius: BlastRadius) -> Iterator[str]:
         number = ground.count(channels)
         told = verb.format(counted(number, "DDS topic") if number else "no topic")
         yield f"{told}: {_topic_words(ground.topics(channels))}" if number else told
-    at_large = {enclave.label for system in ground.systems for enclave in system.enclaves if enclave.at_large}
-    posed, others = sorted(radius.passes_for - at_large), sorted(radius.passes_for & at_large)
+    unmanaged = {enclave.label for system in ground.systems for enclave in system.enclaves if enclave.unmanaged}
+    posed, others = sorted(radius.passes_for - unmanaged), sorted(radius.passes_for & unmanaged)
     if posed or not others:
         whom = f"{len(posed)} of {enclaves} enclaves: {some(posed, MAX_LISTED)}" if posed else "no other enclave"
         yield f"passes for {whom}"

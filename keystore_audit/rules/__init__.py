@@ -31,7 +31,7 @@ from keystore_audit.rules import (  # noqa: F401 - each registers its rules
     revocation,
     ros,
     signature,
-    stray,
+    unmanaged,
 )
 from keystore_audit.rules.registry import REGISTERED, Rule
 

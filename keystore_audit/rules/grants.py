@@ -14,7 +14,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.claims.ability import sent
-from keystore_audit.model.inventory import identities_at_large
+from keystore_audit.model.inventory import unmanaged_identities
 from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison, facts, implementations
 from keystore_audit.remedy import Act, decision
@@ -44,9 +44,9 @@ def _identities(keystore: Keystore) -> dict[str, Certificate]:
 
 @lru_cache(maxsize=1)  # both rules ask
 def _named(keystore: Keystore, at: datetime) -> tuple[_Named, ...]:
-    """Of identities at large as well, of which it is known that somebody has the key."""
-    at_large = {e.certificate.sha256: e.certificate for e in identities_at_large(keystore, at) if e.key is None}
-    return tuple(_grants_and_identities(keystore, [*(at_large | _identities(keystore)).values()]))
+    """Of unmanaged identities as well, of which it is known that somebody has the key."""
+    unmanaged = {e.certificate.sha256: e.certificate for e in unmanaged_identities(keystore, at) if e.held}
+    return tuple(_grants_and_identities(keystore, [*(unmanaged | _identities(keystore)).values()]))
 
 
 def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]) -> Iterator[_Named]:

@@ -13,9 +13,9 @@ from keystore_audit.keystore.defect import first_opaque
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.stray import StrayIdentity
-from keystore_audit.model.inventory import certified_again, identities_at_large
-from keystore_audit.model.participants.stray_identity import admitted
+from keystore_audit.keystore.unmanaged import UnmanagedIdentity
+from keystore_audit.model.inventory import certified_again, unmanaged_identities
+from keystore_audit.model.participants.admitted import admitted
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.verdicts import is_authority, issue, may_have_issued, vouches
 from keystore_audit.profiles import VARIANTS, Profile, facts, implementations
@@ -334,7 +334,7 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
     count it among the participants. Of one in any other file KA668 speaks, where the private key can be read. What was
     certified elsewhere is not seen. Among its places are grants that name a further certificate that peers let in.
     """
-    joining = {identity.certificate.sha256 for identity in identities_at_large(keystore, context.at)}
+    joining = {identity.certificate.sha256 for identity in unmanaged_identities(keystore, context.at)}
     again = list(certified_again(keystore))
     every = [other for _enclave, others in again for other in others]
     rights = _rights(every, keystore, context)
@@ -364,7 +364,7 @@ def _rights(
     certificates: Sequence[Certificate], keystore: Keystore, context: Context
 ) -> dict[str, tuple[Location, ...]]:
     """By certificate that peers take what lets it in; whoever carries it has its key."""
-    held = [StrayIdentity(certificate=each, key=each.path) for each in certificates]
+    held = [UnmanagedIdentity(certificate=each, key=each.path) for each in certificates]
     found = admitted(keystore, held, context.profiles, context.at) if held else ()
     return {
         each.certificate.sha256: tuple(replace(place, message="what lets it in") for place in each.rights)

@@ -38,7 +38,7 @@ from keystore_audit.rules.subjects import (
     governance_uses,
     permissions_uses,
     revocation_uses,
-    stray_uses,
+    unmanaged_uses,
 )
 from keystore_audit.settings.suppressions import accepted, uses
 from keystore_audit.text import shorten
@@ -103,7 +103,7 @@ def _subjects(context: Context) -> Iterator[tuple[str, object]]:
         yield certificates.certificates.file.place, certificates
     for revocations in revocation_uses(keystore):
         yield revocations.file.place, revocations
-    for document in (*governance_uses(keystore), *permissions_uses(keystore), *stray_uses(keystore)):
+    for document in (*governance_uses(keystore), *permissions_uses(keystore), *unmanaged_uses(keystore)):
         yield document.signed.file.place, document
     for result in context.results:
         yield result.prop.id, result

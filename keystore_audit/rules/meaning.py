@@ -111,7 +111,7 @@ class Meanings:
     def _everything(self) -> str:
         keystore, context = self._keystore, self._context
         files = {file.path for enclave in keystore.enclaves for file in enclave.files.for_run_time}
-        files |= {stray.place for stray in keystore.strays} | {file.place for file in keystore.identities.unread}
+        files |= {each.place for each in keystore.unmanaged} | {file.place for file in keystore.identities.unread}
         held = (*keystore.identities.found, *keystore.identities.possible)
         return _digest(
             [
@@ -157,9 +157,9 @@ class Meanings:
         for enclave in keystore.enclaves:
             for file in enclave.files.every:
                 found[file.path] = file.sha256 or f"{file.status.value} {file.detail}"
-        strays = (stray.document for stray in keystore.strays)
+        others = (each.document for each in keystore.unmanaged)
         carried = chain.from_iterable(map(_CARRIED, keystore.enclaves))
-        for read in dict.fromkeys((*keystore.authorities, *keystore.authority_keys, *strays, *carried)):
+        for read in dict.fromkeys((*keystore.authorities, *keystore.authority_keys, *others, *carried)):
             if read is not None:
                 file = read.signed.file if isinstance(read, (GovernanceFile, PermissionsFile)) else read.file
                 found[file.path] = found[file.place] = self._read(read)

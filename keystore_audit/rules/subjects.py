@@ -21,7 +21,7 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
-from keystore_audit.model.inventory import permissions_at_large
+from keystore_audit.model.inventory import unmanaged_permissions
 from keystore_audit.model.trust.verdicts import Envelope, document_verdict, envelope, vouches
 from keystore_audit.model.validity import read_date
 from keystore_audit.profiles import VARIANTS, DateReading, Profile, RevocationLists, Trust
@@ -324,16 +324,16 @@ def permissions_uses(keystore: Keystore) -> Iterator[PermissionsUse]:
         yield PermissionsUse(document=document, **_worth(document.signed, enclaves))
 
 
-def stray_uses(keystore: Keystore) -> Iterator[SignedUse]:
+def unmanaged_uses(keystore: Keystore) -> Iterator[SignedUse]:
     """Permissions that no enclave carries and that some peer may take; with two enclaves for each permissions CA file
     of those that may.
     """
     by_authority = grouped(
         keystore.enclaves, lambda enclave: enclave.permissions_ca.file.sha256 if enclave.permissions_ca else None
     )
-    for stray in permissions_at_large(keystore):
-        if stray.document is not None:
-            signed = stray.document.signed
+    for each in unmanaged_permissions(keystore):
+        if each.document is not None:
+            signed = each.document.signed
             taking = [each for each in by_authority.values() if may_be_taken(signed, each[:1])]
             yield SignedUse(**_worth(signed, tuple(enclave for each in taking for enclave in each[:2])))
 

@@ -378,8 +378,8 @@ def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
                 if e in claim.source.enclaves and any(found_by(hand, claim, e, f) for f in claim.target.enclaves):
                     return True
             elif claim.attacker is Attacker.INSIDER:
-                holders = [f for f in hand.acts_as(e) if not (s.enclaves[f].opaque or s.enclaves[f].at_large)]
-                if s.enclaves[e].at_large and not s.enclaves[e].opaque and holders:
+                holders = [f for f in hand.acts_as(e) if not (s.enclaves[f].opaque or s.enclaves[f].unmanaged)]
+                if s.enclaves[e].unmanaged and not s.enclaves[e].opaque and holders:
                     continue
                 learnt = hand.in_clear(realm).union(*(hand.powers(f, realm).learns() for f in hand.acts_as(e)))
                 maybe = s.enclaves[e].opaque or any(document.opaque for document in s.documents)

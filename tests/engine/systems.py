@@ -25,9 +25,9 @@ from keystore_audit.model.formal.system import (
     DocumentAtom,
     DomainAtom,
     DomainRuleAtom,
-    EnclaveAtom,
     GrantAtom,
-    Reading,
+    Participant,
+    ParticipantKind,
     RealmAtom,
     RuleAtom,
     System,
@@ -49,12 +49,12 @@ class Builder(Struct):
     joins_out_of_date: bool = False
     asks_announced_only: bool = False
     assumed: frozenset[Assumption] = EVERY
-    reading: Reading = Reading.MUST
+    may: bool = False
     now: int = 2
     certificates: list[CertificateAtom] = field(default_factory=list)
     documents: list[DocumentAtom] = field(default_factory=list)
     realms: list[RealmAtom] = field(default_factory=list)
-    enclaves: list[EnclaveAtom] = field(default_factory=list)
+    enclaves: list[Participant] = field(default_factory=list)
     domains: list[DomainAtom] = field(default_factory=list)
     channels: list[ChannelAtom] = field(default_factory=list)
     domain_rules: list[DomainRuleAtom] = field(default_factory=list)
@@ -149,13 +149,13 @@ class Builder(Struct):
         index = len(self.enclaves)
         label = label or f"/enclave_{index}"
         self.enclaves.append(
-            EnclaveAtom(
+            Participant(
                 label=label,
                 location=Location(path=f"enclaves{label}"),
                 realm=realm,
                 identity=identity,
                 permissions=permissions,
-                opaque=opaque,
+                kind=ParticipantKind.UNREAD if opaque else ParticipantKind.ENCLAVE,
             )
         )
         return index
@@ -278,7 +278,7 @@ class Builder(Struct):
             joins_out_of_date=self.joins_out_of_date,
             asks_announced_only=self.asks_announced_only,
             assumed=self.assumed,
-            reading=self.reading,
+            may=self.may,
             instants=tuple(start + timedelta(days=365 * number) for number in range(INSTANTS)),
             now=self.now,
             certificates=tuple(self.certificates),
@@ -381,7 +381,7 @@ class _Chance:
             pins_signer=self.random.random() < 0.6,
             skips_grants_out_of_date=self.random.random() < 0.5,
             requires_grant=self.random.random() < 0.3,
-            reading=Reading.MAY if may else Reading.MUST,
+            may=may,
             now=2 if not self.odd() else self.random.randrange(INSTANTS),
         )
         self.opaque = 0.1 if may and self.random.random() < 0.4 else 0.0
@@ -425,7 +425,7 @@ class _Chance:
     def permissions_cas(self) -> None:
         """What realms tell of their permissions CAs, where it is compared: drawn after all others."""
         if self.odd(0.4):
-            told = [0, 1, None] if self.b.reading is Reading.MAY else [0, 1]
+            told = [0, 1, None] if self.b.may else [0, 1]
             self.b.realms = [replace(realm, told=self.random.choice(told)) for realm in self.b.realms]
         if self.odd(0.4):
             refused = frozenset(n for n in range(len(self.b.certificates)) if self.odd())
@@ -618,14 +618,14 @@ def _named_elsewhere(system: System, seed: int) -> System:
     )
 
 
-def _alone(system: System, seed: int) -> tuple[EnclaveAtom, ...]:
+def _alone(system: System, seed: int) -> tuple[Participant, ...]:
     chance = random.Random(f"readers {seed}")
     read = [replace(each, reads_alone=_some(system, chance, 0.2)) for each in system.enclaves]
     both = [replace(each, writes_alone=_some(system, chance, 0.2)) for each in read]
     return tuple(replace(each, later=tuple(_changing(each, system, seed * 100 + n))) for n, each in enumerate(both))
 
 
-def _changing(enclave: EnclaveAtom, system: System, seed: int) -> Iterator[tuple[int, EnclaveAtom]]:
+def _changing(enclave: Participant, system: System, seed: int) -> Iterator[tuple[int, Participant]]:
     """What its own implementation lets it do from later moments on."""
     chance = random.Random(f"later {seed}")
     for moment in range(2 * system.now + 1, 2 * len(system.instants)):
@@ -634,7 +634,7 @@ def _changing(enclave: EnclaveAtom, system: System, seed: int) -> Iterator[tuple
             yield moment, replace(made, writes_alone=_some(system, chance, 0.2))
 
 
-def _refused(enclaves: Sequence[EnclaveAtom], system: System, seed: int) -> tuple[EnclaveAtom, ...]:
+def _refused(enclaves: Sequence[Participant], system: System, seed: int) -> tuple[Participant, ...]:
     chance = random.Random(f"refused {seed}")
     return tuple(
         replace(each, refused_writes=_some(system, chance, 0.3), refused_reads=_some(system, chance, 0.3))

@@ -13,7 +13,7 @@ from keystore_audit.engine.alloy.export import commands
 from keystore_audit.engine.alloy.facts import CONSISTENCY, MAIN, facts
 from keystore_audit.engine.horizon import with_conditions
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID, PROPERTIES, Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
 from tests.engine.alloy_batch import compare_batch, outcomes, shipped
@@ -63,7 +63,7 @@ def test_facts_that_contradict_what_is_assumed_have_no_instance(contradiction: s
 
 @pytest.mark.parametrize("assumption", CONDITIONS)
 def test_who_needs_an_assumption_is_told_and_nobody_else(assumption: Assumption) -> None:
-    system = replace(healthy(), profiles=("cyclonedds-11", "spec"), reading=Reading.MAY)
+    system = replace(healthy(), profiles=("cyclonedds-11", "spec"), may=True)
     holds = ProfileResult(status=Status.HOLDS, engines={}, counterexample=None)
     results = [PropertyResult(prop=prop, profiles=dict.fromkeys(system.profiles, holds)) for prop in BY_ID.values()]
     told = {result.prop.id: result for result in with_conditions(results, [system])}

@@ -12,7 +12,7 @@ from keystore_audit.engine.alloy.atoms import GROUP
 from keystore_audit.engine.alloy.facts import fact_modules, facts
 from keystore_audit.engine.alloy.merging import merge
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.model.formal.system import System
+from keystore_audit.model.formal.system import ParticipantKind, System
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.systems import IDENTITY_CA, Builder, healthy, healthy_builder, random_system
@@ -32,7 +32,7 @@ def at_large(
     """`grants`: those that name it, the talker's (0) or the listener's (1)."""
     identity = b.certificate(issuers, key=key, not_after=not_after)
     number = b.enclave(0, identity, None, label=f"CN=/{identity} (x.pem, no enclave)")
-    b.enclaves[number] = replace(b.enclaves[number], at_large=True)
+    b.enclaves[number] = replace(b.enclaves[number], kind=ParticipantKind.UNMANAGED)
     for grant in grants:
         b.grants[grant] = replace(b.grants[grant], names=b.grants[grant].names | {identity})
 
@@ -79,10 +79,13 @@ def test_what_an_identity_at_large_breaks(name: str) -> None:
 def large(system: System, seed: int) -> System:
     """Some of its enclaves are none, which have the keys of others now and then."""
     chance = random.Random(seed)
-    enclaves = [replace(each, at_large=chance.random() < 0.4) for each in system.enclaves]
+    enclaves = [
+        replace(each, kind=ParticipantKind.UNMANAGED) if chance.random() < 0.4 and each.identity is not None else each
+        for each in system.enclaves
+    ]
     certificates = list(system.certificates)
     for each in enclaves:
-        if each.at_large and each.identity is not None and chance.random() < 0.6:
+        if each.unmanaged and each.identity is not None and chance.random() < 0.6:
             key = certificates[chance.choice([e.identity for e in enclaves if e.identity is not None])].key
             certificates[each.identity] = replace(certificates[each.identity], key=key)
     return replace(system, enclaves=tuple(enclaves), certificates=tuple(certificates))
@@ -109,8 +112,8 @@ def test_what_is_left_out_for_the_analyzer_changes_no_answer() -> None:
 def test_the_facts_tell_them_from_enclaves(count: int) -> None:
     system = with_some(*[{}] * count)
     written = facts(system)
-    assert written.count(" extends AtLarge {}") == (count if count <= GROUP else 2)
-    assert "AtLarge" not in facts(healthy())
+    assert written.count(" extends Unmanaged {}") == (count if count <= GROUP else 2)
+    assert "Unmanaged" not in facts(healthy())
     many = "\n".join(fact_modules(with_some(*[{}] * 300)).values())
     assert "one sig E0_talker_ extends Enclave {}" in many
-    assert many.count(" extends AtLarge {}") == 300 // GROUP
+    assert many.count(" extends Unmanaged {}") == 300 // GROUP

@@ -17,7 +17,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID, PROPERTIES
 from keystore_audit.properties.result import Counterexample, Role, Status, Step
 from tests.engine.alloy.flow_builders import THIRD, at, chain, claim, shut_out, weak
@@ -103,7 +103,7 @@ def test_why_an_identity_is_not_trusted(changed: dict[str, object], why: str) ->
 
 def test_what_could_not_be_read_is_said_to_be_so() -> None:
     b = healthy_builder()
-    b.reading = Reading.MAY
+    b.may = True
     b.documents[GOVERNANCE] = replace(b.documents[GOVERNANCE], opaque=True)
     for identifier, atoms in {
         "only-authenticated-participants-join": {"domain": 0},

@@ -17,7 +17,7 @@ from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Pl
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Answer, Status
 from keystore_audit.properties.result import Hop
 from tests.engine.strangers_by_hand import published_elsewhere, read_elsewhere
@@ -397,7 +397,7 @@ def test_able_asks_the_writers_own_realm_too() -> None:
 
 def test_an_opaque_enclave_on_the_way_may_carry_anything() -> None:
     b = healthy_builder()
-    b.reading = Reading.MAY
+    b.may = True
     claim = _claim(
         ClaimKind.NO_FLOW, Attacker.HONEST, source=Place(enclaves=frozenset({LISTENER})),
         target=Place(enclaves=frozenset({TALKER})),

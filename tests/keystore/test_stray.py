@@ -25,8 +25,8 @@ from keystore_audit.keystore.mime import MimeError, read_message
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.keystore.smime import Candidates
-from keystore_audit.keystore.stray import MAX_STRAYS, read_strays
 from keystore_audit.keystore.traces import look, may_be_message
+from keystore_audit.keystore.unmanaged import MAX_UNMANAGED, read_unmanaged
 from tests.conftest import libcrypto
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, flat, present, signed_document, sros2
 from tests.keystore.test_traces import PLACEHOLDERS
@@ -78,7 +78,7 @@ def authority_of(root: Path) -> Signed:
 
 
 def places(keystore: Keystore) -> list[str]:
-    return [stray.place for stray in keystore.strays]
+    return [stray.place for stray in keystore.unmanaged]
 
 
 # --- what may be a message
@@ -167,8 +167,8 @@ def test_a_message_is_found_whatever_it_is_called(name: str, tmp_path: Path) -> 
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_bytes(signed_document(DOCUMENT, authority_of(root)))
     keystore = read_keystore(root)
-    assert [stray.file.path for stray in keystore.strays] == [name]
-    (stray,) = keystore.strays
+    assert [stray.file.path for stray in keystore.unmanaged] == [name]
+    (stray,) = keystore.unmanaged
     assert isinstance(stray.document, PermissionsFile)
     assert stray.document.permissions is not None
     assert stray.document.signed.signatures[0].verified_by
@@ -178,7 +178,7 @@ def test_a_message_is_found_whatever_it_is_called(name: str, tmp_path: Path) -> 
 def test_a_stock_keystore_has_none(tmp_path: Path) -> None:
     for root in (sros2(tmp_path / "linked"), sros2(tmp_path / "copied", links=False), flat(tmp_path / "flat")):
         keystore = read_keystore(root)
-        assert (keystore.strays, keystore.foreign, keystore.unread_foreign) == ((), (), ())
+        assert (keystore.unmanaged, keystore.foreign, keystore.unread_foreign) == ((), (), ())
 
 
 def test_copies_count_once_and_those_of_an_enclaves_document_not_at_all(tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_what_is_not_read_is_a_document_where_it_has_the_mark_of_one(tmp_path: P
     (root / "public/permissions.p7s").symlink_to(tmp_path / "elsewhere")
     (tmp_path / "elsewhere").write_bytes(message)
     keystore = read_keystore(root)
-    assert {stray.place: stray.document for stray in keystore.strays} == {"big": None}
+    assert {stray.place: stray.document for stray in keystore.unmanaged} == {"big": None}
     unread = ["big", "pipe.p7s", "public/permissions.p7s", "recording.bag"]
     assert [file.place for file in keystore.unread_foreign] == unread
     accepted = {file.sha256 for file in keystore.unread_foreign if file.place == "recording.bag"}
@@ -227,10 +227,10 @@ def test_ten_thousand_strays_are_bounded_and_the_rest_is_unknown() -> None:
     header = b"MIME-Version: 1.0\nContent-Type: multipart/signed\n\n"
     files = (present(header + b"%d" % number, f"{number:05}") for number in range(10_000))
     numbered = [replace(file, sha256=file.path) for file in files]
-    strays = list(read_strays(numbered, (), Candidates(())))
-    assert sum(stray.document is not None for stray in strays) == MAX_STRAYS
+    strays = list(read_unmanaged(numbered, (), Candidates(())))
+    assert sum(stray.document is not None for stray in strays) == MAX_UNMANAGED
     (rest,) = [stray for stray in strays if stray.document is None]
-    assert (rest.place, rest.file.content) == (numbered[MAX_STRAYS].path, None)
+    assert (rest.place, rest.file.content) == (numbered[MAX_UNMANAGED].path, None)
     assert rest.file.detail.startswith("10000 documents lie outside enclaves")
 
 
@@ -242,8 +242,8 @@ def test_junk_is_a_stray_only_where_openssl_may_read_on(data: bytes, tmp_path: P
     root = sros2(tmp_path / "keystore")
     (root / "junk").write_bytes(data)
     keystore = read_keystore(root)
-    assert all(stray.document is not None and stray.document.signed.defects for stray in keystore.strays)
-    assert bool(keystore.strays) is (b"multipart/signed" in data)
+    assert all(stray.document is not None and stray.document.signed.defects for stray in keystore.unmanaged)
+    assert bool(keystore.unmanaged) is (b"multipart/signed" in data)
 
 
 # --- marks of messages where OpenSSL reads none
@@ -309,7 +309,7 @@ def test_a_text_that_quotes_a_mark_is_no_document_and_no_identity(text: bytes, t
     root = sros2(tmp_path / "keys", ["/talker"])
     (root / "README.md").write_bytes(text)
     keystore = read_keystore(root)
-    assert (keystore.strays, keystore.identities.unread, keystore.identities.locked) == ((), (), ())
+    assert (keystore.unmanaged, keystore.identities.unread, keystore.identities.locked) == ((), (), ())
     assert (keystore.unread_foreign, [each.file.path for each in keystore.foreign]) == ((), ["README.md"])
 
 
@@ -326,7 +326,7 @@ def test_a_form_that_is_not_searched_for_is_a_file_that_was_not_read(form: str, 
     root = sros2(tmp_path / "keys", ["/talker"])
     (root / "notes").write_bytes(UNREAD[form](message))
     keystore = read_keystore(root)
-    assert (keystore.strays, [file.path for file in keystore.unread_foreign]) == ((), ["notes"])
+    assert (keystore.unmanaged, [file.path for file in keystore.unread_foreign]) == ((), ["notes"])
 
 
 def test_a_message_below_other_header_lines_is_read(message: bytes, openssl: OpenSSL, tmp_path: Path) -> None:
@@ -335,7 +335,7 @@ def test_a_message_below_other_header_lines_is_read(message: bytes, openssl: Ope
     assert openssl.takes(letter)
     (root / "letter.txt").write_bytes(letter)
     keystore = read_keystore(root)
-    (stray,) = keystore.strays
+    (stray,) = keystore.unmanaged
     assert isinstance(stray.document, PermissionsFile)
     assert keystore.unread_foreign == ()
 

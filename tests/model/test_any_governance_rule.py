@@ -47,7 +47,7 @@ class Asked:
         inside = {n for n, each in enumerate(self.system.domains) if each.intervals[0][0] == 0}
         self.zero = bits(n for n, each in enumerate(self.system.channels) if each.domain in inside)
         self.rights = LocalRights(accesses, builder.channels, AT)
-        self.starts = Usabilities(0, accesses).of(self.enclave, AT, self.profile).usable
+        self.starts = Usabilities(0, accesses).of(self.enclave, AT, self.profile).usable.must
 
     @property
     def allowed(self) -> bool:

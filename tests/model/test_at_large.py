@@ -19,7 +19,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.flow import FlowQuestion, find_flow
-from keystore_audit.keystore import stray
+from keystore_audit.keystore import unmanaged
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.claims.globs import Globs
@@ -27,10 +27,10 @@ from keystore_audit.model.claims.named import NamedPlace
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.attacker import realm_views
-from keystore_audit.model.formal.system import EnclaveAtom, Reading, System
+from keystore_audit.model.formal.system import Participant, System
 from keystore_audit.model.interpret import interpret
-from keystore_audit.model.inventory import documents_of, identities_at_large
-from keystore_audit.model.participants import at_large
+from keystore_audit.model.inventory import documents_of, unmanaged_identities
+from keystore_audit.model.participants import unmanaged as participants
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
@@ -95,8 +95,8 @@ def understood(root: Path, claims: tuple[Claim, ...] = (), places: tuple[NamedPl
     return found.systems
 
 
-def added(system: System) -> list[EnclaveAtom]:
-    return [enclave for enclave in system.enclaves if enclave.at_large]
+def added(system: System) -> list[Participant]:
+    return [enclave for enclave in system.enclaves if enclave.unmanaged]
 
 
 def flows(root: Path, source: str, target: str) -> dict[Attacker, Status]:
@@ -122,9 +122,9 @@ def test_what_it_is_called_and_where(tmp_path: Path) -> None:
 
 def test_they_are_looked_for_once(tmp_path: Path) -> None:
     keystore = read_keystore(written(tmp_path, {**HELD, **LYING_ABOUT}))
-    found = identities_at_large(keystore, AT)
+    found = unmanaged_identities(keystore, AT)
     assert [each.certificate.subject for each in found] == ["CN=/admin", "CN=/listener"]
-    assert identities_at_large(keystore, AT) is found
+    assert unmanaged_identities(keystore, AT) is found
 
 
 @pytest.mark.parametrize(
@@ -274,7 +274,7 @@ def test_one_that_no_document_names_does_what_nobody_asks_a_grant_for(controlled
     ghost = identity("/ghost", "ghost")
     files = {"backup/cert.pem": ghost.pem, "backup/key.pem": ghost.key_pem}
     for system in understood(written(tmp_path, files, replace(STORE, governance=governance(rules)))):
-        [(number, one)] = [(n, each) for n, each in enumerate(system.enclaves) if each.at_large]
+        [(number, one)] = [(n, each) for n, each in enumerate(system.enclaves) if each.unmanaged]
         able = realm_views(system)[0].abilities(number)
         let_in = controlled == "false" and not system.requires_grant
         assert bool(able.may_read) == bool(able.may_write) == let_in
@@ -332,7 +332,7 @@ def test_it_is_in_both_readings(tmp_path: Path) -> None:
     root = written(tmp_path, HELD)
     (root / "enclaves/away").symlink_to("/", target_is_directory=True)
     systems = understood(root)
-    assert {system.reading for system in systems} == {Reading.MAY, Reading.MUST}
+    assert {system.may for system in systems} == {True, False}
     assert all(len(added(system)) == 1 for system in systems)
 
 
@@ -340,8 +340,8 @@ def test_one_whose_subject_cannot_be_told_may_be_anybody(tmp_path: Path) -> None
     subject = x509.Name([x509.NameAttribute(NameOID.INN, "1")])
     root = written(tmp_path, {"public/x_ca.cert.pem": identity(subject, "/talker").pem})
     systems = understood(root)
-    found = {system.reading: [(each.opaque, each.identity) for each in added(system)] for system in systems}
-    assert found == {Reading.MAY: [(True, None)], Reading.MUST: []}
+    found = {system.may: [(each.opaque, each.identity) for each in added(system)] for system in systems}
+    assert found == {True: [(True, None)], False: []}
     answer = find_flow(
         root, FlowQuestion(source="topic:/chatter", target="/motor"), Circumstances(profiles=resolve(()), at=AT)
     )
@@ -350,10 +350,10 @@ def test_one_whose_subject_cannot_be_told_may_be_anybody(tmp_path: Path) -> None
 
 
 def test_what_was_not_read_may_be_anybody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stray, "MAX_BYTES", 10)
+    monkeypatch.setattr(unmanaged, "MAX_BYTES", 10)
     root = written(tmp_path, {"backup/cert.pem": identity("/admin", "admin", authority("other")).pem})
-    found = {system.reading: [(each.label, each.opaque) for each in added(system)] for system in understood(root)}
-    assert found == {Reading.MAY: [("whoever is in backup/cert.pem", True)], Reading.MUST: []}
+    found = {system.may: [(each.label, each.opaque) for each in added(system)] for system in understood(root)}
+    assert found == {True: [("whoever is in backup/cert.pem", True)], False: []}
     answer = find_flow(
         root, FlowQuestion(source="/talker", target="/motor"), Circumstances(profiles=resolve(()), at=AT)
     )
@@ -393,8 +393,8 @@ def test_a_key_that_an_enclave_has_too_takes_no_flow_away(of: str, names: str, s
 
 def test_too_many_are_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = written(tmp_path, {**HELD, **LYING_ABOUT})
-    monkeypatch.setattr(at_large, "MAX_AT_LARGE", 2)
+    monkeypatch.setattr(participants, "MAX_PARTICIPANTS", 2)
     assert understood(root)
-    monkeypatch.setattr(at_large, "MAX_AT_LARGE", 1)
+    monkeypatch.setattr(participants, "MAX_PARTICIPANTS", 1)
     with pytest.raises(BudgetExceeded, match="More than 1 identities"):
         understood(root)

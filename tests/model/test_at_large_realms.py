@@ -19,7 +19,7 @@ from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.rights import EffectiveRights
-from keystore_audit.model.participants import holders
+from keystore_audit.model.participants import unmanaged
 from keystore_audit.model.tables.overview import issuance
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
@@ -219,7 +219,7 @@ def test_more_authorities_than_can_be_trusted_together_are_no_answer(
 ) -> None:
     store = replace(STORE, members={**STORE.members, "/motor": replace(MOTOR, issuer=SECOND)})
     trusted = {"enclaves/motor/identity_ca.cert.pem": SECOND.pem}
-    monkeypatch.setattr(holders, "MAX_AUTHORITIES", 1)
+    monkeypatch.setattr(unmanaged, "MAX_AUTHORITIES", 1)
     assert understood(written(tmp_path / "b", {**trusted, **NOBODYS}, store))
     with pytest.raises(BudgetExceeded, match="may trust all 2 authorities"):
         understood(written(tmp_path / "a", {**trusted, **LYING_ABOUT}, store))

@@ -23,7 +23,6 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
-from keystore_audit.model.formal.system import Reading
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
@@ -130,8 +129,8 @@ def test_so_may_its_key(key: bytes, tmp_path: Path) -> None:
 def test_what_could_not_be_read_may_be_one(files: Files, tmp_path: Path) -> None:
     root = written(tmp_path, files)
     assert way(root) is Status.UNKNOWN
-    found = {system.reading: bool(added(system)) for system in understood(root)}
-    assert found == {Reading.MAY: True, Reading.MUST: False}
+    found = {system.may: bool(added(system)) for system in understood(root)}
+    assert found == {True: True, False: False}
 
 
 @pytest.mark.parametrize(
@@ -224,7 +223,7 @@ def test_what_was_not_read_is_assumed_to_hold_none(files: Files, tmp_path: Path)
     assert len(read_keystore(root).unread_foreign) == 1
 
 
-@pytest.mark.parametrize("limit", ["stray.MAX_ARMOURED", "private_key.MAX_HELD_KEYS"])
+@pytest.mark.parametrize("limit", ["unmanaged.MAX_ARMOURED", "private_key.MAX_HELD_KEYS"])
 def test_what_is_too_much_to_look_at_may_be_one(limit: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other = identity("/other", "other")
     keys = {"backup/keys.pem": other.key_pem + identity("/third", "third").key_pem}
@@ -250,8 +249,8 @@ def test_both_engines_say_so(tmp_path: Path) -> None:
     """In one reading of the two there is a way."""
     asked = claim(ClaimKind.NO_FLOW, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",)))
     root = written(tmp_path, {"backup/cert.pem": ADMIN.pem, "backup/key.pem": LOCKED})
-    may = next(each for each in understood(root, (asked,)) if each.reading is Reading.MAY)
-    must = next(each for each in understood(root, (asked,)) if each.reading is Reading.MUST)
+    may = next(each for each in understood(root, (asked,)) if each.may)
+    must = next(each for each in understood(root, (asked,)) if not each.may)
     native = NativeEngine((may, must)).answers
     assert [answers["x"].status for answers in native] == [Status.VIOLATED, Status.HOLDS]
     assert list(compare_batch((may, must), [holding(answers) for answers in native])) == [[], []]

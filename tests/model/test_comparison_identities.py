@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from keystore_audit.keystore import stray
+from keystore_audit.keystore import unmanaged
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison import identities as comparison_identities
 from keystore_audit.model.comparison.change import Comparison, FailOn
@@ -97,7 +97,7 @@ def test_an_identity_that_signs_itself_its_permissions_needs_no_grant(one_ca: bo
 
 
 def test_certificates_that_nobody_parsed_are_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stray, "MAX_BYTES", 10)
+    monkeypatch.setattr(unmanaged, "MAX_BYTES", 10)
     found = changed(tmp_path, KEY, {**KEY, **CERTIFICATE})
     assert [(each.side, each.location.path) for each in found.unknown] == [("new", "backup/cert.pem")]
 

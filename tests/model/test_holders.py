@@ -14,8 +14,8 @@ from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
-from keystore_audit.model.inventory import documents_of, identities_at_large
-from keystore_audit.model.participants import holders
+from keystore_audit.model.inventory import documents_of, unmanaged_identities
+from keystore_audit.model.participants import unmanaged
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
 from tests.engine.alloy_batch import compare_batch
@@ -89,10 +89,11 @@ def test_each_way_to_start_is_a_folder_of_its_own(tmp_path: Path) -> None:
     store = replace(at_large(FAR), revoked=(STORE.members["/talker"].serial,))
     store = replace(store, strays={**store.strays, "governance.p7s": governance(domain_rule(FAR))})
     keystore = read_keystore(written(tmp_path, LYING_ABOUT, store))
-    (large,) = identities_at_large(keystore, AT)
-    hosts = holders.hosts_of(keystore)
-    found = holders.holders_of(hosts, {0: large.certificate}, documents_of(keystore), resolve(("spec",)))
-    assert len({each.enclave.files.directory for each in found}) == len(found) == len(hosts) == len(store.members) + 2
+    (large,) = unmanaged_identities(keystore, AT)
+    numbers = {large.certificate.sha256: 0}
+    who = unmanaged.Unmanaged(keystore, numbers, documents_of(keystore), resolve(("spec",)), AT)
+    folders = {folder.files.directory for _number, _files, folder in who.holders}
+    assert len(folders) == len(who.holders) == len(who.hosts) == len(store.members) + 2
 
 
 @pytest.mark.alloy
@@ -113,6 +114,6 @@ def test_both_engines_say_so(tmp_path: Path) -> None:
 
 def test_too_many_ways_to_start_are_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     root = written(tmp_path, LYING_ABOUT, at_large(FAR))
-    monkeypatch.setattr(holders, "MAX_HOLDERS", 0)
+    monkeypatch.setattr(unmanaged, "MAX_HOLDERS", 0)
     with pytest.raises(BudgetExceeded, match="more than 0 ways"):
         understood(root)

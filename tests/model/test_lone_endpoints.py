@@ -18,7 +18,7 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.systems import SystemBuilder
@@ -176,7 +176,7 @@ def random_case(seed: int, root: Path) -> tuple[Enclave, AccessViews, Channels, 
     accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
     builder = SystemBuilder(keystore, EVERY, recipe.NOW, accesses)
     [enclave] = keystore.enclaves
-    systems = {name: s for s in builder.systems() if s.reading is Reading.MAY for name in s.profiles}
+    systems = {name: s for s in builder.systems() if s.may for name in s.profiles}
     return enclave, accesses, builder.channels, systems
 
 

@@ -12,7 +12,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.system import ChannelAtom, DomainAtom, GrantAtom, Reading, RuleAtom, System
+from keystore_audit.model.formal.system import ChannelAtom, DomainAtom, GrantAtom, RuleAtom, System
 
 START = datetime(2026, 1, 1, tzinfo=timezone.utc)
 HERE = Location(path="permissions.p7s", line=1)
@@ -31,7 +31,7 @@ def small_system(seed: int) -> System:
         pins_signer=True,
         skips_grants_out_of_date=True,
         requires_grant=False,
-        reading=Reading.MAY,
+        may=True,
         instants=tuple(START + timedelta(days=n) for n in range(4)),
         now=source.randrange(4),
         certificates=(),

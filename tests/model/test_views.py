@@ -14,7 +14,6 @@ from msgspec.structs import replace
 from keystore_audit import toml
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.formal.system import Reading
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.lone_endpoints import LocalMoments, LoneEndpoints, LoneRefusals
 from keystore_audit.model.participants.views import Kind
@@ -83,9 +82,9 @@ def test_what_one_system_stands_for_is_equal(store: Path) -> None:
     kinds = builder.kinds()
     assert sorted(name for names in kinds.values() for name in names) == sorted(VARIANTS)
     for kind, names in kinds.items():
-        shared = builder.build(kind, profiles=(), reading=Reading.MAY)
+        shared = builder.build(kind, profiles=(), may=True)
         for name in names:
-            assert builder.build(alone(name), profiles=(), reading=Reading.MAY) == shared, name
+            assert builder.build(alone(name), profiles=(), may=True) == shared, name
 
 
 def test_whoever_pins_takes_the_first_of_a_number_by_its_key(tmp_path: Path) -> None:
@@ -96,7 +95,7 @@ def test_whoever_pins_takes_the_first_of_a_number_by_its_key(tmp_path: Path) -> 
     for name, file, signer in (("a", first.pem + twin.pem, renewed), ("b", renewed.pem, first), ("c", twin.pem, twin)):
         _ca("of the test", file, signer).build(tmp_path / "enclaves" / name)
     builder, alone = builder_of(tmp_path, at)
-    system = builder.build(alone("fastdds-3.6"), profiles=(), reading=Reading.MAY)
+    system = builder.build(alone("fastdds-3.6"), profiles=(), may=True)
     realms = {enclave.label: system.realms[enclave.realm].permissions_ca for enclave in system.enclaves}
     signers = {document.location.path.split("/")[1]: document.signers for document in system.documents}
     assert realms["/a"] == realms["/b"] >= signers["a"] | signers["b"]
@@ -122,7 +121,7 @@ def test_whoever_does_not_pin_takes_the_first_of_a_number_in_the_message(tmp_pat
         enclave = recipe.build(tmp_path / "enclaves" / name)
         (enclave / "permissions.p7s").write_bytes(bringing(recipe.permissions.encode(), signer, *brought))
     builder, alone = builder_of(tmp_path, datetime.fromisoformat("2026-11-21T12:00:00+00:00"))
-    system = builder.build(alone("fastdds-2.9"), profiles=(), reading=Reading.MAY)
+    system = builder.build(alone("fastdds-2.9"), profiles=(), may=True)
     signers = {document.location.path.split("/")[1]: document.signers for document in system.documents}
     assert (len(signers["a"]), signers["b"]) == (1, frozenset())
 

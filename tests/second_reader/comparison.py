@@ -42,7 +42,7 @@ def compare(listing: Listing, systems: Sequence[Any], digests: Sequence[str], at
     for system in systems:
         for way in dict.fromkeys(IMPLEMENTATIONS[name] for name in system.profiles if name in IMPLEMENTATIONS):
             for each in _System(listing, system, digests, at, way, seen).differences():
-                found.setdefault(f"{way.name}, {system.reading.value}: {each}")
+                found.setdefault(f"{way.name}, {'may' if system.may else 'must'}: {each}")
     return list(found)
 
 
@@ -136,10 +136,10 @@ class _System(Struct):
     # enclaves and what they trust
 
     def _enclaves(self) -> Iterator[str]:
-        atoms = [each for each in self.system.enclaves if not each.at_large]
+        atoms = [each for each in self.system.enclaves if not each.unmanaged]
         left_out = {unquote(each.label) for each in self.system.left_out}
         named = {unquote(each.label) for each in atoms}
-        if self.system.reading.value == "may":
+        if self.system.may:
             for name in self.by_name.keys() - named - left_out:
                 yield f"enclave {name} is not given"
         for atom in atoms:
@@ -163,7 +163,7 @@ class _System(Struct):
 
     @property
     def _must(self) -> bool:
-        return bool(self.system.reading.value == "must")
+        return not self.system.may
 
     def _content(self, document: int) -> bytes | None:
         place = unquote(self.system.documents[document].label)
@@ -174,7 +174,7 @@ class _System(Struct):
         done = set()
         for atom in self.system.enclaves:
             here = self.by_name.get(unquote(atom.label), [])
-            if atom.at_large or atom.realm in done or len(here) != 1 or here[0].doubtful:
+            if atom.unmanaged or atom.realm in done or len(here) != 1 or here[0].doubtful:
                 continue
             realm = self.system.realms[atom.realm]
             if not any(self.system.certificates[n].opaque for n in realm.identity_ca):
@@ -185,7 +185,7 @@ class _System(Struct):
         apart: dict[object, set[int]] = {}
         for atom in self.system.enclaves:
             here = self.by_name.get(unquote(atom.label), [])
-            if not atom.at_large and len(here) == 1 and not here[0].doubtful:
+            if not atom.unmanaged and len(here) == 1 and not here[0].doubtful:
                 apart.setdefault(here[0].trust, set()).add(atom.realm)
         yield from (f"enclaves of equal files are in realms {sorted(each)}" for each in apart.values() if len(each) > 1)
         for realm, mine in self._members():
@@ -518,7 +518,7 @@ class _System(Struct):
         s = self.system
         mine = self.listing.unmanaged
         for atom in s.enclaves:
-            if atom.at_large and not atom.opaque and not atom.possible and atom.identity is not None:
+            if atom.unmanaged and not atom.opaque and not atom.possible and atom.identity is not None:
                 self.seen["unmanaged identity"] += 1
                 certificate = self.held[atom.identity]
                 own = {e.identity.sha256 for e in self.listing.enclaves if e.identity is not None}

@@ -30,7 +30,7 @@ _SORTS = frozenset(
         "TopicRule",
         "Grant",
         "Rule",
-        "AtLarge",
+        "Unmanaged",
     ]
 )
 _ATOM = re.compile(r"([A-Z]{1,2}\d+)(?:_\w*)?")
@@ -45,7 +45,7 @@ class _Module:
     def __init__(self, text: str) -> None:
         text = "\n".join(line for line in text.split("\n") if not line.startswith(("--", " *", "/**")))
         self._members: dict[str, set[str]] = {}
-        parents = {"AtLarge": "Enclave"}
+        parents = {"Unmanaged": "Enclave"}
         for kind, name, parent in _SIG.findall(text):
             parents[name] = parent
             if kind == "one":

@@ -102,7 +102,7 @@ def _changed(several: tuple[Any, ...], number: int, **how: Any) -> tuple[Any, ..
 
 def _issued(system: System) -> System:
     """Without what issued an enclave's identity."""
-    number = next(e.identity for e in system.enclaves if e.identity is not None and not e.at_large)
+    number = next(e.identity for e in system.enclaves if e.identity is not None and not e.unmanaged)
     return replace(system, certificates=_changed(system.certificates, number, issuers=frozenset()))
 
 
@@ -146,7 +146,7 @@ def _accepted(system: System) -> System:
 
 
 def _without_unmanaged(system: System) -> System:
-    return replace(system, enclaves=tuple(each for each in system.enclaves if not each.at_large))
+    return replace(system, enclaves=tuple(each for each in system.enclaves if not each.unmanaged))
 
 
 def _without_enclave(system: System) -> System:

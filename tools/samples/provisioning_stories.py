@@ -28,7 +28,7 @@ _WIDE = replace(TALKER_GRANT, rules=(Rule(publish=("rt/*",)), DISCOVERY))
 
 def stories() -> Iterator[Story]:
     """All pairs; KA666, about two keystores, has none, and KA665 and KA667 are made at test time."""
-    yield from _at_large()
+    yield from _unmanaged()
     yield from _given()
     yield from _beside()
     yield from _inside()
@@ -45,7 +45,7 @@ def _kept(grant: Grant) -> Store:
     return _with("old/permissions-2023.p7s", signed_by(PERMISSIONS_CA).smime(document))
 
 
-def _at_large() -> Iterator[Story]:
+def _unmanaged() -> Iterator[Story]:
     yield from pair(
         "KA660",
         bad=Case(

@@ -143,10 +143,10 @@ def name_atoms(system: System) -> Atoms:
 
 
 def _enclaves(system: System) -> Sort:
-    """Those at large have a sig of their own."""
+    """Those unmanaged have a sig of their own."""
     sort = make_sort("Enclave", "E", [(e.label, str(e.location)) for e in system.enclaves])
     atoms = zip(sort.atoms, system.enclaves, strict=True)
-    return replace(sort, atoms=tuple(replace(atom, sig="AtLarge") if e.at_large else atom for atom, e in atoms))
+    return replace(sort, atoms=tuple(replace(atom, sig="Unmanaged") if e.unmanaged else atom for atom, e in atoms))
 
 
 def declare(sort: Sort) -> str:

@@ -20,7 +20,7 @@ from keystore_audit.engine.alloy.claims import Places, attackers, write_places
 from keystore_audit.engine.alloy.facts import CONSISTENCY, KEYSTORE, MAIN, MODULES, facts
 from keystore_audit.errors import UsageError
 from keystore_audit.model.formal.asked import ClaimKind
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.result import Property
 
@@ -266,11 +266,11 @@ one way to read the keystore, and a property is reported as holding only where i
 
 def folder_names(systems: Sequence[System]) -> tuple[str, ...]:
     """Return a folder name for each system, all different, from what tells them apart."""
-    doubtful = len({system.reading for system in systems}) > 1
+    doubtful = len({system.may for system in systems}) > 1
     names: list[str] = []
     for system in systems:
         name = f"{'pinned' if system.pins_signer else 'unpinned'}-signer"
-        name += f"-{system.reading.value}" if doubtful else ""
+        name += f"-{'may' if system.may else 'must'}" if doubtful else ""
         names.append(name if name not in names else f"{name}-{len(names) + 1}")
     return tuple(names)
 
@@ -318,7 +318,7 @@ def _kind(system: System) -> str:
         if system.pins_signer
         else "Documents may be signed by any certificate that the permissions CA issued"
     )
-    counted = "counts as anything" if system.reading is Reading.MAY else "is left out"
+    counted = "counts as anything" if system.may else "is left out"
     return f"{signer}; what could not be read {counted}; as {', '.join(system.profiles)} do"
 
 

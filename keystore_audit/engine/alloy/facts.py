@@ -15,7 +15,7 @@ from keystore_audit import resources, text
 from keystore_audit.assumptions import EVERY
 from keystore_audit.engine.alloy.atoms import Relations, Row, Sort, declare, declare_apart, function, name_atoms
 from keystore_audit.errors import EngineFailed
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 
 MODULES: Final = (
     "dds_security.als",
@@ -149,7 +149,7 @@ def _named(function: re.Match[str]) -> str:
 
 
 def _header(system: System) -> str:
-    counted = "counts as anything" if system.reading is Reading.MAY else "is left out"
+    counted = "counts as anything" if system.may else "is left out"
     instant = text.instant(system.instants[system.now])
     lines = [
         "/**",

@@ -25,8 +25,8 @@ from keystore_audit.model.formal.system import (
     CertificateAtom,
     DocumentAtom,
     DomainRuleAtom,
-    EnclaveAtom,
     GrantAtom,
+    Participant,
     RealmAtom,
     RuleAtom,
     System,
@@ -45,7 +45,7 @@ REFERENCES: Final[Mapping[type, Mapping[str, str]]] = {
         **dict.fromkeys(("identity_ca", "permissions_ca", "revoked", "refuses"), "certificates"),
         "governance": "documents",
     },
-    EnclaveAtom: {
+    Participant: {
         "identity": "certificates",
         "permissions": "documents",
         **dict.fromkeys(("reads_alone", "writes_alone", "refused_writes", "refused_reads"), "channels"),

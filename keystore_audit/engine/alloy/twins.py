@@ -171,7 +171,7 @@ class _Twins:
         identity, atom = self.candidates[enclave], self._system.enclaves[enclave]
         certificate = self._system.certificates[identity]
         return (
-            (atom.realm, atom.at_large),
+            (atom.realm, atom.unmanaged),
             self._but_own(certificate.issuers, identity),
             (certificate.authority, certificate.fit_to_sign, certificate.not_before, certificate.not_after),
             tuple((identity in realm.revoked, identity in realm.refuses) for realm in self._system.realms),

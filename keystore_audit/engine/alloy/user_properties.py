@@ -26,7 +26,7 @@ from keystore_audit.engine.alloy.user_file import CONSISTENT, Asked, UserFile
 from keystore_audit.engine.engines import Engines
 from keystore_audit.errors import EngineError, EngineFailed, EngineOutOfScale, UsageError
 from keystore_audit.findings import Location
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import ros_name
 from keystore_audit.properties.result import (
     AlloyResult,
@@ -197,7 +197,7 @@ def _result(
         mine = [(system, one) for system, one in zip(systems, told, strict=True) if profile in system.profiles]
         statuses = {one.status for _system, one in mine}
         status = statuses.pop() if len(statuses) == 1 else Status.UNKNOWN
-        certain_first = sorted(mine, key=lambda pair: pair[0].reading is Reading.MAY)
+        certain_first = sorted(mine, key=lambda pair: pair[0].may)
         example = next((one.example for _system, one in certain_first if one.example is not None), None)
         answered = bool(mine) and not any(one.reason for _system, one in mine)
         engines = {"alloy": status} if answered else {}

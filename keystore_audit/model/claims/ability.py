@@ -20,7 +20,7 @@ from keystore_audit.model.claims.globs import IN_DEFAULT_PARTITION, Globs, left_
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.domains import contains
 from keystore_audit.model.formal.asked import Place
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.participants.usability import Usabilities, may_refuse_peers, refusals_of_peer
 from keystore_audit.model.question import Usability
 from keystore_audit.model.trust.revocation import list_dates
@@ -172,7 +172,7 @@ def _refused(
 
 
 def _starts(system: System, usable: Iterable[Usability]) -> bool:
-    may = system.reading is Reading.MAY
+    may = system.may
     return all(each.usable.may if may else each.usable.must for each in usable)
 
 

@@ -18,11 +18,11 @@ from keystore_audit.model.claims.globs import (
     Globs,
     all_matching,
     at,
-    at_large,
     named_enclaves,
     named_paths,
     region_of,
     topic_regions,
+    unmanaged,
     with_all_certificates,
 )
 from keystore_audit.model.claims.stated import (
@@ -37,7 +37,7 @@ from keystore_audit.model.claims.stated import (
     marked,
 )
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.system import Reading, System, apart, together
+from keystore_audit.model.formal.system import System, apart, together
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.question import Usability
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
@@ -121,8 +121,8 @@ def _readings(resolved: Callable[[System], System], system: System) -> Iterator[
     """The system with its claims, in two readings if it is read whole, and who starts is not known for all that."""
     found = resolved(system)
     yield found
-    if system.reading is Reading.MAY and not system.has_doubt:
-        certain = resolved(replace(system, reading=Reading.MUST))
+    if system.may and not system.has_doubt:
+        certain = resolved(replace(system, may=False))
         if certain.claims != found.claims:
             yield certain
 
@@ -196,7 +196,7 @@ class _Resolution:
         """Enclaves that take no part in what a claim of ability asks for; and who else at some instant until then."""
         from keystore_audit.model.claims.ability import stopped, stopping  # most settings claim none
 
-        now = stopped(self._system, self._keystore, self._usability) | at_large(self._system)
+        now = stopped(self._system, self._keystore, self._usability) | unmanaged(self._system)
         if until is None:
             return now, frozenset()
         return now, stopping(self._system, self._keystore, self._usabilities, until) - now

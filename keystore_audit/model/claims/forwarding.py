@@ -250,7 +250,7 @@ class Forwarding:
             n
             for n, enclave in enumerate(self.system.enclaves)
             for glob in claim.high.enclaves
-            if (means_everybody(glob) if enclave.at_large else matching(glob, [enclave.label]))
+            if (means_everybody(glob) if enclave.unmanaged else matching(glob, [enclave.label]))
         )
 
     def _spread(self, claim: Determinism) -> Spread:

@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from keystore_audit.errors import UsageError
 from keystore_audit.model.channels import ReadRegion
-from keystore_audit.model.formal.system import LeftOut, System
+from keystore_audit.model.formal.system import Participant, System
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.semantics import DEFAULT_PARTITION, Area
 from keystore_audit.profiles import Matcher
@@ -77,7 +77,7 @@ def topic_regions(topics: tuple[str, ...]) -> tuple[ReadRegion, ...]:
 
 # Which participants of a system users mean who name enclaves by globs.
 #
-# Identities at large have no path, so that no pattern of paths catches them, whatever their subject says. They are
+# Unmanaged identities have no path, so that no pattern of paths catches them, whatever their subject says. They are
 # meant
 # where everybody is.
 
@@ -90,17 +90,17 @@ def means_everybody(glob: str) -> bool:
 def named_enclaves(system: System, globs: Collection[str], known: Collection[str], *, unread: bool) -> frozenset[int]:
     """The enclaves that the globs name; `known`: the paths of all that could be read.
 
-    `unread`: and those (MAY) of which nobody knows what they are called, and identities at large where everybody is
+    `unread`: and those (MAY) of which nobody knows what they are called, and unmanaged identities where everybody is
     meant.
     """
     found = all_matching(globs, [enclave.label for enclave in system.enclaves]).intersection(known)
     named = frozenset(number for number, enclave in enumerate(system.enclaves) if enclave.label in found)
     if not unread or not globs:
         return named
-    return named | nameless(system, known) | (at_large(system) if any(map(means_everybody, globs)) else frozenset())
+    return named | nameless(system, known) | (unmanaged(system) if any(map(means_everybody, globs)) else frozenset())
 
 
-def left_out(system: System, globs: Collection[str], known: Collection[str]) -> tuple[LeftOut, ...]:
+def left_out(system: System, globs: Collection[str], known: Collection[str]) -> tuple[Participant, ...]:
     """(MUST) Those that were left out and that the globs name, or may: a pattern, one whose name is unknown."""
     named = all_matching(globs, [each.label for each in system.left_out])
     patterns = not set(globs).issubset(known)
@@ -112,13 +112,13 @@ def nameless(system: System, known: Collection[str]) -> frozenset[int]:
     return frozenset(n for n, enclave in enumerate(system.enclaves) if enclave.opaque and enclave.label not in known)
 
 
-def at_large(system: System) -> frozenset[int]:
+def unmanaged(system: System) -> frozenset[int]:
     """The participants that are no enclaves."""
-    return frozenset(number for number, enclave in enumerate(system.enclaves) if enclave.at_large)
+    return frozenset(number for number, enclave in enumerate(system.enclaves) if enclave.unmanaged)
 
 
 def with_all_certificates(system: System, enclaves: Iterable[int]) -> frozenset[int]:
-    """The enclaves, and the others as which they can join: enclaves and identities at large that have their keys.
+    """The enclaves, and the others as which they can join: enclaves and unmanaged identities that have their keys.
 
     Of those that could not be read (MAY) nobody knows whose key they have.
     """

@@ -14,7 +14,6 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, ReadRegion
 from keystore_audit.model.claims.globs import (
     Globs,
-    at_large,
     by_default,
     left_out,
     means_everybody,
@@ -23,12 +22,13 @@ from keystore_audit.model.claims.globs import (
     nameless,
     region_of,
     topic_regions,
+    unmanaged,
 )
 from keystore_audit.model.claims.stated import Marks, check_granted, granted_channels
 from keystore_audit.model.formal.asked import Place, PlaceAtom, Scheduler
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import bits
-from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, LeftOut, Reading, RealmAtom, System
+from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, Participant, RealmAtom, System
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.subjects.told import Meaning, grants_naming, meaning
 
@@ -79,7 +79,7 @@ def _atom(place: NamedPlace, system: System, channels: Channels, known: set[str]
     globs = place.globs.enclaves
     enclaves = named_enclaves(system, globs, known, unread=False)
     if any(map(means_everybody, globs)):
-        enclaves |= at_large(system)
+        enclaves |= unmanaged(system)
     return PlaceAtom(
         name=place.name,
         enclaves=enclaves if globs else None,
@@ -200,7 +200,7 @@ class _Here:
             return True
         certificates = self._system.certificates
         # (MUST) Where the list could not be read, everybody counts as revoked, and nobody is for certain.
-        unread = self._system.reading is Reading.MUST and len(realm.revoked) == len(certificates)
+        unread = not self._system.may and len(realm.revoked) == len(certificates)
         revoked = frozenset[int]() if unread else realm.ever_revoked
         vouching = certificates[identity].issuers & realm.identity_ca
         return identity not in revoked and any(certificates[number].authority for number in vouching)
@@ -225,16 +225,18 @@ def permitted(system: System, globs: Collection[str], known: Collection[str], ch
     return _with_theirs(system, writer, () if writer else system.left_out)
 
 
-def _with_theirs(system: System, enclaves: frozenset[int], unread: Iterable[LeftOut]) -> Place:
+def _with_theirs(system: System, enclaves: frozenset[int], unread: Iterable[Participant]) -> Place:
     """The enclaves, whoever has their subjects elsewhere, and each certificate that may be one of `unread`."""
     identities = {each.identity for each in unread}
     anybody = None in identities
     keys = {system.certificates[identity].key for identity in identities if identity is not None}
-    at_large = {n for n, each in enumerate(system.enclaves) if each.at_large and (anybody or system.key_of(n) in keys)}
+    unmanaged = {
+        n for n, each in enumerate(system.enclaves) if each.unmanaged and (anybody or system.key_of(n) in keys)
+    }
     here = {each.identity for each in system.enclaves}
     possible = {n for n in range(len(system.certificates)) if anybody or n in identities} - here
     theirs = {each for enclave in enclaves for each in same_elsewhere(system, enclave)}
-    return Place(enclaves=enclaves | at_large, certificates=frozenset(possible | theirs))
+    return Place(enclaves=enclaves | unmanaged, certificates=frozenset(possible | theirs))
 
 
 def _some_writer(system: System, channels: frozenset[int]) -> frozenset[int]:
@@ -245,7 +247,7 @@ def _some_writer(system: System, channels: frozenset[int]) -> frozenset[int]:
     """
     asked = bits(channels)
     views = realm_views(system)
-    enclaves = [number for number, enclave in enumerate(system.enclaves) if not enclave.at_large]
+    enclaves = [number for number, enclave in enumerate(system.enclaves) if not enclave.unmanaged]
     for number in sorted(enclaves, key=lambda number: system.enclaves[number].opaque):
         if any(view.abilities(number).may_write & asked for view in views):
             return frozenset({number})

@@ -22,7 +22,7 @@ from keystore_audit.model.comparison.change import Aspect, Direction, direction_
 from keystore_audit.model.comparison.facts import Draft, fact, folded, listing, parted, place_of, placed, told
 from keystore_audit.model.comparison.sides import Sides
 from keystore_audit.model.inventory import certified_again
-from keystore_audit.model.participants.stray_identity import Takers, admitted
+from keystore_audit.model.participants.admitted import Takers, admitted
 from keystore_audit.model.validity import SECOND
 from keystore_audit.profiles import Profile
 from keystore_audit.text import some
@@ -138,7 +138,7 @@ def identities_let_in(sides: Sides) -> Iterator[Draft]:
             _admitted(keystore, asked, profile, sides) for keystore, asked in zip(sides.keystores, takers, strict=True)
         )
         for name in (*new, *(each for each in old if each not in new)):
-            change = _at_large(name[0], old.get(name), new.get(name), sides)
+            change = _unmanaged(name[0], old.get(name), new.get(name), sides)
             found.setdefault(name, []).extend(replace(each, profiles=(profile.name,)) for each in change)
     for several in found.values():
         yield from folded(several, sides)
@@ -151,7 +151,7 @@ def _admitted(keystore: Keystore, takers: Takers | None, profile: Profile, sides
     return found
 
 
-def _at_large(subject: str, old: _Taken | None, new: _Taken | None, sides: Sides) -> Iterator[Draft]:
+def _unmanaged(subject: str, old: _Taken | None, new: _Taken | None, sides: Sides) -> Iterator[Draft]:
     aspects = []
     if old is not None and new is not None:
         more, fewer = new.beyond(old, sides), old.beyond(new, sides)

@@ -17,7 +17,7 @@ from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
 from keystore_audit.keystore.permissions import Operation, PermissionsFile, read_permissions
 from keystore_audit.keystore.smime import Candidates
-from keystore_audit.keystore.stray import Stray, StrayIdentity
+from keystore_audit.keystore.unmanaged import UnmanagedDocument, UnmanagedIdentity
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.claims.globs import region_of
@@ -26,7 +26,7 @@ from keystore_audit.model.domains import Interval, contains, merged
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.rights import OwnRights, Peers
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.inventory import Typed, documents_of, system_documents
 from keystore_audit.model.names import AMBIENT
@@ -77,7 +77,7 @@ class View(Peers):
         """The paths of the enclaves of these realms."""
         numbers = self.system.realms_of_enclaves()
         wanted = {numbers[place] for place in realms}
-        return frozenset(each.label for each in self.system.enclaves if each.realm in wanted and not each.at_large)
+        return frozenset(each.label for each in self.system.enclaves if each.realm in wanted and not each.unmanaged)
 
     @cached_property
     def taken(self) -> frozenset[int]:
@@ -210,7 +210,7 @@ class Sides:
         found: dict[str, View] = {}
         access = {profile.name: profile.access for profile in self.profiles}
         systems = builder.systems()
-        for system in sorted(systems, key=lambda each: each.reading is Reading.MUST):
+        for system in sorted(systems, key=lambda each: not each.may):
             key = (id(system.grants), id(system.rules))
             if key not in shared:
                 shared[key] = Decisions(system)
@@ -354,10 +354,10 @@ def _by_path(keystore: Keystore) -> dict[str, Enclave]:
 def with_what_was(old: Keystore, new: Keystore) -> Keystore:
     """NEW, with the documents and the identities beside it that OLD alone has."""
     known = {e.permissions.signed.file.sha256 for e in new.enclaves if e.permissions is not None}
-    known |= {stray.file.sha256 for stray in new.strays}
+    known |= {each.file.sha256 for each in new.unmanaged}
     carried = (enclave.permissions for enclave in old.enclaves)
-    strays = (stray.document for stray in old.strays)
-    files = [file for file in (*carried, *strays) if isinstance(file, PermissionsFile)]
+    others = (each.document for each in old.unmanaged)
+    files = [file for file in (*carried, *others) if isinstance(file, PermissionsFile)]
     gone = {file.signed.file.sha256: file for file in files if file.signed.file.sha256 not in known}
     # An identity of the same name and authority may do what this one may.
     named = {(e.identity.subject, e.identity.issuer) for e in new.enclaves if e.identity is not None}
@@ -368,12 +368,14 @@ def with_what_was(old: Keystore, new: Keystore) -> Keystore:
         return new
     signers = Candidates(c for k in (new, old) for c in every_certificate(k.enclaves, k.authorities, ()))
     documents = [
-        Stray(
+        UnmanagedDocument(
             file=replace(file.signed.file, path=BEFORE + file.signed.file.place, resolved=None),
             document=read_permissions(file.signed.file, signers),
         )
         for file in gone.values()
     ]
-    known_by = [StrayIdentity(certificate=replace(c, path=BEFORE + c.path), key=BEFORE) for c in identities.values()]
+    known_by = [
+        UnmanagedIdentity(certificate=replace(c, path=BEFORE + c.path), key=BEFORE) for c in identities.values()
+    ]
     found = replace(new.identities, found=(*new.identities.found, *known_by))
-    return replace(new, strays=(*new.strays, *documents), identities=found)
+    return replace(new, unmanaged=(*new.unmanaged, *documents), identities=found)

@@ -107,7 +107,7 @@ def _lying(keystore: Keystore) -> Iterator[tuple[str, str, str, str]]:
     for certificate in _certified(keystore):
         what = "a certificate of no enclave that an authority issued"
         yield "certificate-at-large", what, certificate.sha256, certificate.path
-    for file in (stray.file for stray in governance_apart(keystore)):
+    for file in (each.file for each in governance_apart(keystore)):
         what = "a signed governance that no enclave carries"
         yield "governance-at-large", what, file.sha256 or file.place, file.place
 

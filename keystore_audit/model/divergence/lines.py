@@ -22,7 +22,7 @@ from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.rights import EffectiveRights, Peers
 from keystore_audit.model.formal.steps import Step, compare
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.participants.doubt import enclave_doubts
 from keystore_audit.model.participants.usability import Usabilities
@@ -122,11 +122,11 @@ class PeerValues:
             if by_row[row] != profile.name:
                 continue
             kind = Kind(profile.trust, row)
-            may = builder.build(kind, profiles=(profile.name,), reading=Reading.MAY)
+            may = builder.build(kind, profiles=(profile.name,), may=True)
             facts[profile.name] = may
             systems.append(may)
             if may.has_doubt:
-                systems.append(builder.build(kind, profiles=(profile.name,), reading=Reading.MUST))
+                systems.append(builder.build(kind, profiles=(profile.name,), may=False))
         self._effective = EffectiveRights(systems)
         self._view = cache(lambda name: _Peers(facts[name]))
 

@@ -18,7 +18,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.attacker import RealmView, enclaves_views
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.permission import Decisions, Permissions, Protection
-from keystore_audit.model.formal.system import EnclaveAtom, Reading, System
+from keystore_audit.model.formal.system import Participant, System
 from keystore_audit.truth import Bounds
 
 
@@ -39,7 +39,7 @@ class Peers:
         """How the peers of each realm that enclaves are of see every enclave."""
         return enclaves_views(self.system, self.permissions)
 
-    def enclave(self, path: str) -> EnclaveAtom:
+    def enclave(self, path: str) -> Participant:
         """One that the system has."""
         return self.system.enclaves[self.numbers[path]]
 
@@ -57,16 +57,16 @@ class EffectiveRights:
     """The rights of every enclave with every peer, by profile and in both readings."""
 
     def __init__(self, systems: Sequence[System]) -> None:
-        self._peers: dict[tuple[str, Reading], Peers] = {}
+        self._peers: dict[tuple[str, bool], Peers] = {}
         for system in systems:
             peers = Peers(system)
             for profile in system.profiles:
-                self._peers[profile, system.reading] = peers
+                self._peers[profile, system.may] = peers
 
     def accepted(self, path: str, profile: str, operation: Operation) -> Bounds:
         """The channels on which some peer accepts the operation; what could not be read may accept anything."""
-        may = self._peers[profile, Reading.MAY]
-        must = self._peers.get((profile, Reading.MUST), may)
+        may = self._peers[profile, True]
+        must = self._peers.get((profile, False), may)
         return Bounds(must.accepted(path, operation), may.accepted(path, operation))
 
 
@@ -159,7 +159,7 @@ def _read(view: RealmView) -> int:
 
 
 class Surplus(Struct, frozen=True, kw_only=True):
-    """A right on `topic` that only the stray document gives the enclave, with its peers' consent."""
+    """A right on `topic` that only the unmanaged document gives the enclave, with its peers' consent."""
 
     operation: Operation
     topic: str
@@ -167,8 +167,8 @@ class Surplus(Struct, frozen=True, kw_only=True):
     """The domains for people."""
 
 
-class StrayGrant(Struct, frozen=True, kw_only=True):
-    """A grant in force of a stray document that names an enclave of the keystore, and whose signer its peers take.
+class UnmanagedGrant(Struct, frozen=True, kw_only=True):
+    """A grant in force of an unmanaged document that names an enclave of the keystore, and whose signer its peers take.
 
     `surplus` None: the documents of the enclaves give all of it as well. `profiles`: canonical names.
     """
@@ -180,18 +180,18 @@ class StrayGrant(Struct, frozen=True, kw_only=True):
     profiles: tuple[str, ...]
 
 
-def stray_grants(systems: Sequence[System], places: Collection[str]) -> tuple[StrayGrant, ...]:
+def unmanaged_grants(systems: Sequence[System], places: Collection[str]) -> tuple[UnmanagedGrant, ...]:
     """The grants of the documents at `places`, by document and enclave: those with a surplus under some profile, so."""
-    found: dict[tuple[str, str], StrayGrant] = {}
+    found: dict[tuple[str, str], UnmanagedGrant] = {}
     for system in systems:
-        if system.reading is Reading.MAY:
+        if system.may:
             for each in _System(system, places).grants():
                 known = found.get((each.document, each.enclave))
                 found[each.document, each.enclave] = each if known is None else _joined(known, each)
     return tuple(found[key] for key in sorted(found))
 
 
-def _joined(one: StrayGrant, other: StrayGrant) -> StrayGrant:
+def _joined(one: UnmanagedGrant, other: UnmanagedGrant) -> UnmanagedGrant:
     """The same grant under more profiles; a surplus counts for those alone that give it."""
     if (one.surplus is None) != (other.surplus is None):
         return other if one.surplus is None else one
@@ -202,33 +202,33 @@ def _joined(one: StrayGrant, other: StrayGrant) -> StrayGrant:
 
 
 class _System:
-    """One system, in which a realm is asked about the enclaves that stray documents name."""
+    """One system, in which a realm is asked about the enclaves that unmanaged documents name."""
 
     def __init__(self, system: System, places: Collection[str]) -> None:
         self._system = system
         self._permissions = Permissions(system)
         numbered = enumerate(system.documents)
-        self._strays = frozenset(n for n, document in numbered if document.label in places and not document.opaque)
+        self._unmanaged = frozenset(n for n, document in numbered if document.label in places and not document.opaque)
 
-    def grants(self) -> Iterator[StrayGrant]:
+    def grants(self) -> Iterator[UnmanagedGrant]:
         """Each with the realm that takes it; one without a surplus may come before one with it."""
         named = [
             number
             for number, enclave in enumerate(self._system.enclaves)
-            if not (enclave.opaque or enclave.at_large) and self._permissions.chosen(enclave.identity, self._strays)
+            if not (enclave.opaque or enclave.unmanaged) and self._permissions.chosen(enclave.identity, self._unmanaged)
         ]
         for view in enclaves_views(self._system, self._permissions) if named else ():
             for enclave in named:
                 if view.authenticated(enclave):
                     yield from self._taken(view, enclave)
 
-    def _taken(self, view: RealmView, enclave: int) -> Iterator[StrayGrant]:
-        """The grants of stray documents that the realm takes from the enclave."""
+    def _taken(self, view: RealmView, enclave: int) -> Iterator[UnmanagedGrant]:
+        """The grants of unmanaged documents that the realm takes from the enclave."""
         atom, permissions = self._system.enclaves[enclave], self._permissions
-        others = permissions.chosen(atom.identity, view.accepted - self._strays)
-        for grant in permissions.chosen(atom.identity, view.accepted & self._strays):
+        others = permissions.chosen(atom.identity, view.accepted - self._unmanaged)
+        for grant in permissions.chosen(atom.identity, view.accepted & self._unmanaged):
             document = self._system.documents[self._system.grants[grant].document]
-            yield StrayGrant(
+            yield UnmanagedGrant(
                 document=document.label,
                 enclave=atom.label,
                 location=self._system.grants[grant].location,

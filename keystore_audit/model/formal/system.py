@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -26,16 +26,6 @@ from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.formal.asked import ClaimAtom, DeterminismAtom, PlaceAtom
 from keystore_audit.model.matching.expression import naming
 from keystore_audit.profiles import Matcher
-
-
-class Reading(str, Enum):
-    """How what could not be read counts (design section 3, may and must).
-
-    MAY: it may do, grant and open anything. MUST: it does, grants and opens nothing; it is left out.
-    """
-
-    MAY = "may"
-    MUST = "must"
 
 
 class CertificateAtom(Struct, frozen=True, kw_only=True):
@@ -120,11 +110,26 @@ class RealmAtom(Struct, frozen=True, kw_only=True):
         return self.told == other.told or None in (self.told, other.told)
 
 
-class EnclaveAtom(Struct, frozen=True, kw_only=True):
-    """An enclave. `opaque`: (MAY only) its identity could not be read, so it may be anybody.
+NOWHERE: Final = -1
+"""The realm of those that were left out."""
 
-    `at_large`: no enclave of the keystore, but an identity beside those of its enclaves, in whoever's hands.
-    `possible`: (MAY only) whether anybody has its key is unknown.
+
+class ParticipantKind(Enum):
+    """What somebody who takes part is to the keystore.
+
+    ENCLAVE: of this keystore. UNMANAGED: nobody's enclave here, but a certificate beside those of enclaves, in
+    whoever's hands; without an identity, one that could not be read. UNREAD: an enclave of which it is unknown who it
+    is, or whatever enclaves are behind a place.
+    """
+
+    ENCLAVE = "enclave"
+    UNMANAGED = "unmanaged"
+    UNREAD = "unread"
+
+
+class Participant(Struct, frozen=True, kw_only=True):
+    """Who takes part. `identity`: its certificate. `possible`: (MAY only) whether anybody has its key is unknown.
+
     `reads_alone`, `writes_alone`: channels that its own implementation lets it read, and write, where that may be more
     than peers concede. `refused_writes`, `refused_reads`: those on which it refuses a writer, or a reader, that peers
     would take. `later`: the same enclave from moments on (`permission.Permissions`), ascending, at which these are
@@ -136,34 +141,33 @@ class EnclaveAtom(Struct, frozen=True, kw_only=True):
     realm: int
     identity: int | None
     permissions: int | None
-    opaque: bool
-    at_large: bool = False
+    kind: ParticipantKind = ParticipantKind.ENCLAVE
     possible: bool = False
     reads_alone: frozenset[int] = frozenset()
     writes_alone: frozenset[int] = frozenset()
     refused_writes: frozenset[int] = frozenset()
     refused_reads: frozenset[int] = frozenset()
-    later: tuple[tuple[int, EnclaveAtom], ...] = ()
+    later: tuple[tuple[int, Participant], ...] = ()
 
-    def at(self, moment: int) -> EnclaveAtom:
+    def at(self, moment: int) -> Participant:
         """The same as it is then, and for good."""
         *_, found = self, *(each for begin, each in self.later if begin <= moment)
         return replace(found, later=()) if found.later else found
 
     @property
+    def unmanaged(self) -> bool:
+        """Whether it is nobody's enclave here."""
+        return self.kind is ParticipantKind.UNMANAGED
+
+    @property
+    def opaque(self) -> bool:
+        """(MAY only) Whether it may be anybody."""
+        return self.kind is ParticipantKind.UNREAD or (self.unmanaged and self.identity is None)
+
+    @property
     def by_itself(self) -> tuple[frozenset[int], ...]:
         """The channels about which its own implementation decides otherwise than peers, way by way."""
         return self.reads_alone, self.writes_alone, self.refused_writes, self.refused_reads
-
-
-class LeftOut(Struct, frozen=True, kw_only=True):
-    """(MUST only) An enclave that is not among the system's, since who it is or whom it trusts could not be read.
-
-    Or whatever enclaves are behind a place. `identity`: its certificate, None where that is unknown.
-    """
-
-    label: str
-    identity: int | None
 
 
 class DomainAtom(Struct, frozen=True, kw_only=True):
@@ -276,8 +280,10 @@ class NodeAtom(Struct, frozen=True, kw_only=True):
 
 
 class System(Struct, frozen=True, kw_only=True):
-    """One keystore as one kind of implementation reads it, at one instant, in one reading.
+    """One keystore as one kind of implementation reads it, at one instant, in one of two readings: MAY and MUST.
 
+    `may`: what could not be read may do, grant and open anything; else it does, grants and opens nothing, and is left
+    out: `left_out` are enclaves of which it is unknown who they are or whom they trust, of no realm.
     `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a permissions
     CA certificate itself; otherwise by any certificate that chains to one and is fit to sign (CVE-2023-24010).
     `skips_grants_out_of_date`: of a document the first grant in force that names a certificate counts; otherwise the
@@ -297,13 +303,13 @@ class System(Struct, frozen=True, kw_only=True):
     joins_out_of_date: bool = False
     asks_announced_only: bool = False
     assumed: frozenset[Assumption] = EVERY
-    reading: Reading
+    may: bool
     instants: tuple[datetime, ...]
     now: int
     certificates: tuple[CertificateAtom, ...]
     documents: tuple[DocumentAtom, ...]
     realms: tuple[RealmAtom, ...]
-    enclaves: tuple[EnclaveAtom, ...]
+    enclaves: tuple[Participant, ...]
     domains: tuple[DomainAtom, ...]
     channels: tuple[ChannelAtom, ...]
     domain_rules: tuple[DomainRuleAtom, ...]
@@ -315,7 +321,7 @@ class System(Struct, frozen=True, kw_only=True):
     places: tuple[PlaceAtom, ...] = ()
     nodes: tuple[NodeAtom, ...] = ()
     meets: tuple[frozenset[int], ...] = ()
-    left_out: tuple[LeftOut, ...] = ()
+    left_out: tuple[Participant, ...] = ()
     matcher: Matcher = Matcher.POSIX
     """How these implementations read expressions."""
 
@@ -338,7 +344,7 @@ class System(Struct, frozen=True, kw_only=True):
         return None if identity is None else self.certificates[identity].key
 
     def holders(self) -> dict[int, list[int]]:
-        """By key, who has it: enclaves and identities at large, those apart that could not be read."""
+        """By key, who has it: enclaves and unmanaged identities, those apart that could not be read."""
         keys = ((self.key_of(n), n) for n in range(len(self.enclaves)) if not self.anybody(n))
         return gathered((key, number) for key, number in keys if key is not None)
 
@@ -357,8 +363,8 @@ class System(Struct, frozen=True, kw_only=True):
         return self.asks_announced_only and Assumption.TRUTHFUL_ANNOUNCEMENTS not in self.assumed
 
     def realms_of_enclaves(self) -> list[int]:
-        """The realms that enclaves are of; in the others are identities at large alone, with files of their own."""
-        return sorted({enclave.realm for enclave in self.enclaves if not enclave.at_large})
+        """The realms that enclaves are of; in others are unmanaged identities alone, with files of their own."""
+        return sorted({enclave.realm for enclave in self.enclaves if not enclave.unmanaged})
 
     @property
     def has_doubt(self) -> bool:

@@ -14,15 +14,16 @@ from keystore_audit.keystore.defect import Defect, first_opaque
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.unmanaged import UnmanagedIdentity
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.inventory import (
-    AtLarge,
     Typed,
-    governance_at_large,
-    identities_at_large,
-    permissions_at_large,
     permissions_cas,
+    unmanaged_governance,
+    unmanaged_identities,
+    unmanaged_permissions,
 )
+from keystore_audit.model.participants.admitted import admitted
 from keystore_audit.model.question import Doubt
 from keystore_audit.model.subjects.comparison import is_printable
 from keystore_audit.model.trust.revocation import list_unread
@@ -42,8 +43,8 @@ def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews)
     row = accesses.row(profile.access)
     by_enclave = (enclave_doubts(enclave, profile.trust, row, accesses) for enclave in keystore.enclaves)
     others = _doubts_of_others(keystore, profile.trust, row, accesses)
-    at_large = filter(None, map(at_large_doubt, identities_at_large(keystore, accesses.at)))
-    for doubt in chain(chain.from_iterable(by_enclave), others, at_large, _possible(keystore, profile, accesses)):
+    unmanaged = filter(None, map(unmanaged_doubt, unmanaged_identities(keystore, accesses.at)))
+    for doubt in chain(chain.from_iterable(by_enclave), others, unmanaged, _possible(keystore, profile, accesses)):
         place = (doubt.location.path, doubt.location.line)
         if place not in seen:
             seen.add(place)
@@ -82,17 +83,17 @@ def file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
 def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
     """Everything that could not be read and that a peer may take for permissions, in enclaves or outside of them.
 
-    Its own enclave may refuse it. And governance that somebody may apply who has an identity at large.
+    Its own enclave may refuse it. And governance that somebody may apply who has an unmanaged identity.
     """
     files = permissions_cas(keystore)
-    outside = bool(identities_at_large(keystore, accesses.at))
+    outside = bool(unmanaged_identities(keystore, accesses.at))
     documents: list[tuple[str | None, Typed | None]] = []
     for enclave in keystore.enclaves:
         documents += [(enclave.path, enclave.permissions), (enclave.path, enclave.governance if outside else None)]
-    for stray in (*permissions_at_large(keystore), *governance_at_large(keystore)):
-        if stray.document is None:
-            yield Doubt(enclave=None, location=Location(path=stray.place), reason=stray.file.detail)
-        documents.append((None, stray.document))
+    for each in (*unmanaged_permissions(keystore), *unmanaged_governance(keystore)):
+        if each.document is None:
+            yield Doubt(enclave=None, location=Location(path=each.place), reason=each.file.detail)
+        documents.append((None, each.document))
     for path, document in documents:
         if document is None:
             continue
@@ -129,7 +130,8 @@ def identity_doubt(enclave: Enclave) -> Doubt | None:
     return _doubt_of(enclave.path, first, enclave.identity_ca.certificates if enclave.identity_ca else ())
 
 
-def at_large_doubt(identity: AtLarge) -> Doubt | None:
+@lru_cache(maxsize=4_096)  # by the systems too
+def unmanaged_doubt(identity: UnmanagedIdentity) -> Doubt | None:
     """The same of an identity that is no enclave's own."""
     return _doubt_of(None, identity.certificate, identity.authorities)
 
@@ -138,8 +140,6 @@ def _possible(keystore: Keystore, profile: Profile, accesses: AccessViews) -> It
     """Identities that peers let in and whose key may be in a file that could not be read."""
     if not keystore.identities.possible:  # nearly always
         return
-    from keystore_audit.model.participants.stray_identity import admitted  # it asks for views, which ask for doubts
-
     for each in admitted(keystore, keystore.identities.possible, (profile,), accesses.at):
         place = Location(path=each.certificate.path, line=each.certificate.line)
         yield Doubt(

@@ -28,7 +28,7 @@ from keystore_audit.model.channels import Channels, wildcard_names
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Meetings
-from keystore_audit.model.formal.system import EnclaveAtom
+from keystore_audit.model.formal.system import Participant
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.trust.revocation import ends_of_lists
@@ -76,7 +76,7 @@ def joined(several: Sequence[Timeline]) -> Timeline:
     return tuple(found)
 
 
-def made_alone(atom: EnclaveAtom, alone: Timeline, refused: Timeline = ()) -> EnclaveAtom:
+def made_alone(atom: Participant, alone: Timeline, refused: Timeline = ()) -> Participant:
     """The enclave with these endpoints, made and refused by its own implementation."""
     several = []
     for moment in sorted({begin for begin, _ends in (*alone, *refused)}):

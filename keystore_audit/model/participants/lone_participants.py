@@ -13,12 +13,11 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.trust.revocation import ends_of_lists
 from keystore_audit.model.validity import SECOND
 from keystore_audit.profiles import VARIANTS, JoinCheck
-from keystore_audit.truth import Truth
 
 
 def starts_alone(
@@ -55,7 +54,7 @@ def starts_alone(
                 continue
             there = usabilities.in_domain(atom.intervals[0][0])
             answers = {there.of(enclave, at, profile).usable for profile in profiles for at in moments}
-            if Truth.YES in answers or (Truth.UNKNOWN in answers and system.reading is Reading.MAY):
+            if any(each.may if system.may else each.must for each in answers):
                 found.add((number, domain))
     return frozenset(found)
 

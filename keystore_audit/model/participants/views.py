@@ -35,8 +35,8 @@ from keystore_audit.truth import Truth
 class Kind(NamedTuple):
     """Implementations that read a keystore alike, by the rows of one of them.
 
-    `alone`: by enclave, and then by holder of an identity at large, what they let it do by themselves; empty where that
-    is what peers concede it. `refusals`: by enclave, the endpoints that they refuse it and peers would take; empty
+    `alone`: by enclave, and then by holder of an unmanaged identity, what they let it do by themselves; empty where
+    that is what peers concede it. `refusals`: by enclave, the endpoints that they refuse it and peers would take; empty
     where there are none.
     """
 
@@ -72,7 +72,7 @@ class Realms:
 class Views:
     """The views of one keystore at an instant (aware UTC). A certificate is its index in `certificates`.
 
-    `hosts`: in whose place an identity at large may start.
+    `hosts`: in whose place an unmanaged identity may start.
     """
 
     def __init__(

@@ -16,7 +16,7 @@ from keystore_audit.model.formal.attacker import RealmView, enclaves_views
 from keystore_audit.model.formal.bit_sets import bits, union
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.steps import Step, decided
-from keystore_audit.model.formal.system import EnclaveAtom, System
+from keystore_audit.model.formal.system import Participant, System
 from keystore_audit.model.matching.automaton import PatternIndex
 from keystore_audit.model.matching.coverage import allows_everything
 from keystore_audit.model.matching.expression import any_matches, has_wildcard, parse
@@ -223,7 +223,7 @@ class Holders:
     def of(self, system: System, row: Access) -> tuple[Holder, ...]:
         """The enclaves of the system, whose documents implementations of the row read; equal ones are one object.
 
-        Nodes are in enclaves: identities at large are no holders.
+        Nodes are in enclaves: unmanaged identities are no holders.
         """
         permissions = Permissions(system)
         realms = enclaves_views(system, permissions)
@@ -231,13 +231,13 @@ class Holders:
         return tuple(
             self._holder(number, enclave, realms, permissions, placed)
             for number, enclave in enumerate(system.enclaves)
-            if not enclave.at_large
+            if not enclave.unmanaged
         )
 
     def _holder(
         self,
         number: int,
-        enclave: EnclaveAtom,
+        enclave: Participant,
         realms: Sequence[RealmView],
         permissions: Permissions,
         placed: Sequence[Placed | None],

@@ -18,7 +18,7 @@ from keystore_audit.keystore.permissions import Grant, Operation, PermissionsFil
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.intended.observed_needs import DISCOVERY, TYPE_DESCRIPTION
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.matching.expression import WILDCARDS, has_wildcard, parse
@@ -299,10 +299,10 @@ def ros_patterns(
     known: dict[tuple[tuple[Holder, ...], Matcher, tuple[int, ...]], tuple[tuple[Reach, ...], tuple[Rivals, ...]]] = {}
     names = {profile.name for profile in profiles}
     for system in systems:
-        if system.reading is not Reading.MAY:
+        if not system.may:
             continue
         row = accesses.row(VARIANTS[system.profiles[0]].access)
-        applied = {system.realms[each.realm].governance for each in system.enclaves if not each.at_large}
+        applied = {system.realms[each.realm].governance for each in system.enclaves if not each.unmanaged}
         governed = frozenset().union(*(each.domains for each in system.domain_rules if each.document in applied))
         domains = [system.domains[number].intervals[0][0] for number in sorted(governed)]
         key = holders.of(system, row), row.matcher, tuple(domains)

@@ -21,7 +21,6 @@ from keystore_audit.model.channels import MAX_CELLS, governed_domains
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.rights import EffectiveRights, Safeguard
-from keystore_audit.model.formal.system import Reading
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.matching.patterns import Patterns
 from keystore_audit.model.participants.usability import Usabilities
@@ -236,9 +235,7 @@ class _Table:
         }
         self._several = bits(number for number, name in enumerate(names) if name.several)
         self._window = Window(builder.channels, domain, len(names))
-        self._systems = {
-            name: system for system in systems if system.reading is Reading.MAY for name in system.profiles
-        }
+        self._systems = {name: system for system in systems if system.may for name in system.profiles}
 
     def groups(self) -> list[Group]:
         """Profiles by equal answers."""

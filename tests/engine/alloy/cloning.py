@@ -9,7 +9,7 @@ from typing import TypeVar
 from msgspec.structs import replace
 
 from keystore_audit.model.formal.asked import ClaimAtom, Place
-from keystore_audit.model.formal.system import Reading, RealmAtom, RuleAtom, System
+from keystore_audit.model.formal.system import ParticipantKind, RealmAtom, RuleAtom, System
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
@@ -167,7 +167,7 @@ def _about_enclave(system: System, chance: random.Random, identity: int, permiss
         other = replace(system.realms[0], governance=None)
         return replace(system, realms=(*system.realms, other), enclaves=_last(system.enclaves, realm=realm))
     if kind == 1:
-        return replace(system, reading=Reading.MAY, enclaves=_last(system.enclaves, opaque=True))
+        return replace(system, may=True, enclaves=_last(system.enclaves, kind=ParticipantKind.UNREAD))
     if kind == 2:
         return replace(system, enclaves=_last(system.enclaves, permissions=None))
     field = chance.choice(["identity", "permissions"])
@@ -211,8 +211,8 @@ def _about_document(system: System, chance: random.Random, identity: int, permis
             {"opaque": True},
         ]
     )
-    reading = Reading.MAY if "opaque" in fields else system.reading
-    return replace(system, reading=reading, documents=_at(system.documents, permissions, **fields))
+    may = system.may or "opaque" in fields
+    return replace(system, may=may, documents=_at(system.documents, permissions, **fields))
 
 
 def _about_grant(system: System, chance: random.Random, identity: int, permissions: int) -> System:

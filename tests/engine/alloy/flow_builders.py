@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Location
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.system import Reading
+from keystore_audit.model.formal.system import ParticipantKind
 from tests.engine.systems import (
     CHATTER,
     IDENTITY_CA,
@@ -210,8 +210,8 @@ def unauthenticated(b: Builder) -> Builder:
 
 def opaque_third() -> Builder:
     b = chain()
-    b.reading = Reading.MAY
-    b.enclaves[THIRD] = replace(b.enclaves[THIRD], identity=None, opaque=True)
+    b.may = True
+    b.enclaves[THIRD] = replace(b.enclaves[THIRD], identity=None, kind=ParticipantKind.UNREAD)
     return b
 
 

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from keystore_audit.assumptions import Assumption
 from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import ParticipantKind, System
 from keystore_audit.properties import PROPERTIES
 from tests.engine.systems import (
     CHATTER,
@@ -55,7 +55,7 @@ def unpinned(b: Builder) -> None:
 
 
 def may(b: Builder) -> None:
-    b.reading = Reading.MAY
+    b.may = True
 
 
 def without(*assumptions: Assumption) -> Change:
@@ -498,7 +498,7 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
         - {"no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves", BRIDGES},
     ),
     "opaque enclave": (
-        both(may, on("enclaves", TALKER, identity=None, opaque=True)),
+        both(may, on("enclaves", TALKER, identity=None, kind=ParticipantKind.UNREAD)),
         {
             "identities-chain-to-the-identity-ca",
             "no-identity-serves-two-enclaves",

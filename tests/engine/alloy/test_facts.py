@@ -18,7 +18,7 @@ from keystore_audit.engine.alloy.export import SCENARIOS, commands, write_model
 from keystore_audit.engine.alloy.facts import MODULES, fact_modules, facts
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.result import Role
 from tests.engine.alloy_batch import outcomes, shipped
@@ -178,7 +178,7 @@ def test_several_models_get_a_folder_each_and_the_names_are_told(tmp_path: Path)
     pinned = stock()
     unpinned = replace(pinned, pins_signer=False)
     write_model([pinned, unpinned, unpinned], tmp_path / "certain")
-    write_model([pinned, replace(pinned, reading=Reading.MAY)], tmp_path / "doubtful")
+    write_model([pinned, replace(pinned, may=True)], tmp_path / "doubtful")
     assert [path.name for path in folders(tmp_path / "certain")] == [
         "pinned-signer",
         "unpinned-signer",

@@ -17,7 +17,7 @@ from keystore_audit.errors import EngineOutOfScale, EngineTimeout, UsageError
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.source import Source
 from keystore_audit.model.formal.asked import PlaceAtom
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Status
 from keystore_audit.properties.result import AlloyResult, EngineRun, EngineStatus
 from tests.engine.alloy_batch import outcomes
@@ -64,7 +64,7 @@ def using(analyzer: Engine, timeout: float = ENOUGH) -> Analyzer:
 @pytest.mark.usefixtures("resident_analyzer")
 @pytest.mark.parametrize(("among", "vacuous"), [("Talker", False), ("Talker & opaque", True)])
 def test_what_ranges_over_nothing_is_told(among: str, vacuous: bool, analyzer: Engine) -> None:
-    asserted = f"assert Fine {{ all disj one_enclave, other: {among} + Enclave & AtLarge | one_enclave != other }}\n"
+    asserted = f"assert Fine {{ all disj one_enclave, other: {among} + Enclave & Unmanaged | one_enclave != other }}\n"
     short = f"check Short {{\n\tall e: {among}, c: e.(may_write[Realm]) {{ some e and some c }}\n}} for 0\n"
     file = read(HEAD + NAMES + asserted + "run Named { some Chatter } for 0\ncheck Fine for 0\n" + short)
     [[_named, fine, told]] = ask(file, [placed(healthy())], using(analyzer))
@@ -194,11 +194,11 @@ def decided(analyzer: Engine, systems: list[System], runs: list[EngineRun], time
 
 @pytest.mark.usefixtures("resident_analyzer")
 def test_both_readings_must_agree(analyzer: Engine) -> None:
-    one = placed(replace(healthy(), profiles=("a",), reading=Reading.MUST))
+    one = placed(replace(healthy(), profiles=("a",), may=False))
     nobody = replace(one.enclaves[LISTENER], identity=None)
-    other = replace(one, reading=Reading.MAY, enclaves=(one.enclaves[TALKER], nobody))
+    other = replace(one, may=True, enclaves=(one.enclaves[TALKER], nobody))
     assert decided(analyzer, [one], [OK]).status is Status.HOLDS
-    assert decided(analyzer, [one, replace(one, reading=Reading.MAY)], [OK]).status is Status.HOLDS
+    assert decided(analyzer, [one, replace(one, may=True)], [OK]).status is Status.HOLDS
     differing = decided(analyzer, [one, other], [OK])
     assert (differing.status, differing.profiles["a"].engines) == (Status.UNKNOWN, {"alloy": Status.UNKNOWN})
     assert decided(analyzer, [other], [OK]).status is Status.VIOLATED

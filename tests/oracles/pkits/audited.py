@@ -12,7 +12,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.attacker import RealmView
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.system import Reading, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
@@ -82,7 +82,7 @@ def objections(
             said.add("open")
         systems = [system for system in meaning.systems if variants & {*system.profiles}]
         assert systems
-        said |= {"denied" if system.reading is Reading.MAY else "doubted" for system in systems if not _vouched(system)}
+        said |= {"denied" if system.may else "doubted" for system in systems if not _vouched(system)}
         ((place, _),) = {(place, "") for place, _variant in meaning.usability}
         reasons = {reason for name in variants for reason in meaning.usability[place, name].reasons}
         of_path = {reason for reason in reasons if not reason.startswith(_ABSENT)}

@@ -77,8 +77,11 @@ class Comparison(Struct, frozen=True, kw_only=True):
         found = sorted({defect.kind.value for defect in self.document.defects})
         split = ", split" if self.answer.split else ""
         theirs = ["refused" if content is None else "accepted" for content in (self.answer.pinned, self.answer.chained)]
-        ours = self.pinned.value, self.chained.value
+        ours = WORDS[self.pinned], WORDS[self.chained]
         return (" ".join(found) or "-", ours[0], theirs[0] + split, ours[1], theirs[1] + split)
+
+
+WORDS = {Truth.YES: "accepted", Truth.NO: "refused", Truth.UNKNOWN: "unknown"}
 
 
 def said(defect: Defect) -> str:

@@ -9,7 +9,7 @@ from itertools import chain
 
 from msgspec import Struct, field
 
-from tests.oracles.smime.comparison import Comparison, compare
+from tests.oracles.smime.comparison import WORDS, Comparison, compare
 from tests.oracles.smime.corpus import Case, cases
 from tests.oracles.smime.mutation import mutated
 from tests.oracles.smime.oracle import Oracle
@@ -33,7 +33,7 @@ class Tally(Struct):
     def add(self, comparison: Comparison, message: bytes, trusted: bytes) -> None:
         self.tried += 1
         theirs = "refused" if comparison.answer.pinned is None else "accepted"
-        self.verdicts[comparison.pinned.value, theirs] += 1
+        self.verdicts[WORDS[comparison.pinned], theirs] += 1
         for text in comparison.contradictions():
             self.contradictions.append((text, message, trusted))
         for reason in comparison.stricter():

@@ -38,8 +38,8 @@ sig AnyEnclave extends Enclave {
 }
 sig anonymous in Enclave {}
 
-/** Where facts are free, identities at large are told apart by nothing but their sig: the theorems are of enclaves. */
-fact NobodyIsAtLarge { no AtLarge }
+/** Where facts are free, unmanaged identities are told apart by nothing but their sig: the theorems are of enclaves. */
+fact NobodyIsUnmanaged { no Unmanaged }
 
 sig AnyDomain extends Domain {}
 

@@ -11,22 +11,22 @@ from keystore_audit.findings import Location, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.stray import Stray
-from keystore_audit.model.formal.rights import StrayGrant, stray_grants
+from keystore_audit.keystore.unmanaged import UnmanagedDocument
+from keystore_audit.model.formal.rights import UnmanagedGrant, unmanaged_grants
 from keystore_audit.model.inventory import (
     governance_apart,
-    governance_at_large,
     may_be_taken,
-    permissions_at_large,
     permissions_cas,
+    unmanaged_governance,
+    unmanaged_permissions,
 )
-from keystore_audit.model.participants.stray_identity import Admitted, admitted
+from keystore_audit.model.participants.admitted import Admitted, admitted
 from keystore_audit.model.trust.verdicts import envelope
 from keystore_audit.remedy import decision
 from keystore_audit.rules.files import renaming
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import SIGN_AGAIN
-from keystore_audit.rules.subjects import stray_uses
+from keystore_audit.rules.subjects import unmanaged_uses
 from keystore_audit.rules.wording import VERBS, listed, located, more_like, of_kinds, quoted, sentence
 from keystore_audit.truth import Truth
 
@@ -53,22 +53,22 @@ _CRASHES: Final = (Kind.EMPTY_TOPIC, Kind.RULE_WITHOUT_DOMAINS, Kind.EMPTY_ELEME
 """What ends the process of an implementation that reads it (KA517, KA518, KA521)."""
 
 
-def _has_strays(keystore: Keystore, _context: Context) -> bool:
-    return bool(keystore.strays)
+def _has_unmanaged(keystore: Keystore, _context: Context) -> bool:
+    return bool(keystore.unmanaged)
 
 
-def _granting(keystore: Keystore, context: Context) -> tuple[StrayGrant, ...]:
-    """What genuine strays give to enclaves; KA301 and KA302 speak of those that somebody else signed."""
-    genuine = {use.signed.file.place for use in stray_uses(keystore) if use.genuine}
-    return stray_grants(context.meaning.systems, genuine) if genuine else ()
+def _granting(keystore: Keystore, context: Context) -> tuple[UnmanagedGrant, ...]:
+    """What genuine documents of no enclave give to enclaves; KA301 and KA302 speak of those of others."""
+    genuine = {use.signed.file.place for use in unmanaged_uses(keystore) if use.genuine}
+    return unmanaged_grants(context.meaning.systems, genuine) if genuine else ()
 
 
 def _documents(number: int) -> str:
     return "A signed document" if number == 1 else f"{number} signed documents"
 
 
-def _at(strays: Sequence[Stray]) -> list[Location]:
-    return [Location(path=stray.place) for stray in strays]
+def _at(documents: Sequence[UnmanagedDocument]) -> list[Location]:
+    return [Location(path=each.place) for each in documents]
 
 
 @rule(
@@ -76,7 +76,7 @@ def _at(strays: Sequence[Stray]) -> list[Location]:
     Severity.HIGH,
     clause=_CLAUSE,
     remedy=decision(_REVOKE),
-    applies=_has_strays,
+    applies=_has_unmanaged,
 )
 def several_permissions_for_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An old or other permissions document, validly signed and in force, lies outside the enclaves.
@@ -125,7 +125,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
         "Delete it, or keep it where documents are signed; a governance that is validly signed takes the "
         "place of another by copying one file."
     ),
-    applies=_has_strays,
+    applies=_has_unmanaged,
 )
 def signed_governance_at_large(keystore: Keystore) -> Iterator[Violation]:
     """A governance document that the permissions CA signed lies where no enclave applies it.
@@ -137,7 +137,7 @@ def signed_governance_at_large(keystore: Keystore) -> Iterator[Violation]:
     found = governance_apart(keystore)
     if found:
         yield Violation(
-            message=f"{listed(stray.place for stray in found)}: validly signed governance that no enclave applies; it "
+            message=f"{listed(each.place for each in found)}: validly signed governance that no enclave applies; it "
             "could be swapped in.",
             locations=_at(found),
         )
@@ -148,7 +148,7 @@ def signed_governance_at_large(keystore: Keystore) -> Iterator[Violation]:
     Severity.INFO,
     clause=_CLAUSE,
     remedy=decision("Delete what is not needed; on a robot nothing but its own enclaves' documents is."),
-    applies=_has_strays,
+    applies=_has_unmanaged,
 )
 def signed_document_without_effect(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A signed document outside the enclaves gives nothing to anybody here.
@@ -157,24 +157,24 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
     where another authority is trusted, or once a grant's dates begin.
     """
     files = permissions_cas(keystore)
-    read = [stray for stray in keystore.strays if stray.document is not None]
-    refused = [stray for stray in read if stray.document and not may_be_taken(stray.document.signed, files)]
+    read = [each for each in keystore.unmanaged if each.document is not None]
+    refused = [each for each in read if each.document and not may_be_taken(each.document.signed, files)]
     if refused:
         yield Violation(
             message=f"{_documents(len(refused))} outside the enclaves that no peer here takes: "
-            f"{listed(stray.place for stray in refused)}.",
+            f"{listed(each.place for each in refused)}.",
             locations=_at(refused),
             key="refused",
         )
     systems = context.meaning.systems
-    places_at_large = {stray.place for stray in permissions_at_large(keystore)}
+    places = {each.place for each in unmanaged_permissions(keystore)}
     doubtful = {doubt.location.path for doubt in context.meaning.doubts}
-    granting = {grant.document for grant in stray_grants(systems, places_at_large)} if systems else places_at_large
-    idle = [s for s in read if s.place in places_at_large - granting - doubtful]
+    granting = {grant.document for grant in unmanaged_grants(systems, places)} if systems else places
+    idle = [s for s in read if s.place in places - granting - doubtful]
     if idle:
         yield Violation(
             message=f"{_documents(len(idle))} outside the enclaves that peers would take, without a grant in force for "
-            f"an enclave here: {listed(stray.place for stray in idle)}.",
+            f"an enclave here: {listed(each.place for each in idle)}.",
             locations=_at(idle),
             key="idle",
         )
@@ -188,7 +188,7 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
         "Take the file out of the keystore if it is no document of it. A copy that peers may take goes on "
         "counting wherever it is: find out what it says."
     ),
-    applies=_has_strays,
+    applies=_has_unmanaged,
 )
 def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A file may be a permissions document that peers take, and what it says is unknown.
@@ -201,22 +201,22 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
     process of the implementation that reads it, since permissions come from peers too. What is wrong with a signature
     is in KA3.
     """
-    strays = {stray.place: stray for stray in (*permissions_at_large(keystore), *governance_at_large(keystore))}
+    known = {each.place: each for each in (*unmanaged_permissions(keystore), *unmanaged_governance(keystore))}
     carried = {file.place: enclave.path for enclave in keystore.enclaves for file in enclave.files.every}
     for doubt in context.meaning.doubts:
-        stray = strays.get(doubt.location.path)
-        document = stray.document if stray is not None else None
-        if stray is None or (document is not None and envelope(document.signed).verdict is Truth.UNKNOWN):
+        each = known.get(doubt.location.path)
+        document = each.document if each is not None else None
+        if each is None or (document is not None and envelope(document.signed).verdict is Truth.UNKNOWN):
             continue
         crashes = document is not None and any(of_kinds(document.defects, *_CRASHES))
         yield Violation(
-            message=f"{stray.place} may give anything to anybody. {sentence(doubt.reason)}.",
+            message=f"{each.place} may give anything to anybody. {sentence(doubt.reason)}.",
             locations=(doubt.location,),
-            enclave=carried.get(stray.place),
-            remedy=SIGN_AGAIN if stray.place in carried else None,
+            enclave=carried.get(each.place),
+            remedy=SIGN_AGAIN if each.place in carried else None,
             severity=Severity.CRITICAL if crashes else None,
             undecided=True,
-            key=stray.place,
+            key=each.place,
         )
 
 

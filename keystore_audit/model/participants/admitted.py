@@ -16,7 +16,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Grant, PermissionsFile
-from keystore_audit.keystore.stray import StrayIdentity
+from keystore_audit.keystore.unmanaged import UnmanagedIdentity
 from keystore_audit.model.inventory import (
     authorities_of,
     documents_of,
@@ -56,9 +56,9 @@ class _Peer(NamedTuple):
 
 
 def admitted(
-    keystore: Keystore, strays: Sequence[StrayIdentity], profiles: Sequence[Profile], at: datetime
+    keystore: Keystore, identities: Sequence[UnmanagedIdentity], profiles: Sequence[Profile], at: datetime
 ) -> tuple[Admitted, ...]:
-    """Those of `strays` that some peer takes under some profile `at` an instant, or later by a grant that begins.
+    """Those of `identities` that some peer takes under some profile `at` an instant, or later by a grant that begins.
 
     `at`: aware UTC.
     """
@@ -66,21 +66,21 @@ def admitted(
     kinds = dict.fromkeys((profile.trust, profile.access.requires_grant) for profile in profiles)
     peers = [_Peer(enclave, *kind) for enclave in enclaves for kind in kinds]
     authorities = {certificate.sha256 for certificate in authorities_of(keystore)}
-    asked = ((s, _taking(peers, s.certificate, at)) for s in strays if s.certificate.sha256 not in authorities)
-    vouched = [(stray, taking) for stray, taking in asked if taking]
+    asked = ((s, _taking(peers, s.certificate, at)) for s in identities if s.certificate.sha256 not in authorities)
+    vouched = [(each, taking) for each, taking in asked if taking]
     if not vouched:  # nearly always
         return ()
-    granted = _granted(keystore, [stray.certificate for stray, _taking in vouched], profiles, at)
+    granted = _granted(keystore, [each.certificate for each, _taking in vouched], profiles, at)
     signers = _Signers(keystore)
     return tuple(
         Admitted(
-            certificate=stray.certificate,
-            key=stray.key,
+            certificate=each.certificate,
+            key=each.key,
             rights=rights,
-            enclave=_like(stray.certificate, taking, keystore, signers, at),
+            enclave=_like(each.certificate, taking, keystore, signers, at),
         )
-        for number, (stray, taking) in enumerate(vouched)
-        if (rights := tuple(granted.get(number) or _ungranted(taking, signers, stray.certificate)))
+        for number, (each, taking) in enumerate(vouched)
+        if (rights := tuple(granted.get(number) or _ungranted(taking, signers, each.certificate)))
     )
 
 

@@ -27,14 +27,14 @@ from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.traces import ARMOUR, MAX_ARMOURED, is_signed_data
 
-MAX_STRAYS: Final = 2_000
+MAX_UNMANAGED: Final = 2_000
 """Distinct documents outside enclaves that are read, three seconds; beyond it one, unread, stands for the rest."""
 
 _GOVERNANCE_ONLY: Final = b"domain_access_rules"
 """The element that every governance document has and no permissions document."""
 
 
-class Stray(Struct, frozen=True, kw_only=True, eq=False):
+class UnmanagedDocument(Struct, frozen=True, kw_only=True, eq=False):
     """A signed message that no enclave carries as its own; `document` is None where it could not be read."""
 
     file: File
@@ -46,7 +46,9 @@ class Stray(Struct, frozen=True, kw_only=True, eq=False):
         return self.file.place
 
 
-def read_strays(messages: Iterable[File], carried: Collection[str], candidates: Candidates) -> Iterator[Stray]:
+def read_unmanaged(
+    messages: Iterable[File], carried: Collection[str], candidates: Candidates
+) -> Iterator[UnmanagedDocument]:
     """Read every message but those `carried` by enclaves; what OpenSSL takes for no message is left out.
 
     The mark of a message where OpenSSL reads none is one that could not be read (`traces.concealed`).
@@ -58,18 +60,20 @@ def read_strays(messages: Iterable[File], carried: Collection[str], candidates: 
     for file in messages:
         if file.concealed:  # in what enclaves carry, too
             detail = f"{file.concealed}; anybody can make a document of it, and it was not read"
-            yield Stray(file=replace(file, content=None, detail=detail), document=None)
+            yield UnmanagedDocument(file=replace(file, content=None, detail=detail), document=None)
         elif file.sha256 not in carried:
             others.append(file)
-    yield from (Stray(file=file, document=None) for file in others if file.content is None)
+    yield from (UnmanagedDocument(file=file, document=None) for file in others if file.content is None)
     readable = [file for file in others if file.content is not None]
-    if len(readable) > MAX_STRAYS:  # one that may say anything stands for all of them
-        detail = f"{len(readable)} documents lie outside enclaves; from this on they were not read (limit {MAX_STRAYS})"
-        yield Stray(file=replace(readable[MAX_STRAYS], content=None, detail=detail), document=None)
-    for file in readable[:MAX_STRAYS]:
+    if len(readable) > MAX_UNMANAGED:  # one that may say anything stands for all of them
+        detail = (
+            f"{len(readable)} documents lie outside enclaves; from this on they were not read (limit {MAX_UNMANAGED})"
+        )
+        yield UnmanagedDocument(file=replace(readable[MAX_UNMANAGED], content=None, detail=detail), document=None)
+    for file in readable[:MAX_UNMANAGED]:
         document = _document(file, candidates)
         if not any(defect.kind is Kind.NOT_SMIME for defect in document.signed.defects):
-            yield Stray(file=file, document=document)
+            yield UnmanagedDocument(file=file, document=document)
 
 
 def _document(file: File, candidates: Candidates) -> GovernanceFile | PermissionsFile:
@@ -87,14 +91,21 @@ MAX_BYTES: Final = 4 * 1024 * 1024
 """Of files with certificates outside enclaves that are parsed: 5,000 certificates, a quarter of a second."""
 
 
-class StrayIdentity(Struct, frozen=True, kw_only=True, eq=False):
-    """A certificate that no enclave has as its own, and the place of the private key that belongs to it."""
+class UnmanagedIdentity(Struct, frozen=True, kw_only=True, eq=False):
+    """A certificate that no enclave has as its own.
+
+    `key`: the file with its private key, or (not `held`) one that may hold it and could not be read; empty where it is
+    known otherwise that somebody has it. `authorities`: of those in identity CA files, the ones that vouch for it
+    (`inventory.unmanaged_identities`); itself is among them where it stands in such a file and may be taken there.
+    """
 
     certificate: Certificate
-    key: str
+    key: str = ""
+    held: bool = True
+    authorities: tuple[Certificate, ...] = ()
 
 
-class StrayIdentities(Struct, frozen=True, kw_only=True):
+class UnmanagedIdentities(Struct, frozen=True, kw_only=True):
     """Those of a keystore, by place but for what stands in files that are read as what they are, which come first.
 
     `copies`: certificates of enclaves whose key lies in a file of no enclave as well, with this as their path.
@@ -103,7 +114,7 @@ class StrayIdentities(Struct, frozen=True, kw_only=True):
     `loose`: as `loose_keys`.
     """
 
-    found: tuple[StrayIdentity, ...] = ()
+    found: tuple[UnmanagedIdentity, ...] = ()
     copies: tuple[Certificate, ...] = ()
     keyless: tuple[Certificate, ...] = ()
     locked: tuple[File, ...] = ()
@@ -111,10 +122,10 @@ class StrayIdentities(Struct, frozen=True, kw_only=True):
     loose: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     @property
-    def possible(self) -> tuple[StrayIdentity, ...]:
+    def possible(self) -> tuple[UnmanagedIdentity, ...]:
         """Those whose private key may be in a file that could not be read, the first of which is named."""
         keys = [file.place for file in self.locked[:1]]
-        return tuple(StrayIdentity(certificate=each, key=key) for key in keys for each in self.keyless)
+        return tuple(UnmanagedIdentity(certificate=each, key=key, held=False) for key in keys for each in self.keyless)
 
 
 class Carried(Struct, frozen=True, kw_only=True):
@@ -137,7 +148,7 @@ class Carried(Struct, frozen=True, kw_only=True):
     key_places: tuple[frozenset[str], frozenset[str]]
 
 
-def read_stray_identities(root: Root, carried: Carried, unread: Iterable[File]) -> StrayIdentities:
+def read_unmanaged_identities(root: Root, carried: Carried, unread: Iterable[File]) -> UnmanagedIdentities:
     """What the certificates and the private keys of the tree make. `unread`: files of no enclave that were not read and
     carry the mark of one.
 
@@ -166,17 +177,17 @@ def read_stray_identities(root: Root, carried: Carried, unread: Iterable[File]) 
                 detail = f"holds a certificate in line {found} that cannot be read"
                 not_read.append(replace(file, content=None, detail=detail))
                 break
-    strays = [certificate for certificate in certificates.values() if certificate.sha256 not in known]
-    return StrayIdentities(
+    others = [certificate for certificate in certificates.values() if certificate.sha256 not in known]
+    return UnmanagedIdentities(
         found=tuple(
-            StrayIdentity(certificate=each, key=keys.places[each.key]) for each in strays if each.key in keys.places
+            UnmanagedIdentity(certificate=each, key=keys.places[each.key]) for each in others if each.key in keys.places
         ),
         copies=tuple(
             replace(each, path=keys.elsewhere[each.key][0], line=1)
             for each in carried.identities
             if each.key in keys.elsewhere
         ),
-        keyless=tuple(each for each in strays if each.key not in keys.places),
+        keyless=tuple(each for each in others if each.key not in keys.places),
         locked=keys.locked,
         unread=tuple(sorted(not_read, key=lambda file: file.place)),
         loose=keys.elsewhere,
