@@ -3,22 +3,21 @@
 What the Analyzer is given is the user's text, character for character, so that its complaints have the user's lines.
 Read here are the commands, since a verdict on each must come back, and names that comments give to enclaves and topics.
 Everything else is refused that could make a command say something else than it seems to: facts and sigs, scopes (the
-facts are one structure, all of it), numbers (they overflow in silence), time, and modules that are not known.
+facts are one structure, all of it), numbers (they overflow in silence), time, and modules that are not known. Control
+characters end the Analyzer's comments, and `/**/` begins a longer one: without them a comment here is one there.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from functools import cached_property
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from msgspec import Struct
 
 from keystore_audit import resources
 from keystore_audit.engine.alloy.export import VOCABULARY
-from keystore_audit.engine.alloy.user_tokens import NO_NUMBERS, Token, Wrong, tokens
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Location, Severity
 from keystore_audit.given import GivenFile, check_beside
@@ -51,16 +50,56 @@ OPENED: Final = frozenset(
 )
 """What may be opened: the static modules of the model, and libraries that only define functions."""
 
-ABOUT: Final = ("enclave", "topic", "severity", "statement")
-"""What a directive may be about."""
+NO_NUMBERS: Final = "numbers overflow in silence; say `lone`, or `some disj a, b: ...`"
 
-_MULTIPLICITIES: Final = ("one", "lone", "some", "disj")
-_BEGINNING: Final = (*_MULTIPLICITIES, "all", "no", "{", "[", "(", "|", ",")
-"""What stands before the first name of a declaration, or before a further one."""
+_REFUSED: Final = {
+    **dict.fromkeys(("fact", "sig", "enum", "extends", "abstract", "var"), "a file asks, it adds no facts and no sigs"),
+    **dict.fromkeys(("Int", "int", "sum", "seq", "String", "plus", "minus", "mul", "div", "rem"), NO_NUMBERS),
+    **dict.fromkeys(
+        ("always", "eventually", "after", "before", "once", "historically", "until", "since", "releases", "triggered"),
+        "nothing changes with time in these modules: settings have `until` (docs/settings.md)",
+    ),
+    **dict.fromkeys(("steps", "but", "exactly", "private", "macro"), "expected no such word here"),
+}
+"""Words that a file does not have, and why."""
 
-_DIRECTIVE: Final = re.compile(r"//@[ \t]*(\S+)[ \t]+([^\s=]+)[ \t]*=[ \t]*(.*?)[ \t]*")
-_NAME: Final = re.compile(r"[A-Z][A-Za-z0-9_]*", re.ASCII)
-_ATOM: Final = re.compile(r"[A-Z]{1,2}[0-9]+(_.*)?", re.ASCII)
+_FORMS: Final = {
+    "module": (r"module (\w+)", "`module NAME`, without a path"),
+    "open": (
+        r"open (\w+(?: / \w+)*)(?: as \w+)?",
+        f"one of the modules that may be opened: {', '.join(sorted(OPENED))}",
+    ),
+    **dict.fromkeys(
+        ("pred", "fun", "assert"), (r"\w+ (\w+) (?=[\[:{])(?!.*\blet\b).*\}", "`pred NAME { ... }`, or fun or assert")
+    ),
+    **dict.fromkeys(
+        ("check", "run"),
+        (
+            r"\w+ (\w+)(?: \{ \})? for 0(?: expect ([01]))?",
+            "`check NAME for 0` or `run NAME { ... } for 0`, `expect 0` or `expect 1`: larger scopes would invent more",
+        ),
+    ),
+}
+"""By the word with which a paragraph begins: its tokens without what braces enclose, and what that is in words."""
+
+_TOKEN: Final = re.compile(
+    r"(?P<comment>(?://|--)[^\n]*|/\*(?!\*/).*?\*/)"
+    r"|(?P<word>[A-Za-z_]\w*)"
+    r"|(?P<number>[0-9]+)"
+    r"|(?P<mark>[\[\]{}()|&+\-*~^.,:=<>!@]|/(?!\*))"
+    r"|(?P<stranger>[^ \t\n])",
+    re.DOTALL | re.ASCII,
+)
+_CONTROL: Final = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029]")
+_VARIABLES: Final = re.compile(
+    r"(?:(?<!\S)(?:[{\[(|,]|(?P<of>: )?(?:one|lone|some|disj|all|no))) (?P<names>\w+(?: , \w+)*)(?= :)"
+    r"|(?<!\S)(?:let|,) (?P<let>\w+)(?= =)",
+    re.ASCII,
+)
+"""A declaration of variables, in tokens with a blank before each; `of`: the multiplicity of another one's range."""
+
+_DIRECTIVE: Final = re.compile(r"//@[ \t]*(enclave|topic|severity|statement)[ \t]+([^\s=]+)[ \t]*=[ \t]*(.*?\S)[ \t]*")
+_NAME: Final = re.compile(r"(?![A-Z]{1,2}[0-9]+(?:_|$))[A-Z]\w*", re.ASCII)
 _DECLARED: Final = re.compile(r"^(?:\w+ )*?(?:fun|pred|assert|sig) ([\w, \n]+)", re.MULTILINE | re.ASCII)
 _HUMP: Final = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|[^A-Za-z0-9]+", re.ASCII)
 
@@ -96,14 +135,13 @@ class UserFile(Struct, frozen=True, kw_only=True):
         return self.file.path
 
 
-def read_user_file(source: Source) -> UserFile:
-    """Return what a file says. Raises errors.UsageError, with line and column, for what is refused."""
-    if len(source.text) > MAX_BYTES:
-        raise UsageError(f"{source.path} is larger than {MAX_BYTES} characters: no file of properties.")
-    try:
-        return _Reader(source).file()
-    except Wrong as wrong:
-        raise UsageError(f"{source.path}:{wrong.line}:{wrong.column}: {wrong.message}.") from None
+class _Token(NamedTuple):
+    """`kind`: word, number, mark or comment; `start`: index in the text."""
+
+    kind: str
+    text: str
+    start: int
+    line: int
 
 
 def identifier(words: str) -> str:
@@ -111,240 +149,151 @@ def identifier(words: str) -> str:
     return "-".join(part.lower() for part in _HUMP.split(words) if part)
 
 
-class _Reader:
-    """One file being read, paragraph by paragraph."""
+def read_user_file(source: Source) -> UserFile:
+    """Return what a file says. Raises errors.UsageError, with the line, for what is refused."""
+    if len(source.text) > MAX_BYTES:
+        raise UsageError(f"{source.path} is larger than {MAX_BYTES} characters: no file of properties.")
+    text = source.text.replace("\r\n", "\n")
+    every = list(_tokens(source, text))
+    code = [token for token in every if token.kind != "comment"]
+    known = vocabulary() | {CONSISTENT}
+    commands: dict[str, tuple[_Token, bool]] = {}
+    given, opened = list(text), False
+    for paragraph in _paragraphs(source, code):
+        first, name, expected = _form(source, paragraph)
+        opened |= first.text == "open" and name == VOCABULARY
+        if first.text in ("pred", "fun", "assert") and name in known:
+            raise source.malformed(first.line, f"{name!r} has a meaning in the model already: call it something else")
+        if first.text in ("check", "run"):
+            if name in commands:
+                raise source.malformed(first.line, f"a second command is called {name!r}")
+            commands[name] = first, first.text == "run" if expected is None else expected == "1"
+            for token in paragraph[-2:] if expected else ():  # an error to the Analyzer, and left to us
+                given[token.start : token.start + len(token.text)] = " " * len(token.text)
+    if not opened:
+        raise source.malformed(1, f"expected `open {VOCABULARY}`, which has the words to speak of a keystore")
+    if not 0 < len(commands) <= MAX_COMMANDS:
+        raise source.malformed(1, f"expected a check or a run, and {MAX_COMMANDS} at most, found {len(commands)}")
+    said, places = _directives(source, [each for each in every if each.text.startswith("//@")], known, commands)
+    _check_variables(source, code, known | {place.name for place in places})
+    return UserFile(
+        file=source.file,
+        text=f"{''.join(each if each.isascii() else '?' for each in given)}\nrun {CONSISTENT} {{}} for 0\n",
+        commands=tuple(_asked(source, name, *commands[name], said) for name in commands),
+        places=places,
+    )
 
-    def __init__(self, source: Source) -> None:
-        self._source = source
-        every = tokens(source.text.replace("\r\n", "\n"))
-        self._comments = [token for token in every if token.kind == "comment"]
-        self._code = [token for token in every if token.kind != "comment"]
-        self._next = 0
-        self._commands: dict[str, Token] = {}
-        self._instance: dict[str, bool] = {}
-        self._expects: list[Token] = []
-        self._opened = False
 
-    def file(self) -> UserFile:
-        while self._next < len(self._code):
-            self._paragraph(self._take())
-        if not self._commands:
-            raise Wrong(self._end, "expected a check or a run, found none: nothing would be asked")
-        if not self._opened:
-            raise Wrong(self._code[0], f"expected `open {VOCABULARY}`, which has the words to speak of a keystore")
-        severities, statements, places = self._directives()
-        self._check_variables(self._taken | {place.name for place in places})
-        return UserFile(
-            file=self._source.file,
-            text=self._text(),
-            commands=tuple(self._asked(name, severities, statements) for name in self._commands),
-            places=places,
-        )
+def _tokens(source: Source, text: str) -> Iterator[_Token]:
+    if control := _CONTROL.search(text):
+        line = text.count("\n", 0, control.start()) + 1
+        raise source.malformed(line, f"expected no control character, found {control[0]!r}")
+    for match in _TOKEN.finditer(text):
+        line, kind = text.count("\n", 0, match.start()) + 1, match.lastgroup or ""
+        if kind == "stranger":
+            raise source.malformed(line, f"expected Alloy without texts, numbers and time, found {match[0]!r}")
+        if kind == "word" and match[0] in _REFUSED:
+            raise source.malformed(line, f"{match[0]!r}: {_REFUSED[match[0]]}")
+        yield _Token(kind, match[0], match.start(), line)
 
-    def _asked(self, name: str, severities: dict[str, Severity], statements: dict[str, str]) -> Asked:
-        token, stem = self._commands[name], re.sub(r"\.als$", "", self._source.path.rpartition("/")[2])
-        said = statements.get(name) or f"{name} of {self._source.path}."
-        return Asked(
-            id="-".join(filter(None, (identifier(stem) or "alloy", identifier(name)))),
-            name=name,
-            kind=token.text,
-            instance=self._instance[name],
-            statement=f"{said} (Alloy alone decides this.)",
-            severity=severities.get(name, Severity.HIGH),
-            location=Location(path=self._source.path, line=token.line, beside=True),
-        )
 
-    # paragraphs
+def _paragraphs(source: Source, code: Iterable[_Token]) -> list[list[_Token]]:
+    """Each begins with a word of `_FORMS`; what stands within braces is left out. Numbers stand in scopes alone."""
+    found: list[list[_Token]] = []
+    depth = 0
+    for token in code:
+        depth -= token.text == "}"
+        if depth == 0 and token.text in _FORMS:
+            found.append([])
+        if not found:
+            raise source.malformed(token.line, f"expected {', '.join(_FORMS)}, found {token.text!r}")
+        if token.kind == "number" and (depth or found[-1][0].text not in ("check", "run")):
+            raise source.malformed(token.line, f"expected no numbers: {NO_NUMBERS}")
+        found[-1] += [token] if depth == 0 else []
+        depth += token.text == "{"
+    return found
 
-    def _paragraph(self, first: Token) -> None:
-        match first.text:
-            case "module":
-                self._word("the name of the module, without a path")
-            case "open":
-                self._open()
-            case "pred" | "fun" | "assert":
-                self._definition(first)
-            case "check" | "run":
-                self._command(first)
-            case _:
-                raise Wrong(first, f"expected module, open, pred, fun, assert, check or run, found {first.text!r}")
 
-    def _open(self) -> None:
-        first = self._word("the name of a module")
-        path = first.text
-        while self._peek("/"):
-            self._take()
-            path += "/" + self._word("the name of a module").text
-        if path not in OPENED:
-            raise Wrong(first, f"{path!r} is not among the modules that may be opened: {', '.join(sorted(OPENED))}")
-        self._opened = self._opened or path == VOCABULARY
-        if self._peek("as"):
-            self._take()
-            self._word("another name for the module")
+def _form(source: Source, paragraph: Sequence[_Token]) -> tuple[_Token, str, str | None]:
+    """The word with which it begins, what it names, and of a command whether it is said to have an instance."""
+    first, said = paragraph[0], " ".join(token.text for token in paragraph)
+    form, words = _FORMS[first.text]
+    match = re.fullmatch(form, said, re.ASCII)
+    name = "" if match is None else match[1].replace(" ", "")
+    if match is None or (first.text == "open" and name not in OPENED):
+        raise source.malformed(paragraph[-1].line, f"expected {words}, found {said[:80]!r}")
+    return first, name, match[2] if first.text in ("check", "run") else None
 
-    def _definition(self, first: Token) -> None:
-        name = self._word("a name")
-        if name.text in self._taken:
-            raise Wrong(name, f"{name.text!r} has a meaning in the model already: call it something else")
-        while not self._peek("{"):
-            self._no_number(self._take_within(first))
-        self._block()
 
-    def _command(self, first: Token) -> None:
-        name = self._word(f"`{first.text} NAME`, since its answer is reported by its name")
-        if name.text in self._commands:
-            raise Wrong(name, f"a second command is called {name.text!r}")
-        if len(self._commands) == MAX_COMMANDS:
-            raise Wrong(first, f"these are more than {MAX_COMMANDS} commands")
-        if self._peek("{"):
-            self._block()
-        self._scope(name)
-        self._commands[name.text] = first
-        self._instance[name.text] = first.text == "run"
-        if self._peek("expect"):
-            expect, number = self._take(), self._take_within(name)
-            if number.text not in ("0", "1"):
-                raise Wrong(number, f"expected `expect 0` or `expect 1`, found {number.text!r}")
-            self._instance[name.text] = number.text == "1"
-            self._expects += (expect, number)
+def _check_variables(source: Source, code: Sequence[_Token], known: Collection[str]) -> None:
+    """Variables that are called like a word of the model would hide it: what follows would ask something else."""
+    text = "".join(f" {token.text}" for token in code)
+    for match in _VARIABLES.finditer(text):
+        names = match["let"] or ("" if match["of"] else match["names"])
+        for name in known.intersection(names.split(" , ")):
+            line = code[text.count(" ", 0, match.start()) - 1].line
+            raise source.malformed(
+                line, f"{name!r} has a meaning in the model already: call the variable something else"
+            )
 
-    def _scope(self, name: Token) -> None:
-        """`for 0`: every sig of a keystore is there as it is, and a larger scope would invent more."""
-        given = [self._take().text for _ in range(2) if self._next < len(self._code)]
-        if given != ["for", "0"]:
-            raise Wrong(name, f"expected `for 0` at the end of the command {name.text}: the facts are all there is")
 
-    def _block(self) -> None:
-        depth, first = 0, self._code[self._next]
-        while True:
-            token = self._take_within(first)
-            depth += {"{": 1, "}": -1}.get(token.text, 0)
-            if depth == 0:
-                return
-            self._no_number(token)
-
-    # tokens
-
-    def _no_number(self, token: Token) -> None:
-        if token.kind == "number":
-            raise Wrong(token, NO_NUMBERS)
-
-    def _take(self) -> Token:
-        self._next += 1
-        return self._code[self._next - 1]
-
-    def _take_within(self, what: Token) -> Token:
-        if self._next == len(self._code):
-            raise Wrong(what, f"expected the end of what begins here with {what.text!r}, found none")
-        return self._take()
-
-    def _peek(self, text: str) -> bool:
-        return self._next < len(self._code) and self._code[self._next].text == text
-
-    def _word(self, what: str) -> Token:
-        before = self._code[self._next - 1]
-        token = self._take() if self._next < len(self._code) else before
-        if token is before or token.kind != "word":
-            raise Wrong(token, f"expected {what}, found {token.text!r}")
-        return token
-
-    def _check_variables(self, taken: frozenset[str]) -> None:
-        """Variables that are called like a word of the model would hide it: what follows would ask something else."""
-        words = ["", "", *(token.text for token in self._code), ""]
-        for place, token in enumerate(self._code, 2):
-            after, before = words[place + 1], words[place - 1]
-            if token.text not in taken or after not in (":", ",", "="):
-                continue
-            begins = before in _BEGINNING and not (before in _MULTIPLICITIES and words[place - 2] == ":")
-            if before in ("let", ",") if after == "=" else begins and self._leads_to_colon(place - 2):
-                raise Wrong(
-                    token, f"{token.text!r} has a meaning in the model already: call the variable something else"
-                )
-
-    def _leads_to_colon(self, place: int) -> bool:
-        """Whether the word at the place is of a list of names that ends in a colon."""
-        place += 1
-        while place + 1 < len(self._code) and self._code[place].text == ",":
-            place += 2
-        return place < len(self._code) and self._code[place].text == ":"
-
-    @property
-    def _end(self) -> Token:
-        return self._code[-1] if self._code else Token("end", "", 0, 1, 1)
-
-    @cached_property
-    def _taken(self) -> frozenset[str]:
-        return vocabulary() | {CONSISTENT}
-
-    def _text(self) -> str:
-        """The text for the Analyzer: comments in ASCII, and `expect` left to us, since it would be an error to it."""
-        characters = list(self._source.text.replace("\r\n", "\n"))
-        for token in self._expects:
-            characters[token.start : token.start + len(token.text)] = " " * len(token.text)
-        text = "".join(character if character.isascii() else "?" for character in characters)
-        return f"{text}\nrun {CONSISTENT} {{}} for 0\n"
-
-    # directives
-
-    def _directives(self) -> tuple[dict[str, Severity], dict[str, str], tuple[NamedPlace, ...]]:
-        severities: dict[str, Severity] = {}
-        statements: dict[str, str] = {}
-        globs: dict[tuple[str, str], list[str]] = {}
-        first: dict[str, Token] = {}
-        for comment in self._comments:
-            if not comment.text.startswith("//@"):
-                continue
-            about, name, value = self._directive(comment)
-            if about in ("severity", "statement") and name not in self._commands:
-                raise Wrong(comment, f"there is no command {name!r}")
-            if about == "severity":
-                severities[name] = _severity(comment, value)
-            elif about == "statement":
-                statements[name] = value
-            else:
-                self._check_name(comment, about, name, globs)
-                globs.setdefault((about, name), []).append(_glob(comment, about, value))
-                first.setdefault(name, comment)
-        if len(globs) > MAX_NAMES:
-            raise Wrong(self._end, f"these are more than {MAX_NAMES} names")
-        return severities, statements, tuple(self._places(globs, first))
-
-    def _directive(self, comment: Token) -> tuple[str, str, str]:
-        match = _DIRECTIVE.fullmatch(comment.text)
-        if match is None or not match[3] or match[1] not in ABOUT:
+def _directives(
+    source: Source, comments: Iterable[_Token], known: Collection[str], commands: Collection[str]
+) -> tuple[Mapping[tuple[str, str], str], tuple[NamedPlace, ...]]:
+    """What comments say: by severity or statement and command; and of names."""
+    said: dict[tuple[str, str], str] = {}
+    globs: dict[str, tuple[str, list[str], int]] = {}
+    for comment in comments:
+        line, match = comment.line, _DIRECTIVE.fullmatch(comment.text)
+        if match is None:
             forms = "`//@ enclave Name = /path/*`, or topic, severity or statement in the place of enclave"
-            raise Wrong(comment, f"expected {forms}, found {comment.text[:60]!r}")
-        return match[1], match[2], match[3]
+            raise source.malformed(line, f"expected {forms}, found {comment.text[:60]!r}")
+        about, name, value = match.groups()
+        if about in ("severity", "statement"):
+            if name not in commands:
+                raise source.malformed(line, f"there is no command {name!r}")
+            if about == "severity" and value not in [each.value for each in Severity]:
+                raise source.malformed(line, f"{value!r} is no severity: expected {', '.join(Severity)}")
+            said[about, name] = value
+            continue
+        if not _NAME.fullmatch(name):
+            raise source.malformed(
+                line, f"{name!r} is no name for {about}s: expected a capital and letters, e.g. Brake"
+            )
+        if name in known or globs.get(name, (about,))[0] != about:
+            raise source.malformed(line, f"{name!r} has a meaning already: call the {about} something else")
+        globs.setdefault(name, (about, [], line))[1].append(_glob(source, line, about, value))
+    if len(globs) > MAX_NAMES:
+        raise source.malformed(1, f"these are more than {MAX_NAMES} names")
+    return said, tuple(
+        NamedPlace(name=name, globs=Globs(**{f"{about}s": tuple(words)}), place=f"{source.path}:{line}")
+        for name, (about, words, line) in globs.items()
+    )
 
-    def _check_name(self, comment: Token, about: str, name: str, globs: Iterable[tuple[str, str]]) -> None:
-        if not _NAME.fullmatch(name) or _ATOM.fullmatch(name):
-            raise Wrong(comment, f"{name!r} is no name for {about}s: expected a capital and letters, e.g. Brake")
-        if name in self._taken or any(other == name and kind != about for kind, other in globs):
-            raise Wrong(comment, f"{name!r} has a meaning already: call the {about} something else")
 
-    def _places(self, globs: dict[tuple[str, str], list[str]], first: dict[str, Token]) -> Iterable[NamedPlace]:
-        for (about, name), words in globs.items():
-            place = f"{self._source.path}:{first[name].line}:{first[name].column}"
-            found = Globs(enclaves=tuple(words)) if about == "enclave" else Globs(topics=tuple(words))
-            yield NamedPlace(name=name, globs=found, place=place)
-
-
-def _severity(comment: Token, value: str) -> Severity:
-    try:
-        return Severity(value)
-    except ValueError:
-        raise Wrong(comment, f"{value!r} is no severity: expected {', '.join(s.value for s in Severity)}") from None
-
-
-def _glob(comment: Token, about: str, value: str) -> str:
+def _glob(source: Source, line: int, about: str, value: str) -> str:
     if about == "topic":
         try:
             return dds_topic(value)
         except ValueError as error:
-            raise Wrong(comment, str(error)) from None
+            raise source.malformed(line, str(error)) from None
     if not value.startswith("/"):
-        raise Wrong(comment, f"{value!r} is no enclave's path: it begins with /, e.g. /arm/*")
+        raise source.malformed(line, f"{value!r} is no enclave's path: it begins with /, e.g. /arm/*")
     return value
+
+
+def _asked(source: Source, name: str, first: _Token, instance: bool, said: Mapping[tuple[str, str], str]) -> Asked:
+    stem = source.path.rpartition("/")[2].removesuffix(".als")
+    statement = said.get(("statement", name), f"{name} of {source.path}.")
+    return Asked(
+        id="-".join(filter(None, (identifier(stem) or "alloy", identifier(name)))),
+        name=name,
+        kind=first.text,
+        instance=instance,
+        statement=f"{statement} (Alloy alone decides this.)",
+        severity=Severity(said.get(("severity", name), Severity.HIGH.value)),
+        location=Location(path=source.path, line=first.line, beside=True),
+    )
 
 
 def vocabulary() -> frozenset[str]:
