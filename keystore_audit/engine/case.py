@@ -1,36 +1,28 @@
 """A witness with the atoms that it names, in the user's names, and the lines that it rests on.
 
-This explains verdicts and makes none: an engine has decided, and here we look for what to show. Where nothing is found
+This explains verdicts and makes none: an engine has decided, and the steps that decided are shown. Where there are none
 the explanation is poorer, the verdict the same.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-
-from msgspec import Struct
+from typing import NamedTuple
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import RealmView, realm_views
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.system import (
-    CertificateAtom,
-    ChannelAtom,
-    DocumentAtom,
-    DomainRuleAtom,
-    GrantAtom,
-    Participant,
-    RealmAtom,
-    System,
-    TopicRuleAtom,
-)
+from keystore_audit.model.formal.system import DocumentAtom, DomainRuleAtom, Participant, System, TopicRuleAtom
 from keystore_audit.model.names import AMBIENT, ros_name
 from keystore_audit.properties.result import Role, Step, Witness
 
+Told = tuple[str, tuple[Step, ...]]
+"""A text and its steps."""
 
-class Right(Struct, frozen=True, kw_only=True):
+
+class Right(NamedTuple):
     """A right that `document` gives; `location`: the rule that allows it, or the grant that does by default.
 
     `by_pattern`: it is one to be in a partition that is a pattern, which the channel's matches.
@@ -38,76 +30,64 @@ class Right(Struct, frozen=True, kw_only=True):
 
     document: int
     location: Location
-    by_pattern: bool = False
+    by_pattern: bool
 
 
 class Case:
-    """A witness about a system, with the atoms that it names."""
+    """A witness about a system, with the atoms that it names. `number`: of the channel."""
 
     def __init__(self, system: System, witness: Witness) -> None:
         self.system = system
         self.witness = witness
         named = witness.get(Role.REALM)
         self.realm = self.enclave.realm if named is None else named
+        self.trust = system.realms[self.realm]
+        self.number = witness.get(Role.CHANNEL, 0)
+        governance = self.trust.governance
+        self.governance = None if governance is None else system.documents[governance]
+        self.is_open = self.governance is not None and self.governance.opaque
 
     def at(self, witness: Witness) -> Case:
         """The same with other atoms for some roles."""
         return Case(self.system, {**self.witness, **witness})
 
     @cached_property
-    def _permissions(self) -> Permissions:
+    def permissions(self) -> Permissions:
+        """What grants allow now."""
         return Permissions(self.system)
 
     @cached_property
-    def view(self) -> RealmView:
-        """How the peers of the realm see every enclave."""
-        return RealmView(self.system, self.realm, self._permissions)
+    def views(self) -> list[RealmView]:
+        """How the peers of each realm see every enclave."""
+        return realm_views(self.system, self.permissions)
 
     @property
-    def trust(self) -> RealmAtom:
-        """Whom the peers of the realm trust."""
-        return self.system.realms[self.realm]
+    def view(self) -> RealmView:
+        """How those of the witness's do."""
+        return self.views[self.realm]
 
     @property
     def enclave(self) -> Participant:
         """The enclave that the witness names."""
         return self.system.enclaves[self.witness[Role.ENCLAVE]]
 
-    @property
-    def channel(self) -> ChannelAtom:
-        """The channel that the witness names."""
-        return self.system.channels[self.witness[Role.CHANNEL]]
-
-    @property
-    def governance(self) -> DocumentAtom | None:
-        """The governance document of the realm."""
-        index = self.trust.governance
-        return None if index is None else self.system.documents[index]
-
-    @property
-    def is_open(self) -> bool:
-        """Whether that document could not be read, so that it may allow everything."""
-        return self.governance is not None and self.governance.opaque
-
     @cached_property
     def domain_rule(self) -> DomainRuleAtom | None:
         """The domain rule that decides about the domain: the first that covers it."""
-        index = self._domain_rule
-        return None if index is None else self.system.domain_rules[index]
+        return None if self._domain_rule is None else self.system.domain_rules[self._domain_rule]
 
     @cached_property
     def _domain_rule(self) -> int | None:
         named = self.witness.get(Role.DOMAIN)
-        domain = self.channel.domain if named is None else named
-        rules, document = self.system.domain_rules, self.trust.governance
-        return next((n for n, r in enumerate(rules) if r.document == document and domain in r.domains), None)
+        domain = self.system.channels[self.number].domain if named is None else named
+        rules, document = enumerate(self.system.domain_rules), self.trust.governance
+        return next((n for n, r in rules if r.document == document and domain in r.domains), None)
 
     @cached_property
     def topic_rule(self) -> TopicRuleAtom | None:
         """The topic rule that decides about the channel: the first that matches, of the deciding domain rule."""
-        parent, channel = self._domain_rule, self.witness[Role.CHANNEL]
-        rules = (rule for rule in self.system.topic_rules if rule.domain_rule == parent and channel in rule.channels)
-        return None if parent is None else next(rules, None)
+        rules = (rule for rule in self.system.topic_rules if rule.domain_rule == self._domain_rule)
+        return next((rule for rule in rules if self.number in rule.channels), None)
 
     def rights(self, enclave: int, operation: Operation) -> list[Right]:
         """Every right of an enclave to do `operation` on the channel, whoever signed the document that gives it.
@@ -118,39 +98,26 @@ class Case:
 
     def rights_by(self, identity: int | None, operation: Operation) -> list[Right]:
         """As `rights`, of whoever has the certificate."""
-        grants = self._permissions.chosen(identity, frozenset(range(len(self.system.documents))))
+        grants = self.system.grants
+        chosen = self.permissions.chosen(identity, frozenset(range(len(self.system.documents))))
         found = []
-        for grant in sorted(grants, key=lambda number: self.system.grants[number].document):
-            channels = ((each, self._allowing(grant, operation, each)) for each in self._here_and_meeting)
-            for channel, location in channels:
-                if location is not None:
-                    by_pattern = channel != self.witness[Role.CHANNEL]
-                    document = self.system.grants[grant].document
-                    found.append(Right(document=document, location=location, by_pattern=by_pattern))
-                    break
+        for grant in sorted(chosen, key=lambda number: grants[number].document):
+            allowed = self.permissions.allowed(grant, operation)
+            channel = next((each for each in self._here_and_meeting if allowed >> each & 1), None)
+            if channel is not None:
+                rule = self.permissions.decider(grant, operation, channel)
+                line = grants[grant].location if rule is None else self.system.place(rule, operation, channel)
+                found.append(Right(grants[grant].document, line, channel != self.number))
         return sorted(found, key=lambda right: right.by_pattern)
 
     @cached_property
     def _here_and_meeting(self) -> list[int]:
         """The channel, and those whose endpoints are met in it."""
-        channel = self.witness[Role.CHANNEL]
-        return [channel, *(number for number, others in enumerate(self.system.meets) if channel in others)]
-
-    def _allowing(self, grant: int, operation: Operation, channel: int) -> Location | None:
-        domain = self.system.channels[channel].domain
-        for rule in self.system.rules:
-            if rule.grant == grant and domain in rule.domains and channel in rule.named(operation):
-                return self.system.place(rule, operation, channel) if rule.allow else None
-        return self.system.grants[grant].location if self.system.grants[grant].default_allow else None
-
-    def signed_by_ca(self, document: DocumentAtom) -> bool:
-        """Whether the permissions CA of the realm, and nobody else, signed a document."""
-        signers = document.signers
-        return document.intact and not document.opaque and bool(signers) and signers <= self.trust.permissions_ca
+        return [self.number, *(n for n, others in enumerate(self.system.meets) if self.number in others)]
 
     def opaque_document(self) -> DocumentAtom | None:
         """A document that could not be read, which may grant anything: one that governs nothing, if there is one."""
-        governing = {realm.governance for realm in self.system.realms}
+        governing = {trust.governance for trust in self.system.realms}
         opaque = [(n in governing, n) for n, document in enumerate(self.system.documents) if document.opaque]
         return self.system.documents[min(opaque)[1]] if opaque else None
 
@@ -160,46 +127,34 @@ class Case:
 
     def has_authority_key(self, certificate: int | None) -> bool:
         """Whether the key of a certificate is that of a permissions CA of the realm."""
-        certificates = self.system.certificates
-        keys = {certificates[each].key for each in self.trust.permissions_ca}
-        return certificate is not None and certificates[certificate].key in keys
-
-    def in_force(self, dated: CertificateAtom | GrantAtom) -> bool:
-        """Whether the audit instant lies within the validity of a certificate or grant."""
-        return dated.not_before <= self.system.now <= dated.not_after
+        return certificate is not None and self.system.certificates[certificate].key in self.view.authority_keys
 
     @property
     def topic(self) -> str:
         """The channel for people: the ROS name (one of many, where it has infinitely many), domain and partition."""
-        name = ros_name(self.channel.topic)
-        several = f"topics such as {name}" if self.channel.infinite else name
-        return f"{several} in {self._domain}{self._partition}"
+        channel = self.system.channels[self.number]
+        several = "topics such as " if channel.infinite else ""
+        return f"{several}{ros_name(channel.topic)} in {self._place('')}"
 
-    @property
-    def _partition(self) -> str:
-        return f', partition "{self.channel.partition}"' if self.channel.partition else ""
-
-    @property
-    def _domain(self) -> str:
-        return self.system.domains[self.channel.domain].label
+    def _place(self, topic: str) -> str:
+        channel = self.system.channels[self.number]
+        partition = f', partition "{channel.partition}"' if channel.partition else ""
+        return f"{self.system.domains[channel.domain].label}{topic}{partition}"
 
     def step(self, location: Location | None, enclave: str | None = None) -> Step:
         """A step about the channel."""
-        channel = f"{self._domain}, topic {self.channel.topic}{self._partition}"
-        return step_at(location, self.channel.topic, channel=channel, enclave=enclave)
+        topic = self.system.channels[self.number].topic
+        return step_at(location, topic, channel=self._place(f", topic {topic}"), enclave=enclave)
 
     def identity_step(self, enclave: Participant) -> Step:
         """The step that shows who an enclave is."""
-        if enclave.identity is None:
-            return step_at(enclave.location, enclave.label, enclave=enclave.label)
-        identity = self.system.certificates[enclave.identity]
-        return step_at(identity.location, identity.label, enclave=enclave.label)
+        who = enclave if enclave.identity is None else self.system.certificates[enclave.identity]
+        return step_at(who.location, who.label, enclave=enclave.label)
 
     def governance_steps(self) -> tuple[Step, ...]:
         """The rules that protect the channel, or the governance document where it could not be read."""
-        if self.is_open and self.governance is not None:
-            return (self.step(self.governance.location),)
-        return tuple(self.step(rule.location) for rule in (self.topic_rule, self.domain_rule) if rule is not None)
+        rules = (self.governance,) if self.is_open else (self.topic_rule, self.domain_rule)
+        return tuple(self.step(rule.location) for rule in rules if rule is not None)
 
     def right_steps(self, enclave: int, operation: Operation) -> tuple[Step, ...]:
         """The line that gives an enclave a right, where there is one."""
@@ -208,21 +163,27 @@ class Case:
 
     def granted_steps(self, *operations: Operation) -> tuple[Step, ...]:
         """The line that gives some enclave one of these rights."""
-        every = range(len(self.system.enclaves))
-        found = (self.right_steps(enclave, operation) for operation in operations for enclave in every)
-        return next(filter(None, found), ())
+        return self._first(self.right_steps, operations)
 
     def user_steps(self, *operations: Operation) -> tuple[Step, ...]:
         """The line by which there is an endpoint, though honest peers may refuse it: something to protect."""
-        members = [number for number, atom in enumerate(self.system.enclaves) if atom.realm == self.realm]
-        lone = (self.lone_steps(enclave, operation) for operation in operations for enclave in members)
-        return self.granted_steps(*operations) or next(filter(None, lone), ())
+        return self.granted_steps(*operations) or self._first(self._lone_member_steps, operations)
+
+    def _first(
+        self, steps: Callable[[int, Operation], tuple[Step, ...]], operations: Sequence[Operation]
+    ) -> tuple[Step, ...]:
+        every = range(len(self.system.enclaves))
+        return next(filter(None, (steps(enclave, operation) for operation in operations for enclave in every)), ())
+
+    def _lone_member_steps(self, enclave: int, operation: Operation) -> tuple[Step, ...]:
+        member = self.system.enclaves[enclave].realm == self.realm
+        return self.lone_steps(enclave, operation) if member else ()
 
     def lone_steps(self, enclave: int, operation: Operation) -> tuple[Step, ...]:
         """The line by which its own implementation lets an enclave do what honest peers may refuse."""
         atom = self.system.enclaves[enclave]
         alone = {Operation.PUBLISH: atom.writes_alone, Operation.SUBSCRIBE: atom.reads_alone}.get(operation, ())
-        if self.witness[Role.CHANNEL] not in alone:
+        if self.number not in alone:
             return ()
         document = atom.location if atom.permissions is None else self.system.documents[atom.permissions].location
         return (self.step(next(self._own_lines(atom, operation), document), atom.label),)

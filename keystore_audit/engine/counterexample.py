@@ -8,20 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
-from keystore_audit.engine.case import Case, step_at
+from keystore_audit.engine.case import Case, Told, step_at
 from keystore_audit.engine.ways import beyond_grants
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import stated
-from keystore_audit.properties.result import Counterexample, Property, Role, Step, Witness
+from keystore_audit.properties.result import Counterexample, Property, Role, Witness
 
 PUBLISH: Final = Operation.PUBLISH
 SUBSCRIBE: Final = Operation.SUBSCRIBE
-
-Told = tuple[str, tuple[Step, ...]]
-"""A text and its steps."""
 
 
 def describe(system: System, prop: Property, witness: Witness) -> Counterexample:
@@ -58,15 +54,14 @@ def _identity(case: Case) -> Told:
 
 def _distrust(case: Case, number: int) -> str:
     """Why an identity is not vouched for, in force and unrevoked."""
-    authorities, certificates = case.trust.identity_ca, case.system.certificates
-    identity = certificates[number]
-    issuers = [certificates[each] for each in identity.issuers & authorities]
+    authorities, identity = case.trust.identity_ca, case.system.certificates[number]
+    issuers = [case.system.certificates[each] for each in identity.issuers & authorities]
     reasons = (
         (case.is_unread(authorities), "the identity CA file could not be read"),
         (not authorities, "there is no certificate of an identity CA"),
         (not issuers, "no certificate of its identity CA has issued it"),
         (number in case.trust.revoked, "its identity CA has revoked it"),
-        (not case.in_force(identity), "it is not in force"),
+        (not case.permissions.in_force(identity.not_before, identity.not_after), "it is not in force"),
         (not any(issuer.authority for issuer in issuers), "its issuer may not issue certificates"),
         (True, "its issuer is not in force"),
     )
@@ -74,7 +69,8 @@ def _distrust(case: Case, number: int) -> str:
 
 
 def _document(case: Case) -> Told:
-    document, authorities = case.system.documents[case.witness[Role.DOCUMENT]], case.trust.permissions_ca
+    number, authorities = case.witness[Role.DOCUMENT], case.trust.permissions_ca
+    document, who = case.system.documents[number], case.enclave.label
     signers = sorted(document.signers)
     signer = case.system.certificates[signers[0]].label if signers else ""
     reasons = (
@@ -82,7 +78,7 @@ def _document(case: Case) -> Told:
         (not document.intact or not signers, "bears no signature that these implementations can verify"),
         (case.is_unread(authorities), f"is signed by {signer}, and the permissions CA file could not be read"),
         (not authorities, f"is signed by {signer}, and there is no certificate of a permissions CA"),
-        (case.signed_by_ca(document), f"is signed by {signer}, which is not in force"),
+        (number in case.view.genuine, f"is signed by {signer}, which is not in force"),
         (
             all(map(case.has_authority_key, signers)),
             f"names {signer} as its signer, which has the permissions CA's key and is another certificate",
@@ -90,8 +86,8 @@ def _document(case: Case) -> Told:
         (True, f"is signed by {signer}, not by the permissions CA alone"),
     )
     why = next(why for so, why in reasons if so)
-    step = step_at(document.location, document.label, enclave=case.enclave.label)
-    return f"{document.label}, which {case.enclave.label} uses, {why}.", (step,)
+    step = step_at(document.location, document.label, enclave=who)
+    return f"{document.label}, which {who} uses, {why}.", (step,)
 
 
 def _shared_key(case: Case) -> Told:
@@ -104,36 +100,40 @@ def _shared_key(case: Case) -> Told:
 
 
 def _grants_itself(case: Case) -> Told:
-    enclave = case.enclave
+    enclave, who = case.enclave, case.enclave.label
     steps = (case.identity_step(enclave),)
-    if enclave.opaque:
-        return f"The identity of {enclave.label} could not be read: it may be one that signs permissions.", steps
-    if case.is_unread(case.trust.permissions_ca):
-        return f"A permissions CA file could not be read: {enclave.label} may be one that signs permissions.", steps
-    if case.has_authority_key(enclave.identity):
-        return f"{enclave.label} can sign itself permissions: its key is that of the permissions CA.", steps
+    reasons = (
+        (enclave.opaque, f"The identity of {who} could not be read: it may be one that signs permissions."),
+        (
+            case.is_unread(case.trust.permissions_ca),
+            f"A permissions CA file could not be read: {who} may be one that signs permissions.",
+        ),
+        (
+            case.has_authority_key(enclave.identity),
+            f"{who} can sign itself permissions: its key is that of the permissions CA.",
+        ),
+    )
+    for so, text in reasons:
+        if so:
+            return text, steps
     if enclave.identity is not None and case.view.self_granting(case.witness[Role.ENCLAVE]):
         return _signs(case, enclave.identity)
-    if enclave.permissions is None:
-        foreign = f"{enclave.label} has permissions that the permissions CA did not sign and peers accept"
-        return f"{foreign}: {enclave.label}.", steps
-    document = case.system.documents[enclave.permissions]
-    steps = (step_at(document.location, document.label, enclave=enclave.label),)
-    if document.opaque:
-        return (
-            f"{document.label}, which {enclave.label} uses, could not be read: the permissions CA may not have signed "
-            "it, and peers may accept it."
-        ), steps
-    return (
-        f"{enclave.label} has permissions that the permissions CA did not sign and peers accept: {document.label}."
-    ), steps
+    what = who
+    if enclave.permissions is not None:
+        document = case.system.documents[enclave.permissions]
+        what, steps = document.label, (step_at(document.location, document.label, enclave=who),)
+        if document.opaque:
+            return (
+                f"{what}, which {who} uses, could not be read: the permissions CA may not have signed it, and peers "
+                "may accept it."
+            ), steps
+    return f"{who} has permissions that the permissions CA did not sign and peers accept: {what}.", steps
 
 
 def _signs(case: Case, identity: int) -> Told:
     """By which certificate an enclave signs: its own, else one of its key, else one that may be anybody's."""
     certificates, below, enclave = case.system.certificates, case.view.signing_below, case.enclave
-    authorities = case.trust.permissions_ca
-    keys, own = {certificates[number].key for number in authorities}, certificates[identity].key
+    authorities, keys, own = case.trust.permissions_ca, case.view.authority_keys, certificates[identity].key
     ranked = ((n != identity, certificates[n].key != own, n) for n in below if certificates[n].key not in keys)
     signing = min(ranked)[-1]
     signer = certificates[signing]
@@ -182,36 +182,31 @@ def _shared_subject(case: Case) -> Told:
 # What somebody without any key can do, and what grants do not bind.
 
 
-def _outsider(does: str, *touched: Operation, door: bool = False) -> Callable[[Case], Told]:
-    """Anybody can do something, since the kinds that apply do not keep it from that."""
+def _outsider(
+    does: str, *touched: Operation, why: Callable[[Case], str] = Case.kinds, door: bool = False
+) -> Callable[[Case], Told]:
+    """Anybody on the network can do something, since the kinds that apply do not keep it from that."""
 
     def tell(case: Case) -> Told:
         besides = case.open_door() if door else ""
-        text = f"Anybody on the network can {does.format(case.topic)}: {case.kinds()}{besides}."
+        text = f"Anybody on the network {does.format(case.topic)}: {why(case)}{besides}."
         return text, case.governance_steps() + case.user_steps(*touched)
 
     return tell
 
 
-def _unprotected(case: Case, what: str, otherwise: str) -> str:
+def _unprotected(what: str, otherwise: str) -> Callable[[Case], str]:
     """Why the `what` of the topic, discovery or liveliness, is unprotected; `otherwise`: as whole messages are not."""
-    rule = case.topic_rule
-    if case.is_open or rule is None or case.domain_rule is None:
-        return case.kinds()
     flag, kind = f"enable_{what}_protection", f"{what}_protection_kind"
-    said = f"{kind} is {getattr(case.domain_rule, kind).value}" if getattr(rule, flag) else f"{flag} is false for it"
-    return f"{said}, and whole messages are not {otherwise}"
 
+    def why(case: Case) -> str:
+        if case.is_open or case.topic_rule is None or case.domain_rule is None:
+            return case.kinds()
+        on, value = getattr(case.topic_rule, flag), getattr(case.domain_rule, kind).value
+        said = f"{kind} is {value}" if on else f"{flag} is false for it"
+        return f"{said}, and whole messages are not {otherwise}"
 
-def _outsider_learns(case: Case) -> Told:
-    text = f"Anybody on the network learns of {case.topic}: {_unprotected(case, 'discovery', 'encrypted')}."
-    return text, case.governance_steps() + case.user_steps(PUBLISH, SUBSCRIBE)
-
-
-def _outsider_asserts(case: Case) -> Told:
-    why = _unprotected(case, "liveliness", "authenticated")
-    text = f"Anybody on the network can say that a writer of {case.topic} is alive: {why}{case.open_door()}."
-    return text, case.governance_steps() + case.user_steps(SUBSCRIBE)
+    return why
 
 
 def _unenforced(case: Case) -> Told:
@@ -233,9 +228,9 @@ def _unenforced(case: Case) -> Told:
 
 def _insider(does: str, operation: Operation) -> Callable[[Case], Told]:
     def tell(case: Case) -> Told:
-        way = beyond_grants(case, operation)
-        does_it = does.format(case.topic)
-        return f"{case.enclave.label} can {does_it} without a grant of the permissions CA: {way.why}.", way.steps
+        why, steps = beyond_grants(case, operation)
+        text = f"{case.enclave.label} can {does.format(case.topic)} without a grant of the permissions CA: {why}."
+        return text, steps
 
     return tell
 
@@ -270,15 +265,15 @@ def _bridge(case: Case) -> Told:
         "get into the other."
     )
     reads = case.right_steps(enclave, SUBSCRIBE) or case.governance_steps()
-    return text, (*reads, *(there.right_steps(writer, PUBLISH) or there.governance_steps()))
+    return text, reads + (there.right_steps(writer, PUBLISH) or there.governance_steps())
 
 
 def _feeding(case: Case, channel: int) -> Iterator[tuple[int, int]]:
     """The realms in which the enclave feeds a channel, its own first; and as whom: itself, if it does."""
-    enclave, views = case.witness[Role.ENCLAVE], realm_views(case.system)
-    for who in (enclave, *Flows(case.system, views).acting(enclave)):
-        for realm in (case.realm, *range(len(views))):
-            able = views[realm].abilities(who)
+    enclave = case.witness[Role.ENCLAVE]
+    for who in (enclave, *Flows(case.system, case.views).acting(enclave)):
+        for realm in (case.realm, *range(len(case.views))):
+            able = case.views[realm].abilities(who)
             if (able.may_write | able.forges) >> channel & 1:
                 yield realm, who
 
@@ -291,13 +286,17 @@ _TELLERS: Final[Mapping[str, Callable[[Case], Told]]] = {
     stated.NO_SELF_GRANTED_RIGHTS.id: _grants_itself,
     stated.ONE_CA_FOR_ONE_ROLE.id: _one_authority,
     stated.NO_SHARED_SUBJECT.id: _shared_subject,
-    stated.OUTSIDERS_CANNOT_READ.id: _outsider("read {}", PUBLISH),
-    stated.OUTSIDERS_CANNOT_LEARN_NAMES.id: _outsider_learns,
-    stated.OUTSIDERS_CANNOT_INJECT.id: _outsider("send samples on {}", SUBSCRIBE, door=True),
-    stated.OUTSIDERS_CANNOT_REPLAY.id: _outsider(
-        "send recorded samples of {} again, and forge the messages that say what was sent", SUBSCRIBE, door=True
+    stated.OUTSIDERS_CANNOT_READ.id: _outsider("can read {}", PUBLISH),
+    stated.OUTSIDERS_CANNOT_LEARN_NAMES.id: _outsider(
+        "learns of {}", PUBLISH, SUBSCRIBE, why=_unprotected("discovery", "encrypted")
     ),
-    stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _outsider_asserts,
+    stated.OUTSIDERS_CANNOT_INJECT.id: _outsider("can send samples on {}", SUBSCRIBE, door=True),
+    stated.OUTSIDERS_CANNOT_REPLAY.id: _outsider(
+        "can send recorded samples of {} again, and forge the messages that say what was sent", SUBSCRIBE, door=True
+    ),
+    stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: _outsider(
+        "can say that a writer of {} is alive", SUBSCRIBE, why=_unprotected("liveliness", "authenticated"), door=True
+    ),
     stated.GRANTS_ARE_ENFORCED.id: _unenforced,
     stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _insider("get its samples taken on {}", PUBLISH),
     stated.NOBODY_READS_WITHOUT_A_GRANT.id: _insider("read {}", SUBSCRIBE),

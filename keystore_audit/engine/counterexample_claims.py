@@ -7,9 +7,10 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.engine.case import Case, step_at
+from keystore_audit.engine.case import Case, Told, step_at
 from keystore_audit.engine.native_claims import claims_at
-from keystore_audit.engine.ways import Way, as_anybody, way
+from keystore_audit.engine.ways import as_anybody, way
+from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims.named import UNREAD_IDENTITY, same_elsewhere
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
@@ -18,10 +19,10 @@ from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.bit_sets import bits, union
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.permission import Decisions, Permissions
-from keystore_audit.model.formal.system import DocumentAtom, System
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.participants.unmanaged import MAX_SUBJECT
-from keystore_audit.properties.result import ANYBODY, Answer, Counterexample, Hop, Role, Step
+from keystore_audit.properties.result import ANYBODY, Answer, Counterexample, Hop, Role
 from keystore_audit.text import instant, shorten, some
 
 UNDER: Final = {
@@ -29,9 +30,6 @@ UNDER: Final = {
     Attacker.SOURCE: "if it attacks",
     Attacker.RELAYS: "if some of those named attack",
 }
-
-Told = tuple[str, tuple[Step, ...]]
-"""A text and its steps."""
 
 
 def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Counterexample:
@@ -46,10 +44,10 @@ def _told(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Told:
         return _nothing_gets_there(system, claim, answer, when), ()
     if answer.path:
         ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
-        reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(way.why for way in ways if way.why))
+        reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(why for why, _steps in ways if why))
         attacker = Attacker.HONEST if by_right(system, claim, answer.path) else claim.attacker
         text = f"{route(system, claim, answer.path)} ({UNDER[attacker]}{when}).{reasons}"
-        return text, tuple(dict.fromkeys(step for way in ways for step in way.steps))
+        return text, tuple(dict.fromkeys(step for _why, steps in ways for step in steps))
     witness = answer.witnesses[0] if answer.witnesses else {}
     if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
         return _shared_domain(Case(system, witness), claim, when)
@@ -102,61 +100,48 @@ def _told_place(system: System, place: ClaimPlace) -> str:
 
 def _reading(case: Case, when: str) -> Told:
     """Who reads a topic that is not encrypted against it, or (an insider) with the key of somebody who may."""
-    channel = case.witness[Role.CHANNEL]
     if Role.CERTIFICATE in case.witness:
         return _stranger_reading(case, case.witness[Role.CERTIFICATE], when)
+    does = f"can read {case.topic}"
     if Role.ENCLAVE in case.witness:
         enclave = case.witness[Role.ENCLAVE]
-        found = Way(why=case.kinds(), steps=case.governance_steps())
-        if not case.view.abilities(enclave).overhears >> channel & 1:
-            found = way(case, enclave, Operation.SUBSCRIBE, alone=False)
-        return f"{case.enclave.label}, which may not, can read {case.topic}: {found.why}{when}.", found.steps
-    if case.view.readable >> channel & 1:
-        return f"Anybody on the network can read {case.topic}: {case.kinds()}{when}.", case.governance_steps()
-    if case.view.granted_by_known >> channel & 1:
-        return _signing_itself(case, f"can read {case.topic}", when)
-    text = (
-        f"{_known(case)} can read {case.topic} without a grant to, robots elsewhere too, "
-        f"since enable_join_access_control is false, and {_read_by(case)}{when}."
-    )
-    return text, case.governance_steps()
+        why, steps = case.kinds(), case.governance_steps()
+        if not case.view.abilities(enclave).overhears >> case.number & 1:
+            why, steps = way(case, enclave, Operation.SUBSCRIBE, alone=False)
+        return f"{case.enclave.label}, which may not, {does}: {why}{when}.", steps
+    if case.view.readable >> case.number & 1:
+        return f"Anybody on the network {does}: {case.kinds()}{when}.", case.governance_steps()
+    free = f"enable_join_access_control is false, and {_read_by(case)}"
+    return _known(case, does, f"{does} without a grant to, robots elsewhere too, since {free}", when)
 
 
-def _known(case: Case) -> str:
-    """Who joins where join access control is off, as the beginning of a sentence."""
-    grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
-    return f"Whoever has an identity of the CA{grant}"
-
-
-def _signing_itself(case: Case, does: str, when: str) -> Told:
-    """Why whoever has an identity of the CA does something by permissions that it signs itself."""
+def _known(case: Case, signing: str, joining: str, when: str) -> Told:
+    """What whoever has an identity of the CA does: by permissions that it signs itself, or since it joins at all."""
+    if not case.view.granted_by_known >> case.number & 1:
+        grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
+        return f"Whoever has an identity of the CA{grant} {joining}{when}.", case.governance_steps()
     authority = case.system.certificates[min(case.view.issuing_signers)]
     text = (
-        f"Whoever has an identity of the CA that is fit to sign {does}, robots elsewhere too, by permissions that it "
-        f"signs itself: {shorten(authority.label, MAX_SUBJECT)} stands for identities and for permissions, and these "
-        f"implementations accept any signer that it issued{when}."
+        f"Whoever has an identity of the CA that is fit to sign {signing}, robots elsewhere too, by permissions that "
+        f"it signs itself: {shorten(authority.label, MAX_SUBJECT)} stands for identities and for permissions, and "
+        f"these implementations accept any signer that it issued{when}."
     )
     return text, (case.step(authority.location),)
 
 
 def _read_by(case: Case) -> str:
     """Why who has joined the domain reads a topic without a grant to: nobody asks, or all have the keys."""
-    controlled = case.view.protection.read_controlled >> case.witness[Role.CHANNEL] & 1
+    controlled = case.view.protection.read_controlled >> case.number & 1
     return case.kinds() if controlled else "enable_read_access_control is false"
 
 
 def _stranger_reading(case: Case, identity: int, when: str) -> Told:
     """Why somebody who has a certificate that no enclave has, or one that was left out, reads a topic."""
     view, able = case.view, case.view.elsewhere[identity]
-    admitted = Permissions(case.system).admitting(identity, view.accepted)
-    unread = None if admitted else case.opaque_document()
-    if unread is None:
-        who, place = _who_has(case, identity), case.system.certificates[identity].location
-    else:
-        who, place = _let_in_by(unread), unread.location
+    who, place, _unread = _stranger(case, identity, case.permissions.admitting(identity, view.accepted))
     why, foreign = _read_by(case), view.accepted - view.genuine
     signed = [each.location for each in case.rights_by(identity, Operation.SUBSCRIBE) if each.document in foreign]
-    if signed and (able.may_read & view.protection.read_controlled & ~able.overhears) >> case.witness[Role.CHANNEL] & 1:
+    if signed and (able.may_read & view.protection.read_controlled & ~able.overhears) >> case.number & 1:
         place, why = signed[0], "peers accept a grant that the permissions CA did not sign"
     text = f"{who} can read {case.topic} without a right to: {why}{when}."
     return text, (case.step(place), *case.governance_steps())
@@ -164,47 +149,47 @@ def _stranger_reading(case: Case, identity: int, when: str) -> Told:
 
 def _publisher(case: Case, when: str) -> Told:
     """Who else may publish: an enclave, whoever has a subject that is no enclave's here, or anybody."""
-    channel = case.witness[Role.CHANNEL]
+    does = f"may publish {case.topic}"
     if Role.ENCLAVE in case.witness:
         steps = case.right_steps(case.witness[Role.ENCLAVE], Operation.PUBLISH) or case.governance_steps()
-        return f"{case.enclave.label} may publish {case.topic} too{when}.", steps
+        return f"{case.enclave.label} {does} too{when}.", steps
     if Role.CERTIFICATE in case.witness:
-        return _stranger(case, case.witness[Role.CERTIFICATE], when)
-    if case.view.joining_anybody >> channel & 1:
+        return _stranger_publishing(case, case.witness[Role.CERTIFICATE], when)
+    if case.view.joining_anybody >> case.number & 1:
         text = (
             f"Anybody on the network may join without an identity and publish {case.topic}, since "
             f"allow_unauthenticated_participants is true: {case.kinds()}{when}."
         )
-    elif case.view.granted_by_known >> channel & 1:
-        return _signing_itself(case, f"may publish {case.topic}", when)
-    else:
-        text = (
-            f"{_known(case)} may publish {case.topic}, robots elsewhere too, since "
-            f"enable_join_access_control and enable_write_access_control are false{when}."
-        )
-    return text, case.governance_steps()
+        return text, case.governance_steps()
+    free = "enable_join_access_control and enable_write_access_control are false"
+    return _known(case, does, f"{does}, robots elsewhere too, since {free}", when)
 
 
-def _stranger(case: Case, identity: int, when: str) -> Told:
+def _stranger_publishing(case: Case, identity: int, when: str) -> Told:
     """By what somebody may publish who has a certificate that no enclave has, or one that was left out."""
     rights = case.rights_by(identity, Operation.PUBLISH)
     taken = [right.location for right in rights if right.document in case.view.accepted]
-    unread = None if taken else case.opaque_document()
-    place = case.system.certificates[identity].location if unread is None else unread.location
+    who, place, unread = _stranger(case, identity, taken)
     steps = (case.step(taken[0]),) if taken else (case.step(place), *case.governance_steps())
-    if unread is not None:
-        return f"{_let_in_by(unread)} may publish {case.topic}{when}.", steps
-    left_out = _left_out(case.system, identity)
-    if left_out is not None:
-        return f"{left_out} may publish {case.topic} too{when}.", steps
+    does = f"{who} may publish {case.topic}"
+    if unread:
+        return f"{does}{when}.", steps
+    if _left_out(case.system, identity) is not None:
+        return f"{does} too{when}.", steps
     why = (
         f"peers take the grant in {taken[0]} from whoever has that subject" if taken else "nobody asks for such a grant"
     )
-    return f"{_who_has(case, identity)} may publish {case.topic}{when}: {why}.", steps
+    return f"{does}{when}: {why}.", steps
 
 
-def _let_in_by(unread: DocumentAtom) -> str:
-    return f"Whoever {unread.location.path}, which could not be read, lets in"
+def _stranger(case: Case, identity: int, admitting: Sequence[object]) -> tuple[str, Location, bool]:
+    """Who has a certificate that no enclave has, and its place; or, as nothing known is `admitting` it, whoever is let
+    in by what could not be read, and that this is why.
+    """
+    unread = None if admitting else case.opaque_document()
+    if unread is None:
+        return _who_has(case, identity), case.system.certificates[identity].location, False
+    return f"Whoever {unread.location.path}, which could not be read, lets in", unread.location, True
 
 
 def _left_out(system: System, certificate: int) -> str | None:
@@ -266,42 +251,39 @@ def _case(system: System, hop: Hop) -> Case:
 
 
 def by_right(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> bool:
-    """Whether it needs no attack: at each hop, within one realm, who sends may write there and who gets it may read."""
+    """Whether it needs no attack: at each hop, in one realm, who sends may write and who gets it may read.
+
+    A flow begins and ends by itself at a channel that the claim names.
+    """
     for number, hop in enumerate(path):
-        view = _case(system, hop).view
-        begins = number == 0 and claim.source.channels
-        ends = number == len(path) - 1 and claim.target.channels
-        if (hop.sender is None and not begins) or (hop.receiver is None and not ends):
-            return False  # an outsider, and no topic that the claim names
-        if hop.sender is not None and not view.honest(hop.sender).may_write >> hop.channel & 1:
-            return False
-        if hop.receiver is not None and not view.honest(hop.receiver).may_read >> hop.channel & 1:
-            return False
+        honest = _case(system, hop).view.honest
+        begins = number == 0 and bool(claim.source.channels)
+        ends = number == len(path) - 1 and bool(claim.target.channels)
+        sent = begins if hop.sender is None else honest(hop.sender).may_write >> hop.channel & 1
+        got = ends if hop.receiver is None else honest(hop.receiver).may_read >> hop.channel & 1
         realms = {system.enclaves[each].realm for each in (hop.sender, hop.receiver) if each is not None}
-        if len(realms) != 1:
+        if not (sent and got) or len(realms) != 1:
             return False
     return True
 
 
-def hop_ways(system: System, claim: ClaimAtom, hop: Hop) -> tuple[Way, ...]:
+def hop_ways(system: System, claim: ClaimAtom, hop: Hop) -> list[Told]:
     """Why a sample gets over: one way for the end that sends and one for the end that gets it.
 
     A channel that the claim names is a place, where a flow begins or ends by itself.
     """
     case = _case(system, hop)
-    ends: tuple[tuple[int | None, Operation, ClaimPlace], ...] = (
-        (hop.sender, Operation.PUBLISH, claim.source),
-        (hop.receiver, Operation.SUBSCRIBE, claim.target),
-    )
-    ways = []
-    for enclave, operation, place in ends:
+    ways: list[Told | None] = []
+    for enclave, operation, place, alone in (
+        (hop.sender, Operation.PUBLISH, claim.source, _shows_it(case, claim, hop)),
+        (hop.receiver, Operation.SUBSCRIBE, claim.target, True),
+    ):
         if enclave is not None:
-            found = way(case, enclave, operation, alone=operation == Operation.SUBSCRIBE or _shows_it(case, claim, hop))
-            who = system.enclaves[enclave].label
-            ways.append(replace(found, why=f"{who}: {found.why}" if found.why else ""))
+            why, steps = way(case, enclave, operation, alone=alone)
+            ways.append((f"{system.enclaves[enclave].label}: {why}" if why else "", steps))
         elif not place.channels:
-            ways.extend(filter(None, [as_anybody(case, operation, None)]))
-    return tuple(ways)
+            ways.append(as_anybody(case, operation, None))
+    return [each for each in ways if each is not None]
 
 
 def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
@@ -314,13 +296,13 @@ def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
 
 
 def _shared_domain(case: Case, claim: ClaimAtom, when: str) -> Told:
-    asked, views = case.witness[Role.DOMAIN], realm_views(case.system)
-    domain, rule = case.system.domains[asked].label, case.domain_rule
+    asked, rule = case.witness[Role.DOMAIN], case.domain_rule
+    domain = case.system.domains[asked].label
     step = step_at(None if rule is None else rule.location, domain, channel=domain)
     both = [case.witness[role] for role in (Role.ENCLAVE, Role.OTHER)]
     joining, here = (
         [n for n in both if any((view.joined(n) | view.protection.unauthenticated) >> asked & 1 for view in peers)]
-        for peers in (views, [views[case.realm]])
+        for peers in (case.views, [case.view])
     )
     sides = claim.source.enclaves | claim.target.enclaves
     names = [_with_its_key(case.system, each, sides) for each in sorted(both, key=lambda each: each not in joining)]
@@ -333,7 +315,7 @@ def _shared_domain(case: Case, claim: ClaimAtom, when: str) -> Told:
         )
     else:
         how = "" if len(here) > 1 else ", each let in by other peers"
-        if views[case.realm].protection.unauthenticated >> asked & 1:
+        if case.view.protection.unauthenticated >> asked & 1:
             how = ", where anybody is let in without an identity"
         text = f"{names[0]} and {names[1]} can both join {domain}{when}{how}."
     return text, (step,)

@@ -123,7 +123,7 @@ def describe_kept(system: System, claim: ClaimAtom, stages: Sequence[Stage]) -> 
         when, then = then_at(system, Answer(status=Status.VIOLATED, moment=stage.moment))
         told.append(route(then, part, path) + (when or " now"))
         attacked |= not by_right(then, part, path)
-        steps += [step for hop in path for way in hop_ways(then, part, hop) for step in way.steps]
+        steps += [step for hop in path for _why, shown in hop_ways(then, part, hop) for step in shown]
     under = UNDER[claim.attacker if attacked else Attacker.HONEST]
     text = f"{'; then, of what was kept, '.join(told)} ({under})."
     return Counterexample(text=text, steps=tuple(dict.fromkeys(steps)))

@@ -77,7 +77,7 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "who signs with a key of nobody here signs for nobody": (
         RealmView,
         "_signed_elsewhere",
-        "bool(self.signing_keys - self._authority_keys - self._system.holders().keys())",
+        "bool(self.signing_keys - self.authority_keys - self._system.holders().keys())",
         "False",
     ),
     "join access control is off": (RealmView, "_joined_by", "~p.join_controlled", "-1"),

@@ -225,7 +225,7 @@ def _form(source: Source, paragraph: Sequence[_Token]) -> tuple[_Token, str, str
     return first, name, match[2] if first.text in ("check", "run") else None
 
 
-def _check_variables(source: Source, code: Sequence[_Token], known: Collection[str]) -> None:
+def _check_variables(source: Source, code: Sequence[_Token], known: frozenset[str]) -> None:
     """Variables that are called like a word of the model would hide it: what follows would ask something else."""
     text = "".join(f" {token.text}" for token in code)
     for match in _VARIABLES.finditer(text):
@@ -266,7 +266,11 @@ def _directives(
     if len(globs) > MAX_NAMES:
         raise source.malformed(1, f"these are more than {MAX_NAMES} names")
     return said, tuple(
-        NamedPlace(name=name, globs=Globs(**{f"{about}s": tuple(words)}), place=f"{source.path}:{line}")
+        NamedPlace(
+            name=name,
+            globs=Globs(enclaves=tuple(words)) if about == "enclave" else Globs(topics=tuple(words)),
+            place=f"{source.path}:{line}",
+        )
         for name, (about, words, line) in globs.items()
     )
 

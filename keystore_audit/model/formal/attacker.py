@@ -110,7 +110,7 @@ class RealmView:
         if atom.identity is None:
             return False
         key = self._system.certificates[atom.identity].key
-        return key in self._authority_keys or key in self.signing_keys
+        return key in self.authority_keys or key in self.signing_keys
 
     @cached_property
     def signing_below(self) -> frozenset[int]:
@@ -128,7 +128,7 @@ class RealmView:
     @cached_property
     def _signed_elsewhere(self) -> bool:
         """Whether somebody signs for any enclave: a key of these is neither the permissions CA's nor an enclave's."""
-        return bool(self.signing_keys - self._authority_keys - self._system.holders().keys())
+        return bool(self.signing_keys - self.authority_keys - self._system.holders().keys())
 
     def issuing(self, enclave: int) -> bool:
         """Whether the enclave can issue itself any identity: its key is that of an identity CA."""
@@ -141,7 +141,8 @@ class RealmView:
         return frozenset(certificates[each].key for each in self._realm.identity_ca if certificates[each].authority)
 
     @cached_property
-    def _authority_keys(self) -> frozenset[int]:
+    def authority_keys(self) -> frozenset[int]:
+        """The keys of the permissions CAs."""
         return frozenset(self._system.certificates[authority].key for authority in self._realm.permissions_ca)
 
     @cached_property

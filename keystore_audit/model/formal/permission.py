@@ -76,6 +76,10 @@ class Decisions:
         within = self._within(rule.domains)
         return bits(named) & within if named else 0
 
+    def decider(self, grant: int, operation: Operation, channel: int) -> RuleAtom | None:
+        """The first rule of the grant that matches the channel; None where the default decides."""
+        return next((rule for rule in self.rules[grant] if self._matches(rule, operation) >> channel & 1), None)
+
     def within(self, domains: Iterable[int]) -> int:
         """The channels of these domain classes."""
         return union(self.channels_in[domain] for domain in domains)
@@ -99,6 +103,7 @@ class Permissions:
         self.moment = 2 * system.now if moment is None else moment
         known = Decisions(system) if decisions is None else decisions
         self.allowed, self.joins, self.met, self.within = known.allowed, known.joins, known.met, known.within
+        self.decider = known.decider
         self.all_channels, self.all_domains, self.channels_in = known.all_channels, known.all_domains, known.channels_in
 
     def in_force(self, not_before: int, not_after: int) -> bool:
