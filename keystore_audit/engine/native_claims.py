@@ -141,7 +141,7 @@ class Claims:
             if self._flows.shortest(search_of(claim)) is None:
                 yield 0
             return
-        put = self._flows.putters(search_of(claim))
+        put = self._flows.putters(self._flows.lanes(search_of(claim)))
         reached: dict[Place, frozenset[int]] = {}  # one search from each place
         for number, pair in enumerate(claim.each_pair()):
             if pair.source not in reached:

@@ -31,11 +31,12 @@ class Leg(NamedTuple):
 
 
 class Lane:
-    """One way in which hops are possible: what each participant puts in and gets out. `puts` may name few of them."""
+    """One way in which hops are possible: what each participant puts in and gets out. `heard`: by who listens alone."""
 
-    def __init__(self, puts: Sequence[int], gets: Sequence[int]) -> None:
+    def __init__(self, puts: Sequence[int], gets: Sequence[int], *, heard: bool = False) -> None:
         self.puts = puts
         self.gets = gets
+        self.heard = heard
 
     @cached_property
     def _levels(self) -> list[Sequence[int]]:
@@ -120,7 +121,8 @@ class Flows:
             if not relays and not search.own:
                 self._lanes[key].append(self._listened())
         lanes = self._lanes[key]
-        return [*lanes, *self.of_sources(search.source)] if search.attacker is Attacker.SOURCE else lanes
+        attacking = search.attacker is Attacker.SOURCE and self.nodes(search.source)
+        return [*lanes, *self.of_sources(search.source)] if attacking else lanes
 
     def by_right(self, *, own: bool = False) -> list[Lane]:
         """By realm of sender and receiver: what may be written and read by right, on both sides."""
@@ -128,7 +130,7 @@ class Flows:
         everybody = range(len(self._system.enclaves))
         used = sorted(set(self._member))
         lanes = []
-        for there in used:
+        for there in range(len(rights)):
             written = [rights[there](enclave).may_write for enclave in everybody]
             read = [rights[there](e).may_read if self._member[e] == there else 0 for e in everybody]
             for here in used:
@@ -151,7 +153,7 @@ class Flows:
             if view.readable:
                 for enclave in range(self.outsider):
                     puts[enclave] |= view.honest(enclave).writes_at_all & view.readable
-        return Lane(puts, [*([0] * self.outsider), self.readable])
+        return Lane(puts, [*([0] * self.outsider), self.readable], heard=True)
 
     def _attacked(self) -> list[Lane]:
         """Everybody sends and takes as anybody whose key it has, with all that keys allow, and so does the outsider.
@@ -182,7 +184,7 @@ class Flows:
             if source.outsider:
                 made[self.outsider] = view.injectable
             lanes.append(Lane(made, [*self._of_members(realm, view.honest), 0]))
-            lanes.append(Lane(sent, [*([0] * self.outsider), view.readable]))
+            lanes.append(Lane(sent, [*([0] * self.outsider), view.readable], heard=True))
         return lanes
 
     @staticmethod
@@ -249,36 +251,17 @@ class Flows:
             joint[enclave] = everything
         return joint
 
-    def getters(self, search: Search) -> list[int]:
-        """By participant: the channels of which it gets samples."""
-        if search.own:
-            return [*(self._own[m].abilities(e).may_read for e, m in enumerate(self._member)), 0]
-        if search.attacker is not Attacker.RELAYS:
-            return [*(self._realms[m].honest(e).may_read for e, m in enumerate(self._member)), self.readable]
-        taken = [0] * self.outsider
-        for view in self._realms:
-            taken = [one | each.reads_at_all | each.knows for one, each in zip(taken, view.everybody(), strict=True)]
-        return self._joined(self.as_any(taken), self.readable)
+    def putters(self, lanes: Iterable[Lane]) -> list[int]:
+        """By participant: the channels on which it can put samples for others than those who listen only."""
+        return self._over([lane.puts for lane in lanes if not lane.heard])
 
-    def putters(self, search: Search) -> list[int]:
-        """By participant: the channels on which it can put samples."""
-        if search.own:
-            return [*(self._own[m].abilities(e).may_write for e, m in enumerate(self._member)), 0]
-        put, forged = [0] * self.outsider, [0] * self.outsider
-        relays = search.attacker is Attacker.RELAYS  # who reads it attacks too then, and refuses nobody
-        for view in self._realms:
-            for enclave in range(self.outsider):
-                able = view.abilities(enclave)
-                put[enclave] |= view.honest(enclave).may_write
-                forged[enclave] |= able.forges | (able.writes_at_all if relays else able.may_write)
-        attacked = self._joined(self.as_any(forged), self.injectable)
-        if relays:
-            return attacked
-        put.append(0)
-        if search.attacker is Attacker.SOURCE:
-            for node in (*search.source.enclaves, *([self.outsider] if search.source.outsider else [])):
-                put[node] = attacked[node]
-        return put
+    def getters(self, lanes: Iterable[Lane]) -> list[int]:
+        """By participant: the channels of which it gets samples."""
+        return self._over([lane.gets for lane in lanes])
+
+    def _over(self, sets: Iterable[Sequence[int]]) -> list[int]:
+        """By participant: the union over lanes."""
+        return [union(each) for each in zip([0] * (self.outsider + 1), *sets, strict=True)]
 
 
 class _Walk:
@@ -309,7 +292,7 @@ class _Walk:
 
     def _from_channels(self, channels: int) -> tuple[Leg, ...] | None:
         """The flow from whoever gets a sample of one of them."""
-        got = self._flows.getters(self._search)
+        got = self._flows.getters(self._lanes)
         getting = [node for node, each in enumerate(got) if each & channels]
         for node in getting:
             if node in self._ends:
@@ -326,7 +309,7 @@ class _Walk:
     def _spread(self, first: list[int], looping: set[int]) -> tuple[Leg, ...] | None:
         """Goes on from the participants `first`; `looping`: those among them that are ends, which others must reach."""
         asked = bits(self._search.target.channels)
-        put = self._flows.putters(self._search) if asked else []
+        put = self._flows.putters(self._lanes) if asked else []
         active = set(first)
         layer = first
         while layer:
