@@ -13,7 +13,7 @@ from itertools import groupby
 from typing import Final
 
 from msgspec import Struct, field
-from msgspec.structs import replace
+from msgspec.structs import astuple
 
 from keystore_audit import text
 from keystore_audit.model.formal.system import ChannelAtom, System
@@ -25,22 +25,25 @@ MAX_DECORATION: Final = 24
 GROUP: Final = 50
 """Atoms under one abstract sig: 5,000 children of one overflow the translator's stack, groups do not."""
 
-LETTERS: Final = {
-    "D": "domains",
-    "T": "channels",
-    "I": "instants",
-    "K": "keys",
-    "C": "certificates",
-    "P": "documents",
-    "R": "realms",
-    "E": "enclaves",
-    "DR": "domain_rules",
-    "TR": "topic_rules",
-    "G": "grants",
-    "PR": "rules",
-    "N": "nodes",
+SORTS: Final = {
+    "domains": ("D", "Domain"),
+    "channels": ("T", "Channel"),
+    "instants": ("I", "Instant"),
+    "keys": ("K", "Key"),
+    "certificates": ("C", "Certificate"),
+    "documents": ("P", "Document"),
+    "realms": ("R", "Realm"),
+    "enclaves": ("E", "Enclave"),
+    "domain_rules": ("DR", "DomainRule"),
+    "topic_rules": ("TR", "TopicRule"),
+    "grants": ("G", "Grant"),
+    "rules": ("PR", "Rule"),
+    "nodes": ("N", "Node"),
 }
-"""What the letters of an atom's name say: the sort, as `System` calls it."""
+"""By sort, as `System` calls it: the letters of its atoms' names, and its sig; in the order of the generated module."""
+
+LETTERS: Final = {letters: sort for sort, (letters, _sig) in SORTS.items()}
+"""What the letters of an atom's name say."""
 
 ROLE_SORTS: Final = {
     Role.REALM: "realms",
@@ -87,66 +90,59 @@ class Sort(Struct, frozen=True, kw_only=True):
 
 
 class Atoms(Struct, frozen=True, kw_only=True):
-    """The atoms of one system, by sig."""
+    """The atoms of one system, by sort, in the order of the generated module."""
 
-    certificates: Sort
-    keys: Sort
+    domains: Sort
+    channels: Sort
     instants: Sort
+    keys: Sort
+    certificates: Sort
     documents: Sort
     realms: Sort
     enclaves: Sort
-    domains: Sort
-    channels: Sort
     domain_rules: Sort
     topic_rules: Sort
     grants: Sort
     rules: Sort
-    key_index: dict[int, int]
-    """From `CertificateAtom.key` to the index of the Key atom."""
 
     def sorts(self) -> tuple[Sort, ...]:
-        """Return every sort, in the order of the generated module."""
-        return (
-            self.domains,
-            self.channels,
-            self.instants,
-            self.keys,
-            self.certificates,
-            self.documents,
-            self.realms,
-            self.enclaves,
-            self.domain_rules,
-            self.topic_rules,
-            self.grants,
-            self.rules,
-        )
+        """Return every sort."""
+        return astuple(self)
 
 
 def name_atoms(system: System) -> Atoms:
     """Return the atoms that stand for `system`."""
-    keys = sorted({certificate.key for certificate in system.certificates})
-    return Atoms(
-        certificates=make_sort("Certificate", "C", [(c.label, str(c.location)) for c in system.certificates]),
-        keys=make_sort("Key", "K", [("", f"key {key}") for key in keys]),
-        instants=make_sort("Instant", "I", [("", instant.isoformat()) for instant in system.instants]),
-        documents=make_sort("Document", "P", [(d.label, str(d.location)) for d in system.documents]),
-        realms=make_sort("Realm", "R", [("", _members(system, realm)) for realm in range(len(system.realms))]),
-        enclaves=_enclaves(system),
-        domains=make_sort("Domain", "D", [("", _intervals(d.intervals)) for d in system.domains]),
-        channels=make_sort("Channel", "T", [_channel(system, channel) for channel in system.channels]),
-        domain_rules=make_sort("DomainRule", "DR", [("", str(rule.location)) for rule in system.domain_rules]),
-        topic_rules=make_sort("TopicRule", "TR", [("", str(rule.location)) for rule in system.topic_rules]),
-        grants=make_sort("Grant", "G", [("", str(grant.location)) for grant in system.grants]),
-        rules=make_sort("Rule", "PR", [("", str(rule.location)) for rule in system.rules]),
-        key_index={key: index for index, key in enumerate(keys)},
-    )
+    return Atoms(**{sort: make_sort(system, sort) for sort in Atoms.__struct_fields__})
 
 
-def _enclaves(system: System) -> Sort:
-    """Those unmanaged have a sig of their own."""
-    sort = make_sort("Enclave", "E", [(e.label, str(e.location)) for e in system.enclaves])
-    atoms = zip(sort.atoms, system.enclaves, strict=True)
-    return replace(sort, atoms=tuple(replace(atom, sig="Unmanaged") if e.unmanaged else atom for atom, e in atoms))
+def make_sort(system: System, sort: str) -> Sort:
+    """Return the atoms of a sort."""
+    letters, sig = SORTS[sort]
+    entries = enumerate(_entries(system, sort))
+    return Sort(sig=sig, atoms=tuple(_atom(f"{letters}{index}", *entry) for index, entry in entries))
+
+
+def keys_of(system: System) -> list[int]:
+    """Return the keys of certificates, in the order of their atoms."""
+    return sorted({certificate.key for certificate in system.certificates})
+
+
+def _entries(system: System, sort: str) -> Iterable[tuple[str, ...]]:
+    """By atom, its label and its place; of unmanaged identities, which are enclaves, also the sig of their own."""
+    match sort:
+        case "domains":
+            return [("", _intervals(domain.intervals)) for domain in system.domains]
+        case "channels":
+            return [_channel(system, channel) for channel in system.channels]
+        case "instants":
+            return [("", instant.isoformat()) for instant in system.instants]
+        case "keys":
+            return [("", f"key {key}") for key in keys_of(system)]
+        case "realms":
+            return [("", _members(system, number)) for number in range(len(system.realms))]
+        case "enclaves":
+            return [(e.label, str(e.location), "Unmanaged" if e.unmanaged else "") for e in system.enclaves]
+    return [(getattr(each, "label", ""), str(each.location)) for each in getattr(system, sort)]
 
 
 def declare(sort: Sort) -> str:
@@ -194,15 +190,8 @@ def index_of(answer: str, role: Role, system: System) -> int | None:
     return index if sort == ROLE_SORTS[role] and index < len(getattr(system, sort)) else None
 
 
-def make_sort(sig: str, letters: str, entries: Sequence[tuple[str, str]]) -> Sort:
-    """Return a sort with an atom for each entry, a label and a place."""
-    return Sort(sig=sig, atoms=tuple(_atom(letters, index, *entry) for index, entry in enumerate(entries)))
-
-
-def _atom(letters: str, index: int, label: str, place: str) -> Atom:
-    decoration = _decoration(label)
-    name = f"{letters}{index}_{decoration}" if decoration else f"{letters}{index}"
-    return Atom(name=name, label=label, place=place)
+def _atom(number: str, label: str, place: str, sig: str = "") -> Atom:
+    return Atom(name="_".join(filter(None, (number, _decoration(label)))), label=label, place=place, sig=sig)
 
 
 def _decoration(label: str) -> str:

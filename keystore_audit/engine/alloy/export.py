@@ -289,7 +289,7 @@ def describe_system(system: System) -> str:
         "| atom | what it is | where |",
         "|---|---|---|",
     ]
-    for sort in (*name_atoms(system).sorts(), node_sort(system)):
+    for sort in (*name_atoms(system).sorts(), make_sort(system, "nodes")):
         lines += [f"| `{atom.name}` | {' | '.join(map(_cell, _told(sort, atom)))} |" for atom in sort.atoms]
     return "\n".join(lines) + "\n"
 
@@ -336,14 +336,9 @@ VOCABULARY: Final = "keystore_audit"
 """The name of the module that users' files open."""
 
 
-def node_sort(system: System) -> Sort:
-    """Return the atoms of the nodes."""
-    return make_sort("Node", "N", [(node.label, str(node.location)) for node in system.nodes])
-
-
 def write_nodes(system: System) -> str:
     """Return the module `nodes`. Names stand in comments only."""
-    atoms, nodes, relations = name_atoms(system), node_sort(system), Relations()
+    atoms, nodes, relations = name_atoms(system), make_sort(system, "nodes"), Relations()
     enclaves = [() if node.enclave is None else (node.enclave,) for node in system.nodes]
     lines = [
         relations.relation(name, declared, relations.rows(nodes, sort, rows))

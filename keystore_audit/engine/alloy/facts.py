@@ -8,12 +8,22 @@ as fields of sigs, equated in facts, the same keystore costs some hundred times 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit import resources, text
 from keystore_audit.assumptions import EVERY
-from keystore_audit.engine.alloy.atoms import Relations, Row, Sort, declare, declare_apart, function, name_atoms
+from keystore_audit.engine.alloy.atoms import (
+    Atoms,
+    Relations,
+    Row,
+    Sort,
+    declare,
+    declare_apart,
+    function,
+    keys_of,
+    name_atoms,
+)
 from keystore_audit.errors import EngineFailed
 from keystore_audit.model.formal.system import System
 
@@ -102,21 +112,8 @@ def fact_modules(system: System) -> dict[str, str]:
 
 def count_atoms(system: System) -> int:
     """Return how many atoms the model of `system` has."""
-    sorts: tuple[Collection[object], ...] = (
-        system.instants,
-        {certificate.key for certificate in system.certificates},
-        system.certificates,
-        system.documents,
-        system.realms,
-        system.enclaves,
-        system.domains,
-        system.channels,
-        system.domain_rules,
-        system.topic_rules,
-        system.grants,
-        system.rules,
-    )
-    return sum(map(len, sorts))
+    stated = (getattr(system, sort) for sort in Atoms.__struct_fields__ if sort != "keys")
+    return len(keys_of(system)) + sum(map(len, stated))
 
 
 def module_texts(names: Sequence[str]) -> dict[str, str]:
@@ -193,9 +190,10 @@ class _Facts:
 
     def _certificates(self) -> Iterator[str]:
         atoms, system = self._atoms, self._system
+        keys = {key: number for number, key in enumerate(keys_of(system))}
         yield from self._maps("certificates", issuer=("issuers", "certificates"))
         yield from self._flags("certificates", "authority", "fit_to_sign")
-        yield self._map("public_key", "certificates", "keys", [{atoms.key_index[c.key]} for c in system.certificates])
+        yield self._map("public_key", "certificates", "keys", [{keys[c.key]} for c in system.certificates])
         yield self._map("following", "instants", "instants", [{n + 1} for n in range(len(system.instants) - 1)])
         if self._moving:
             yield _CLOCK
