@@ -14,6 +14,7 @@ from itertools import product
 from typing import Final, NamedTuple
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.engine.case import Case, step_at
 from keystore_audit.keystore.permissions import Operation
@@ -71,18 +72,26 @@ def _explored(behaviour: Behaviour, free: frozenset[int]) -> Explored:
 
 def answer(asked: DeterminismAtom) -> Answer:
     """The answer about one claim, unknown where the forwards do not decide it."""
-    if asked.undecided:
-        return Answer(status=Status.UNKNOWN)
+    return together(map(_answer, asked.behaviours))
+
+
+def together(answers: Iterable[Answer | None]) -> Answer:
+    """One answer for all behaviours of a claim: unknown where there are none, or no answer about one."""
     statuses = []
-    for number, behaviour in enumerate(asked.behaviours):
-        certain = explore(behaviour, perhaps=False)
-        if certain.rounds:
-            return Answer(status=Status.VIOLATED, witnesses=({},), rounds=certain.rounds, behaviour=number)
-        free = explore(behaviour, perhaps=True)
-        decided = certain.complete and free.complete and certain.shows and not free.rounds
-        statuses.append(Status.HOLDS if decided else Status.UNKNOWN)
-    holds = bool(statuses) and all(status is Status.HOLDS for status in statuses)
-    return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
+    for number, each in enumerate(answers):
+        if each is not None and each.status is Status.VIOLATED:
+            return replace(each, behaviour=number)
+        statuses.append(Status.UNKNOWN if each is None else each.status)
+    return Answer(status=Status.HOLDS if {*statuses} == {Status.HOLDS} else Status.UNKNOWN)
+
+
+def _answer(behaviour: Behaviour) -> Answer:
+    certain = explore(behaviour, perhaps=False)
+    if certain.rounds:
+        return Answer(status=Status.VIOLATED, witnesses=({},), rounds=certain.rounds)
+    free = explore(behaviour, perhaps=True)
+    decided = certain.complete and free.complete and certain.shows and not free.rounds
+    return Answer(status=Status.HOLDS if decided else Status.UNKNOWN)
 
 
 class _Search:
@@ -100,6 +109,10 @@ class _Search:
         ]
         self._slots = [behaviour.slots_of(forward) for forward in range(len(behaviour.forwards))]
         self._steps: dict[Pair, tuple[_Step, ...]] = {}
+        order = sorted(range(inputs), key=lambda number: (number in free, number))  # what both runs share comes first
+        place = {number: place for place, number in enumerate(order)}
+        self._places = [[place[n] + len(free) * (other and n in free) for n in range(inputs)] for other in (0, 1)]
+        """By run, where each input stands in what is drawn: those of the other run that are free, after all else."""
 
     def explored(self) -> Explored:
         """All pairs, layer by layer."""
@@ -130,7 +143,6 @@ class _Search:
         return Explored(rounds=(), depth=depth, shows=shows, complete=True)
 
     @staticmethod
-    @staticmethod
     def _rounds(before: Before, pair: Pair) -> tuple[Round, ...]:
         """What led to the pair."""
         rounds: list[Round] = []
@@ -142,18 +154,9 @@ class _Search:
 
     def _next(self, pair: Pair) -> Iterator[tuple[_Step, _Step]]:
         """What two runs in these states can do in one round, with the same inputs but for the free ones."""
-        inputs = range(len(self._behaviour.inputs))
-        shared = [number for number in inputs if number not in self._free]
-        free = sorted(self._free)
-        for common in product(VALUES, repeat=len(shared)):
-            fixed = dict(zip(shared, common, strict=True))
-            for one, other in product(product(VALUES, repeat=len(free)), repeat=2):
-                left = fixed | dict(zip(free, one, strict=True))
-                right = fixed | dict(zip(free, other, strict=True))
-                yield from product(
-                    self._of_run(pair[0], tuple(left[number] for number in inputs)),
-                    self._of_run(pair[1], tuple(right[number] for number in inputs)),
-                )
+        for drawn in product(VALUES, repeat=len(self._behaviour.inputs) + len(self._free)):
+            one, other = (tuple(drawn[place] for place in places) for places in self._places)
+            yield from product(self._of_run(pair[0], one), self._of_run(pair[1], other))
 
     def _of_run(self, waiting: Content, came: Content) -> tuple[_Step, ...]:
         """All that one run can do in a round."""

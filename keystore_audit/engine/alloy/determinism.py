@@ -11,16 +11,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from msgspec.structs import replace
-
 from keystore_audit import text
 from keystore_audit.engine.alloy.atoms import Relations, name_atoms
 from keystore_audit.engine.alloy.claims import MODULES as CLAIM_MODULES
 from keystore_audit.engine.alloy.facts import MODULES, count_atoms, fact_modules, module_texts
 from keystore_audit.engine.alloy.process import Analyzer, Command, Job, run
-from keystore_audit.engine.native_determinism import explore
+from keystore_audit.engine.native_determinism import explore, together
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
-from keystore_audit.model.formal.asked import Behaviour, DeterminismAtom, Scheduler
+from keystore_audit.model.formal.asked import Behaviour, Scheduler
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.result import Answer, Status
 
@@ -66,7 +64,7 @@ def decide(systems: Sequence[System], analyzer: Analyzer) -> list[dict[str, Answ
             raise EngineFailed("The Alloy Analyzer does not confirm who hands samples to the forwards declared.")
 
     run([*map(_job, asked), *map(_wiring_job, resting)], analyzer, read)
-    return [{claim.id: _together(claim, known) for claim in system.determinism} for system in systems]
+    return [{c.id: together(map(known.get, c.behaviours)) for c in system.determinism} for system in systems]
 
 
 def rounds_of(behaviour: Behaviour) -> int | None:
@@ -86,16 +84,6 @@ def _answer(behaviour: Behaviour, found: Mapping[str, bool]) -> Answer:
             raise EngineFailed(f"The Alloy Analyzer's counterexample to {CERTAIN} shows no difference.")
         return Answer(status=Status.VIOLATED, witnesses=({},), rounds=rounds)
     holds = found[SHOWN] and not found.get(PERHAPS, False)
-    return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
-
-
-def _together(claim: DeterminismAtom, known: Mapping[Behaviour, Answer]) -> Answer:
-    """One answer for all behaviours of a claim: unknown where one of them was not asked about."""
-    answers = [known.get(behaviour) for behaviour in claim.behaviours]
-    for number, answer in enumerate(answers):
-        if answer is not None and answer.status is Status.VIOLATED:
-            return replace(answer, behaviour=number)
-    holds = bool(answers) and all(answer is not None and answer.status is Status.HOLDS for answer in answers)
     return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
 
 
@@ -201,12 +189,10 @@ def write_wiring(system: System) -> str:
 
     said = []
     for n, meeting in enumerate(dict.fromkeys(each for claim in system.determinism for each in claim.meetings)):
-        put, among = channels(f"put_{n}", meeting.put), enclaves(f"candidates_{n}", meeting.candidates)
-        senders, whose = enclaves(f"senders_{n}", meeting.senders), f"publishers[{put}]"
-        if meeting.receiver is not None:
-            got = channels(f"got_{n}", meeting.got)
-            whose = f"senders[{put}, {atoms.enclaves.name(meeting.receiver)}, {got}]"
-        said.append(f"{among} & {whose} = {senders}")
+        on, whose = channels(f"on_{n}", meeting.channels), enclaves(f"senders_{n}", meeting.senders)
+        receiver = None if meeting.receiver is None else atoms.enclaves.name(meeting.receiver)
+        found = f"publishers[{on}]" if receiver is None else f"senders[{on}, {receiver}, {on}]"
+        said.append(f"{found} = {whose}")
     for n, spread in enumerate(dict.fromkeys(c.spread for c in system.determinism if c.spread is not None)):
         inside, declared = enclaves(f"inside_{n}", spread.inside), enclaves(f"declared_{n}", spread.declared)
         first, left_out = channels(f"first_{n}", spread.first), channels(f"left_out_{n}", spread.left_out)

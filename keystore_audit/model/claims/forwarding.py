@@ -75,6 +75,16 @@ class Forwarding:
         topics |= {t for claim in declared.claims for t in (*claim.low, *claim.high.topics)}
         self._anywhere = {topic: bits(regions[region_of((topic,))]) for topic in topics}
         self._by_default = {topic: bits(regions[by_default(topic)]) for topic in topics}
+        self._forwards = [
+            (
+                self._number[f.enclave],
+                union(self._by_default[t] for t in f.sources),
+                union(self._by_default[t] for t in f.targets),
+            )
+            for f in declared.forwards
+            if f.enclave in self._number
+        ]
+        """Whose it is, and the channels from and to which each goes."""
         self._ambient = bits(regions[region_of(AMBIENT)])
 
     def atom(self, claim: Determinism) -> DeterminismAtom:
@@ -170,7 +180,7 @@ class Forwarding:
     def _forward(self, forward: Forward, plan: _Plan) -> ForwardAtom:
         sender = self._number[forward.enclave]
         targets = [topic for topic in forward.targets if topic in plan.topics]
-        reaches = [self._reached(sender, topic, self._by_default[topic], plan) for topic in targets]
+        reaches = [self._reached(sender, topic, plan) for topic in targets]
         return ForwardAtom(
             enclave=sender,
             scheduler=forward.scheduler,
@@ -188,17 +198,16 @@ class Forwarding:
             for sender, enclave in enumerate(self.system.enclaves):
                 if enclave.label in self._doing:
                     continue
-                reaches = self._reached(sender, topic, self._by_default[topic], plan)
+                reaches = self._reached(sender, topic, plan)
                 if reaches or (topic in claim.low and self._puts(sender, topic, plan.domain)):
                     yield InputAtom(enclave=sender, topic=place, differs=differs[sender], reaches=reaches)
 
-    def _reached(self, sender: int, topic: str, put: int, plan: _Plan) -> frozenset[int]:
-        """The slots that get what the enclave puts on these channels of the topic."""
-        got = self._by_default[topic]
+    def _reached(self, sender: int, topic: str, plan: _Plan) -> frozenset[int]:
+        """The slots that get what the enclave puts on the topic."""
         return frozenset(
             place
             for place, (slot, holder) in enumerate(zip(plan.slots, plan.holders, strict=True))
-            if plan.topics[slot.topic] == topic and self._hops(sender, put, holder, got, plan.domain)
+            if plan.topics[slot.topic] == topic and self._hops(sender, topic, holder, plan.domain)
         )
 
     def _differs(self, claim: Determinism, inside: frozenset[int]) -> list[Differs]:
@@ -207,10 +216,10 @@ class Forwarding:
         perhaps = [Differs.PERHAPS if n in inside else Differs.NEVER for n in range(len(self.system.enclaves))]
         return [Differs.ALWAYS if n in high else each for n, each in enumerate(perhaps)]
 
-    def _hops(self, sender: int, put: int, receiver: int, got: int, domain: int) -> bool:
-        """Whether a sample of these channels goes over, in the domain."""
-        here = self._within[domain]
-        return any(lane.puts[sender] & put & here and lane.gets[receiver] & got & here for lane in self._lanes)
+    def _hops(self, sender: int, topic: str, receiver: int, domain: int) -> bool:
+        """Whether a sample of the topic goes over, in the domain."""
+        here = self._by_default[topic] & self._within[domain]
+        return any(lane.puts[sender] & here and lane.gets[receiver] & here for lane in self._lanes)
 
     def _puts(self, sender: int, topic: str, domain: int) -> bool:
         here = self._anywhere[topic] & self._within[domain]
@@ -218,31 +227,18 @@ class Forwarding:
 
     def _meetings(self, claim: Determinism, forwards: Sequence[Forward], domain: int) -> Iterator[Meeting]:
         """Who hands samples to whom, of all that a behaviour in this domain rests on."""
-        here = self._within[domain]
-        others = frozenset(n for n, enclave in enumerate(self.system.enclaves) if enclave.label not in self._doing)
-
-        def meeting(candidates: frozenset[int], put: int, receiver: int, got: int) -> Meeting:
-            senders = frozenset(n for n in candidates if self._hops(n, put, receiver, got, domain))
-            return Meeting(
-                candidates=candidates,
-                put=frozenset(members(put & here)),
-                receiver=receiver,
-                got=frozenset(members(got & here)),
-                senders=senders,
-            )
-
+        here, everybody = self._within[domain], range(len(self.system.enclaves))
         for holder, topic in dict.fromkeys((self._number[f.enclave], topic) for f in forwards for topic in f.sources):
-            got = self._by_default[topic]
-            yield meeting(others, got, holder, got)
-            publishing = frozenset(self._number[f.enclave] for f in forwards if topic in f.targets)
-            yield meeting(publishing, self._by_default[topic], holder, got)
+            yield Meeting(
+                channels=frozenset(members(self._by_default[topic] & here)),
+                receiver=holder,
+                senders=frozenset(n for n in everybody if self._hops(n, topic, holder, domain)),
+            )
         for topic in claim.low:
             yield Meeting(
-                candidates=others,
-                put=frozenset(members(self._anywhere[topic] & here)),
+                channels=frozenset(members(self._anywhere[topic] & here)),
                 receiver=None,
-                got=frozenset(),
-                senders=frozenset(n for n in others if self._puts(n, topic, domain)),
+                senders=frozenset(n for n in everybody if self._puts(n, topic, domain)),
             )
 
     def _high(self, claim: Determinism) -> frozenset[int]:
@@ -256,55 +252,38 @@ class Forwarding:
     def _spread(self, claim: Determinism) -> Spread:
         """Where something high can come to, nodes without declared forwards passing on anything, in any domain."""
         left_out = 0 if claim.include_ambient else self._ambient
-        inside, passing = self._reach(claim, left_out)
+        first = union(self._anywhere[topic] for topic in claim.high.topics)
+        lanes = [self._passed_on(lane, ~left_out) for lane in self._lanes]
+        reached, before = self._high(claim), None
+        while reached != before:
+            before, sent = reached, [first | union(lane.puts[each] for each in reached) for lane in lanes]
+            reached = before.union(*(lane.getting(each) for lane, each in zip(lanes, sent, strict=True)))
+        enclaves = len(self.system.enclaves)
         return Spread(
-            inside=inside,
+            inside=frozenset(each for each in reached if each < enclaves),
             declared=frozenset(self._number[label] for label in self._doing if label in self._number),
-            first=frozenset(members(union(self._anywhere[topic] for topic in claim.high.topics))),
+            first=frozenset(members(first)),
             left_out=frozenset(members(left_out)),
             passages=tuple(
                 Passage(
-                    enclave=self._number[forward.enclave],
-                    sources=frozenset(members(union(self._by_default[topic] for topic in forward.sources))),
-                    targets=frozenset(members(union(self._by_default[topic] for topic in forward.targets))),
-                    reached=place in passing,
+                    enclave=enclave,
+                    sources=frozenset(members(sources)),
+                    targets=frozenset(members(targets)),
+                    reached=place in reached,
                 )
-                for place, forward in enumerate(self._declared.forwards)
-                if forward.enclave in self._number
+                for place, (enclave, sources, targets) in enumerate(self._forwards, enclaves + 1)
             ),
         )
 
-    def _reach(self, claim: Determinism, left_out: int) -> tuple[frozenset[int], frozenset[int]]:
-        """The enclaves, and the forwards by their places, that something high is in or can come to."""
-        labels = [enclave.label for enclave in self.system.enclaves]
-        reached, passing = set(self._high(claim)), set[int]()
-        put = [union(self._anywhere[topic] for topic in claim.high.topics) for _lane in self._lanes]
-        while True:
-            for number, lane in enumerate(self._lanes):
-                put[number] |= union(lane.puts[enclave] for enclave in reached) & ~left_out
-                put[number] |= union(self._passed_on(lane, place) for place in passing)
-            arrived = {n for lane, sent in zip(self._lanes, put, strict=True) for n in lane.getting(sent)}
-            more = {n for n in arrived if n < len(labels) and labels[n] not in self._doing}
-            through = set(self._passing(put))
-            if more <= reached and through <= passing:
-                return frozenset(reached), frozenset(passing)
-            reached |= more
-            passing |= through
-
-    def _passed_on(self, lane: Lane, place: int) -> int:
-        """What the forward of this place puts into the lane."""
-        forward = self._declared.forwards[place]
-        return lane.puts[self._number[forward.enclave]] & union(self._by_default[t] for t in forward.targets)
-
-    def _passing(self, puts: Sequence[int]) -> Iterator[int]:
-        """The forwards that take what is put into the lanes."""
-        for place, forward in enumerate(self._declared.forwards):
-            number = self._number.get(forward.enclave)
-            asked = union(self._by_default[topic] for topic in forward.sources)
-            if number is not None and any(
-                lane.gets[number] & put & asked for lane, put in zip(self._lanes, puts, strict=True)
-            ):
-                yield place
+    def _passed_on(self, lane: Lane, usable: int) -> Lane:
+        """The lane with declared forwards, after the outsider, in the place of the enclaves that have them."""
+        free = [*(enclave.label not in self._doing for enclave in self.system.enclaves), True]
+        puts = [put & usable if each else 0 for put, each in zip(lane.puts, free, strict=True)]
+        gets = [got if each else 0 for got, each in zip(lane.gets, free, strict=True)]
+        return Lane(
+            puts=[*puts, *(lane.puts[enclave] & targets for enclave, _sources, targets in self._forwards)],
+            gets=[*gets, *(lane.gets[enclave] & sources for enclave, sources, _targets in self._forwards)],
+        )
 
 
 def _few(inputs: Iterable[InputAtom]) -> Iterator[InputAtom]:

@@ -91,15 +91,13 @@ class Behaviour(Struct, frozen=True, kw_only=True):
 
 
 class Meeting(Struct, frozen=True, kw_only=True):
-    """Which of the enclaves `candidates` hand samples of the channels `put` to `receiver`, which takes those of `got`.
+    """Which enclaves hand samples of the channels to `receiver`; None: which put anything there at all.
 
-    `receiver` None: which put anything there at all. What the engines' behaviours rest on, for Alloy to confirm.
+    What the engines' behaviours rest on, for Alloy to confirm.
     """
 
-    candidates: frozenset[int]
-    put: frozenset[int]
+    channels: frozenset[int]
     receiver: int | None
-    got: frozenset[int]
     senders: frozenset[int]
 
 

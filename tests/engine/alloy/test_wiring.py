@@ -102,7 +102,7 @@ def test_alloy_confirms_who_hands_samples_to_whom(name: str, tmp_path: Path) -> 
     assert confirmed(system_of(name, tmp_path), tmp_path)
 
 
-def changes(claim: DeterminismAtom) -> Iterator[DeterminismAtom]:
+def changes(claim: DeterminismAtom, enclaves: frozenset[int]) -> Iterator[DeterminismAtom]:
     """The claim with one sender too many or too few; with one reached enclave, or forward, too few."""
 
     def meeting(number: int, changed: Meeting) -> DeterminismAtom:
@@ -114,8 +114,8 @@ def changes(claim: DeterminismAtom) -> Iterator[DeterminismAtom]:
     for number, each in enumerate(claim.meetings):
         if each.senders:
             yield meeting(number, replace(each, senders=each.senders - {min(each.senders)}))
-        if each.candidates - each.senders:
-            yield meeting(number, replace(each, senders=each.senders | {min(each.candidates - each.senders)}))
+        if enclaves - each.senders:
+            yield meeting(number, replace(each, senders=each.senders | {min(enclaves - each.senders)}))
     assert claim.spread is not None
     for number, passage in enumerate(claim.spread.passages):
         if passage.reached:
@@ -127,7 +127,8 @@ def changes(claim: DeterminismAtom) -> Iterator[DeterminismAtom]:
 @pytest.mark.parametrize("name", ["turtlesim_healthy", "vehicle_bridged_domain"])
 def test_each_change_is_refused(name: str, tmp_path: Path) -> None:
     system = system_of(name, tmp_path)
-    asked = [changed for claim in system.determinism for changed in changes(claim)]
+    enclaves = frozenset(range(len(system.enclaves)))
+    asked = [changed for claim in system.determinism for changed in changes(claim, enclaves)]
     assert len(asked) >= 5
     for changed in asked:
         assert not confirmed(replace(system, determinism=(changed,)), tmp_path), changed
@@ -147,7 +148,7 @@ def test_who_is_reached_over_other_nodes_is_not_forgotten(tmp_path: Path) -> Non
 def test_what_is_not_confirmed_is_no_answer(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     system = system_of("turtlesim_healthy", tmp_path)
     given = Analyzer(java=analyzer.java, jar=analyzer.jar, timeout=120, memory_mb=512)
-    changed = replace(system, determinism=(next(changes(system.determinism[0])),))
+    changed = replace(system, determinism=(next(changes(system.determinism[0], frozenset())),))
     with pytest.raises(EngineFailed, match="does not confirm"):
         determinism.decide([changed], given)
     monkeypatch.setattr(determinism, "MAX_ATOMS", 10)
