@@ -7,15 +7,16 @@ network in clear and are bound to a name, not to a key (DDS-Security 1.1, 9.4.1.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from msgspec.structs import replace
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered
 from keystore_audit.model.blast_radius import NOTHING, BlastRadius, Radii
-from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, Participant, System
+from keystore_audit.model.formal.system import CertificateAtom, Participant, System
 from keystore_audit.model.subjects.told import grants_naming
 
 MAX_SUBJECTS: Final = 5_000
@@ -37,25 +38,18 @@ def holding(system: System, key: int) -> System:
     The enclaves that come after those of `system` are its own, beside those of `system` that have the key. Raises
     errors.BudgetExceeded where grants name too many subjects.
     """
-    added = _Added(system, key)
     known = {enclave.identity for enclave in system.enclaves}
-    for number, certificate in enumerate(system.certificates):
-        if certificate.key == key and number not in known:
-            added.enclave(number)
+    held = (n for n, certificate in enumerate(system.certificates) if certificate.key == key and n not in known)
     issuers = authorities(system, key)
-    if issuers:
-        for named in _subjects(system):
-            added.enclave(added.certificate(issuers, named))
-    return added.system()
+    return _added(system, key, held, [(issuers, named) for named in _subjects(system)] if issuers else [])
 
 
 def holding_both(system: System, key: int) -> System:
     """The same for who holds the key of an enclave as well, whichever it is: an enclave's identity with this key."""
-    added = _Added(holding(system, key), key)
-    for identity in sorted({enclave.identity for enclave in system.enclaves if enclave.identity is not None}):
-        named = (number for number, grant in enumerate(system.grants) if identity in grant.names)
-        added.enclave(added.certificate(system.certificates[identity].issuers, frozenset(named)))
-    return added.system()
+    identities = sorted({enclave.identity for enclave in system.enclaves if enclave.identity is not None})
+    named = ((each, (n for n, grant in enumerate(system.grants) if each in grant.names)) for each in identities)
+    made = [(system.certificates[each].issuers, frozenset(grants)) for each, grants in named]
+    return _added(holding(system, key), key, (), made)
 
 
 def _subjects(system: System) -> Iterable[frozenset[int]]:
@@ -127,58 +121,41 @@ def radius_of_enclave(system: System, left_out: int, path: str) -> BlastRadius:
     )
 
 
-class _Added:
-    """A system with certificates and enclaves of one holder in the making."""
+def _added(
+    system: System, key: int, held: Iterable[int], made: Sequence[tuple[frozenset[int], frozenset[int]]]
+) -> System:
+    """With enclaves of the holder of the key, in whatever realm: their own verdicts matter to nobody.
 
-    def __init__(self, system: System, key: int) -> None:
-        self._system = system
-        self._key = key
-        self._certificates: list[CertificateAtom] = []
-        self._named: dict[int, set[int]] = {}
-        self._enclaves: list[Participant] = []
-
-    def certificate(self, issuers: Collection[int], grants: frozenset[int]) -> int:
-        """A new certificate with the key, always in force, for a subject that these grants name."""
-        number = len(self._system.certificates) + len(self._certificates)
-        self._certificates.append(
-            CertificateAtom(
-                label=HOLDER,
-                location=Location(path=""),
-                issuers=frozenset(issuers),
-                authority=False,
-                fit_to_sign=True,
-                key=self._key,
-                not_before=0,
-                not_after=len(self._system.instants) - 1,
-            )
+    `held`: certificates that are their identities. `made`: new ones with the key, always in force, by who issued each
+    and the grants that name its subject.
+    """
+    first = len(system.certificates)
+    numbers = [*held, *range(first, first + len(made))] if system.realms else ()
+    naming = gathered((grant, first + n) for n, (_issuers, grants) in enumerate(made) for grant in grants)
+    certificates = (
+        CertificateAtom(
+            label=HOLDER,
+            location=Location(path=""),
+            issuers=issuers,
+            authority=False,
+            fit_to_sign=True,
+            key=key,
+            not_before=0,
+            not_after=len(system.instants) - 1,
         )
-        for grant in grants:
-            self._named.setdefault(grant, set()).add(number)
-        return number
-
-    def enclave(self, identity: int) -> None:
-        """An enclave of the holder with this identity, of whatever realm: its own verdicts matter to nobody."""
-        if not self._system.realms:
-            return
-        self._enclaves.append(
-            Participant(
-                label=HOLDER,
-                location=Location(path=""),
-                realm=0,
-                identity=identity,
-                permissions=None,
-            )
-        )
-
-    def system(self) -> System:
-        """The system with all that was added."""
-        return replace(
-            self._system,
-            certificates=(*self._system.certificates, *self._certificates),
-            enclaves=(*self._system.enclaves, *self._enclaves),
-            grants=tuple(self._grant(number, grant) for number, grant in enumerate(self._system.grants)),
-        )
-
-    def _grant(self, number: int, grant: GrantAtom) -> GrantAtom:
-        named = self._named.get(number)
-        return grant if named is None else replace(grant, names=grant.names | named)
+        for issuers, _grants in made
+    )
+    enclaves = (
+        Participant(label=HOLDER, location=Location(path=""), realm=0, identity=identity, permissions=None)
+        for identity in numbers
+    )
+    grants = (
+        replace(grant, names=grant.names.union(naming[number])) if number in naming else grant
+        for number, grant in enumerate(system.grants)
+    )
+    return replace(
+        system,
+        certificates=(*system.certificates, *certificates),
+        enclaves=(*system.enclaves, *enclaves),
+        grants=tuple(grants),
+    )
