@@ -97,7 +97,8 @@ def decide_files(
             stage(f"asking the Alloy Analyzer about {file.path}")
         told = _told(file, mine, runs, engines, stage)
         results += (
-            _result(asked, file.text, mine, told[number], profiles) for number, asked in enumerate(file.commands)
+            _result(asked, file.text, mine, [each[number] for each in told], profiles)
+            for number, asked in enumerate(file.commands)
         )
     return tuple(results)
 
@@ -109,18 +110,17 @@ def _told(
     engines: Engines,
     stage: Callable[[str], None] | None,
 ) -> list[list[Told]]:
-    """For each command, the answers parallel to the systems."""
-    alloy = next((run for run in runs if run.name == "alloy"), None)
-    if alloy is None or alloy.status is not EngineStatus.OK:
-        why = alloy.reason if alloy else ""
-        return _undecided(file, systems, f"Alloy gave no answer ({why.rstrip('.')})")
+    """By system, the answers to the commands."""
     try:
+        alloy = next((run for run in runs if run.name == "alloy"), None)
+        if alloy is None or alloy.status is not EngineStatus.OK:
+            raise EngineFailed(alloy.reason if alloy else "")
         found = install.find(engines.jar, offline=engines.offline, ci=in_ci(), progress=stage)
         analyzer = Analyzer(java=found.java, jar=found.jar, timeout=engines.timeout, memory_mb=MEMORY_MB)
-        answers = ask(file, systems, analyzer)
+        return ask(file, systems, analyzer)
     except EngineError as error:
-        return _undecided(file, systems, f"Alloy gave no answer ({error.message.rstrip('.')})")
-    return [[of_system[number] for of_system in answers] for number in range(len(file.commands))]
+        reason = f"Alloy gave no answer ({error.message.rstrip('.')})"
+        return [[Told(status=Status.UNKNOWN, reason=reason) for _ in file.commands] for _ in systems]
 
 
 def ask(file: UserFile, systems: Sequence[System], analyzer: Analyzer) -> list[list[Told]]:
@@ -182,10 +182,6 @@ def _answer(asked: Asked, system: System, found: Mapping[str, bool], solutions: 
     if asked.instance:
         return Told(status=Status.VIOLATED, example=Counterexample(text="There is no instance of it.", steps=()))
     return Told(status=Status.VIOLATED, example=describe_instance(system, asked.name, solutions))
-
-
-def _undecided(file: UserFile, systems: Sequence[System], reason: str) -> list[list[Told]]:
-    return [[Told(status=Status.UNKNOWN, reason=reason) for _ in systems] for _ in file.commands]
 
 
 def _result(
