@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
-from keystore_audit.engine.case import Case, Told, step_at
-from keystore_audit.engine.ways import beyond_grants
+from keystore_audit.engine.case import Case, Told, beyond_grants, step_at
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.system import System

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from msgspec.structs import replace
-
-from keystore_audit.engine.case import Case, Told, step_at
+from keystore_audit.engine.alloy import moments
+from keystore_audit.engine.case import Case, Told, as_anybody, step_at, way
 from keystore_audit.engine.native_claims import claims_at
-from keystore_audit.engine.ways import as_anybody, way
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims.named import UNREAD_IDENTITY, same_elsewhere
@@ -41,7 +39,7 @@ def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Countere
 
 def _told(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Told:
     if claim.kind is ClaimKind.ABLE:
-        return _nothing_gets_there(system, claim, answer, when), ()
+        return _nothing_gets_there(system, claim, when), ()
     if answer.path:
         ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
         reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(why for why, _steps in ways if why))
@@ -56,10 +54,9 @@ def _told(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Told:
     return (_publisher if claim.kind is ClaimKind.ONLY_PUBLISH else _reading)(Case(system, witness), when)
 
 
-def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: str) -> str:
+def _nothing_gets_there(system: System, claim: ClaimAtom, when: str) -> str:
     """Between which places, and what may keep it from them beside rights."""
-    moment = 2 * system.now if answer.moment is None else answer.moment
-    asked = claims_at(system, moment, Decisions(system))
+    asked = claims_at(system, 2 * system.now, Decisions(system))
     between, numbers = "there", list(asked.cut_off(claim)) if len(claim.pairs) > 1 else []
     if numbers:
         one, other = (_told_place(system, place) for place in claim.pairs[numbers[0]])
@@ -68,7 +65,7 @@ def _nothing_gets_there(system: System, claim: ClaimAtom, answer: Answer, when: 
     ending = some(sorted(system.enclaves[number].label for number in asked.ending(claim)), 1)
     reasons = (
         (
-            any(each.refused_writes or each.refused_reads for each in system.at(moment).enclaves),
+            any(each.refused_writes or each.refused_reads for each in system.enclaves),
             ", some of which their own implementations refuse them (`can` says why)",
         ),
         (ending, f": {ending} can start now, and not at every instant until then"),
@@ -217,15 +214,8 @@ def then_at(system: System, answer: Answer) -> tuple[str, System]:
     if moment is None:
         moment = 2 * (answer.path[0].instant if answer.path else system.now)
     index, after = divmod(moment, 2)
-    when, then = instant(system.instants[index]), replace(system.at(moment), now=index)
-    if not after:
-        return f", from {when} on" if index != system.now else "", then
-    # Everything has ended that ends at the instant, and nothing else has changed.
-    ended = [
-        tuple(replace(each, not_after=index - 1) if each.not_after == index else each for each in dated)
-        for dated in (then.grants, then.certificates)
-    ]
-    return f", after {when}", replace(then, grants=ended[0], certificates=ended[1])
+    since = f", {'after' if after else 'from'} {instant(system.instants[index])}{'' if after else ' on'}"
+    return since if moment != 2 * system.now else "", moments.at(system, moment)
 
 
 def route(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> str:
