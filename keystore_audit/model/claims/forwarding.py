@@ -91,28 +91,25 @@ class Forwarding:
         """The claim as facts."""
         forwards = claim.forwards
         undecided = next(filter(None, map(self._stopped, forwards)), "")
-        domains: list[int] = []
-        possible: dict[int, list[Forward]] = {}
-        if not undecided:
-            possible = {d: [f for f in forwards if self._lacking(f, d) is None] for d in self._domains}
-            if not any(len(there) == len(forwards) for there in possible.values()):
-                undecided = self._impossible(forwards)
-            domains = list(possible)
+        domains = () if undecided else self._domains
+        possible = {d: [f for f in forwards if self._lacking(f, d) is None] for d in domains}
+        if not undecided and not any(len(there) == len(forwards) for there in possible.values()):
+            undecided = self._impossible(forwards)
         spread = self._spread(claim)
         differs = self._differs(claim, spread.inside)
-        behaviours = (self._behaviour(claim, possible[domain], domain, differs) for domain in domains)
-        found = tuple(each for each in behaviours if each.writers)
-        if not undecided and not any(each.seen() for each in found):
+        found = [self._behaviour(claim, there, domain, differs) for domain, there in possible.items()]
+        behaviours = tuple(each for each in found if each.seen())
+        if not undecided and not behaviours:
             undecided = f"nobody may publish {', '.join(claim.low)}"
+        if undecided:
+            return DeterminismAtom(id=claim.id, behaviours=(), undecided=undecided, location=claim.location)
         return DeterminismAtom(
             id=claim.id,
-            behaviours=() if undecided else tuple(each for each in found if each.seen()),
-            undecided=undecided,
+            behaviours=behaviours,
+            undecided="",
             location=claim.location,
-            meetings=()
-            if undecided
-            else tuple(m for each in domains for m in self._meetings(claim, possible[each], each)),
-            spread=None if undecided else spread,
+            meetings=tuple(each for d, there in possible.items() for each in self._meetings(claim, there, d)),
+            spread=spread,
         )
 
     def told(self, atom: DeterminismAtom) -> object:
