@@ -215,16 +215,8 @@ class Case:
 
 def step_at(location: Location | None, witness: str, *, channel: str | None = None, enclave: str | None = None) -> Step:
     """A step whose line is there, if there is one."""
-    if location is None:
-        return Step(enclave=enclave, channel=channel, witness=witness, path=None, line=None)
-    return Step(
-        enclave=enclave,
-        channel=channel,
-        witness=witness,
-        path=location.path,
-        line=location.line,
-        expression=location.message,
-    )
+    path, line, expression = (location.path, location.line, location.message) if location else (None, None, "")
+    return Step(enclave=enclave, channel=channel, witness=witness, path=path, line=line, expression=expression)
 
 
 def plainest(system: System, witnesses: Sequence[Witness]) -> Witness:

@@ -6,7 +6,7 @@ whom an attacker could be, since one that is enough is.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import TypeVar
 
@@ -25,7 +25,7 @@ from keystore_audit.model.trust.revocation import lists_carried
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
 from keystore_audit.profiles import VARIANTS, DateReading, Profile, doing
 from keystore_audit.properties import Answer, Status
-from keystore_audit.properties.result import PropertyResult
+from keystore_audit.properties.result import ProfileResult, PropertyResult
 from keystore_audit.text import counted, some
 
 MAX_MOMENTS = 64
@@ -162,15 +162,18 @@ def with_conditions(results: Sequence[R], systems: Sequence[System]) -> tuple[R,
     needs = _needs(systems, frozenset(holding)) if holding else {}
 
     def conditional(result: R) -> R:
-        profiles = {
-            name: replace(each, needs=tuple(needs.get((name, result.prop.id), ())))
-            if each.status is Status.HOLDS
-            else each
-            for name, each in result.profiles.items()
-        }
-        return replace(result, profiles=profiles)
+        def needing(name: str, held: ProfileResult) -> ProfileResult:
+            return replace(held, needs=tuple(needs.get((name, result.prop.id), ())))
+
+        return _where_it_holds(result, needing)
 
     return tuple(map(conditional, results))
+
+
+def _where_it_holds(result: R, change: Callable[[str, ProfileResult], ProfileResult]) -> R:
+    """The result, changed under each profile under which it holds."""
+    held = {name: change(name, each) for name, each in result.profiles.items() if each.status is Status.HOLDS}
+    return replace(result, profiles={**result.profiles, **held})
 
 
 def _needs(systems: Sequence[System], profiles: frozenset[str]) -> Without:
@@ -209,13 +212,4 @@ def without(assumption: Assumption, results: Sequence[R], assumed: frozenset[Ass
     """The results; where the assumption is not made that all of them need, what holds is unknown."""
     if assumption in assumed:
         return tuple(results)
-    return tuple(
-        replace(
-            result,
-            profiles={
-                name: replace(each, status=Status.UNKNOWN) if each.status is Status.HOLDS else each
-                for name, each in result.profiles.items()
-            },
-        )
-        for result in results
-    )
+    return tuple(_where_it_holds(each, lambda _name, held: replace(held, status=Status.UNKNOWN)) for each in results)

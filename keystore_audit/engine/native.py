@@ -43,11 +43,11 @@ class NativeEngine:
 
         A witness is given for each violating assignment, up to MAX_WITNESSES.
         """
-        return tuple(_Questions(s, None, self._shared(s)).answers() for s in self.systems)
+        return tuple(self._questions(s).answers() for s in self.systems)
 
     def first_statuses(self) -> tuple[dict[str, Status], ...]:
         """For each system the status of each property and claim at the audit instant: one witness is enough."""
-        return tuple(_Questions(s, None, self._shared(s)).statuses() for s in self.systems)
+        return tuple(self._questions(s).statuses() for s in self.systems)
 
     def checked(self, told: Sequence[Mapping[str, Answer]]) -> tuple[dict[str, Answer], ...]:
         """What another engine said of each system; UNKNOWN where it shows a violation that is none here.
@@ -55,20 +55,19 @@ class NativeEngine:
         A keystore that violates something by one engine's word and not by its example is not decided.
         """
         return tuple(
-            _Questions(system, None, self._shared(system)).checked(answers)
-            for system, answers in zip(self.systems, told, strict=True)
+            self._questions(system).checked(answers) for system, answers in zip(self.systems, told, strict=True)
         )
 
     def claim_answers(self) -> tuple[dict[str, Answer], ...]:
         """The same about claims alone."""
-        return tuple(_Questions(s, None, self._shared(s)).claims() for s in self.systems)
+        return tuple(self._questions(s).claims() for s in self.systems)
 
     def statuses(self, moment: int) -> tuple[dict[str, Status], ...]:
         """For each system the status of each property at `moment`, by id."""
         return tuple(
             {name: answer.status for name, answer in answers.items()}
             if _as_now(system, moment)
-            else _Questions(system, moment, self._shared(system)).statuses()
+            else self._questions(system, moment).statuses()
             for system, answers in zip(self.systems, self.answers, strict=True)
         )
 
@@ -87,6 +86,9 @@ class NativeEngine:
             if before != after and _granted(now, before) != _granted(then, after):
                 return enclave.label
         return None
+
+    def _questions(self, system: System, moment: int | None = None) -> _Questions:
+        return _Questions(system, moment, self._shared(system))
 
     def _shared(self, system: System) -> Decisions:
         """Decisions for all systems that hold the same grants, rules and channels, as one keystore's mostly do."""
