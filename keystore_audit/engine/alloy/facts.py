@@ -73,6 +73,33 @@ CHILDREN: Final = {
 }
 """By sort of entries: the relation from their parents, the field that names the parent, and the sort of that."""
 
+REFERENCES: Final[Mapping[str, Mapping[str, str]]] = {
+    "certificates": {"issuers": "certificates"},
+    "documents": {"signers": "certificates"},
+    "realms": {
+        **dict.fromkeys(("identity_ca", "permissions_ca"), "certificates"),
+        "governance": "documents",
+        **dict.fromkeys(("revoked", "refuses"), "certificates"),
+    },
+    "enclaves": {
+        "identity": "certificates",
+        "permissions": "documents",
+        **dict.fromkeys(("reads_alone", "writes_alone", "refused_writes", "refused_reads"), "channels"),
+    },
+    "topic_rules": {"channels": "channels"},
+    "grants": {"names": "certificates"},
+    "rules": dict.fromkeys(("publish", "subscribe", "relay"), "channels"),
+}
+"""By sort: the fields, besides an entry's parent, that name atoms of what `merging` may leave out, and their sort."""
+
+_RELATIONS: Final = {
+    "issuers": "issuer",
+    "signers": "signer",
+    "channels": "topic_expression",
+    "names": "subject_name",
+}
+"""By such a field its relation, where that is called otherwise."""
+
 CONSISTENCY: Final = "FactsAreConsistent"
 """The run that must have an instance: no check means anything without it."""
 
@@ -191,7 +218,7 @@ class _Facts:
     def _certificates(self) -> Iterator[str]:
         atoms, system = self._atoms, self._system
         keys = {key: number for number, key in enumerate(keys_of(system))}
-        yield from self._maps("certificates", issuer=("issuers", "certificates"))
+        yield from self._references("certificates")
         yield from self._flags("certificates", "authority", "fit_to_sign")
         yield self._map("public_key", "certificates", "keys", [{keys[c.key]} for c in system.certificates])
         yield self._map("following", "instants", "instants", [{n + 1} for n in range(len(system.instants) - 1)])
@@ -206,7 +233,7 @@ class _Facts:
     def _documents(self) -> Iterator[str]:
         system = self._system
         yield from self._flags("documents", "intact")
-        yield from self._maps("documents", signer=("signers", "certificates"))
+        yield from self._references("documents")
         found = [self._members(sort, "opaque") for sort in ("documents", "enclaves", "certificates")]
         opaque = " + ".join(members for members in found if members != "none") or "none"
         yield function("opaque", "set Document + Enclave + Certificate", opaque)
@@ -217,15 +244,11 @@ class _Facts:
 
     def _enclaves(self) -> Iterator[str]:
         realms = self._system.realms
-        yield from self._same("realms", "certificates", "identity_ca", "permissions_ca")
-        yield from self._same("realms", "documents", "governance")
-        yield from self._same("realms", "certificates", "revoked", "refuses")
+        yield from self._references("realms")
         refused = [{n for n, other in enumerate(realms) if not r.talks_to(other)} for r in realms]
         yield self._map("refuses_realm", "realms", "realms", refused)
-        yield from self._maps("enclaves", in_realm=("realm", "realms"))
-        yield from self._same("enclaves", "certificates", "identity")
-        yield from self._same("enclaves", "documents", "permissions")
-        yield from self._same("enclaves", "channels", "reads_alone", "writes_alone", "refused_writes", "refused_reads")
+        yield self._reference("in_realm", "enclaves", "realm", "realms")
+        yield from self._references("enclaves")
 
     def _precedes(self) -> Iterator[str]:
         """Siblings are entries of one sort with one parent, in the order of their indices."""
@@ -249,7 +272,7 @@ class _Facts:
 
     def _topic_rules(self) -> Iterator[str]:
         yield self._children("topic_rules")
-        yield from self._maps("topic_rules", topic_expression=("channels", "channels"))
+        yield from self._references("topic_rules")
         yield from self._flags(
             "topic_rules",
             "enable_discovery_protection",
@@ -262,7 +285,7 @@ class _Facts:
     def _permissions(self) -> Iterator[str]:
         system = self._system
         yield self._children("grants")
-        yield from self._maps("grants", subject_name=("names", "certificates"))
+        yield from self._references("grants")
         for name, of_all in (
             ("skipped_out_of_date", system.skips_grants_out_of_date),
             ("joins_out_of_date", system.joins_out_of_date),
@@ -271,10 +294,10 @@ class _Facts:
         yield from self._flags("grants", "default_allow")
         yield self._children("rules")
         yield self._relations.subset("allow_rule", self._atoms.rules, self._those("rules", "allow"))
-        yield from self._same("rules", "channels", "publish", "subscribe", "relay")
+        yield from self._references("rules")
 
     def _channels(self) -> Iterator[str]:
-        yield from self._maps("channels", in_domain=("domain", "domains"))
+        yield self._reference("in_domain", "channels", "domain", "domains")
         yield self._map("meets", "channels", "channels", self._system.meets)
 
     def _those(self, sort: str, flag: str) -> Iterator[int]:
@@ -296,15 +319,15 @@ class _Facts:
             rows = self._relations.constant_rows(atoms, kinds)
             yield self._relations.relation(name, f"{atoms.sig} -> ProtectionKind", rows)
 
-    def _same(self, sort: str, to: str, *fields: str) -> Iterator[str]:
-        """A relation for each field, of the same name, to what the field names of the sort `to`."""
-        return self._maps(sort, **{field: (field, to) for field in fields})
+    def _references(self, sort: str) -> Iterator[str]:
+        """A relation for each field that names atoms."""
+        for field, to in REFERENCES[sort].items():
+            yield self._reference(_RELATIONS.get(field, field), sort, field, to)
 
-    def _maps(self, sort: str, **relations: tuple[str, str]) -> Iterator[str]:
-        """A relation of each name, to what the field names of another sort."""
-        for name, (field, to) in relations.items():
-            declared = f"{getattr(self._atoms, sort).sig} -> {getattr(self._atoms, to).sig}"
-            yield self._relations.relation(name, declared, self._rows(sort, field, to))
+    def _reference(self, name: str, sort: str, field: str, to: str) -> str:
+        """The relation of this name, to what the field names of another sort."""
+        declared = f"{getattr(self._atoms, sort).sig} -> {getattr(self._atoms, to).sig}"
+        return self._relations.relation(name, declared, self._rows(sort, field, to))
 
     def _map(self, name: str, sort: str, to: str, rows: Sequence[Iterable[int]]) -> str:
         left, right = getattr(self._atoms, sort), getattr(self._atoms, to)

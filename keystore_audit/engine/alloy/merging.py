@@ -16,21 +16,14 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.engine.alloy.atoms import ROLE_SORTS
-from keystore_audit.engine.alloy.facts import CHILDREN
+from keystore_audit.engine.alloy.facts import CHILDREN, REFERENCES
 from keystore_audit.engine.alloy.moments import redated
 from keystore_audit.engine.alloy.twins import find_twins, mentions, surroundings
 from keystore_audit.grouped import gathered
-from keystore_audit.model.formal.asked import ClaimAtom, Place
+from keystore_audit.model.formal.asked import ClaimAtom
 from keystore_audit.model.formal.system import (
-    CertificateAtom,
-    DocumentAtom,
-    DomainRuleAtom,
-    GrantAtom,
-    Participant,
-    RealmAtom,
     RuleAtom,
     System,
-    TopicRuleAtom,
     easiest,
 )
 from keystore_audit.properties.result import Answer
@@ -38,26 +31,12 @@ from keystore_audit.properties.result import Answer
 KEPT: Final = 3
 """Enclaves that remain of those that are alike: no property, and no hop of a flow, is about more than three of them."""
 
-REFERENCES: Final[Mapping[type, Mapping[str, str]]] = {
-    CertificateAtom: {"issuers": "certificates"},
-    DocumentAtom: {"signers": "certificates"},
-    RealmAtom: {
-        **dict.fromkeys(("identity_ca", "permissions_ca", "revoked", "refuses"), "certificates"),
-        "governance": "documents",
-    },
-    Participant: {
-        "identity": "certificates",
-        "permissions": "documents",
-        **dict.fromkeys(("reads_alone", "writes_alone", "refused_writes", "refused_reads"), "channels"),
-    },
-    DomainRuleAtom: {"document": "documents"},
-    TopicRuleAtom: {"domain_rule": "domain_rules", "channels": "channels"},
-    GrantAtom: {"document": "documents", "names": "certificates"},
-    RuleAtom: {"grant": "grants", **dict.fromkeys(("publish", "subscribe", "relay"), "channels")},
-    ClaimAtom: {"through": "enclaves", "left_out": "channels"},
-    Place: {"enclaves": "enclaves", "channels": "channels", "certificates": "certificates"},
+_NAMED: Final[Mapping[str, Mapping[str, str]]] = {
+    **{sort: {parent: parents} for sort, (_relation, parent, parents) in CHILDREN.items()},
+    "claims": {"through": "enclaves", "left_out": "channels"},
+    "places": {"enclaves": "enclaves", "channels": "channels", "certificates": "certificates"},
 }
-"""By kind of atom: the fields that name atoms of what may be left out, and of which sort these are."""
+"""By sort: what `REFERENCES` does not say; claims and their places name atoms too."""
 
 Numbers = Mapping[str, Mapping[int, int]]
 """By sort, from the index of an atom that remains to its new one."""
@@ -163,19 +142,19 @@ def _without(merged: Merged, spare: Mapping[str, Collection[int]], alike: Mappin
         staying = (n for n, entry in enumerate(getattr(old, sort)) if getattr(entry, parent) in numbers[parents])
         numbers[sort] = {before: after for after, before in enumerate(staying)}
     of = _renumbering(numbers)
-    remaining = {sort: tuple(of(getattr(old, sort)[n]) for n in each) for sort, each in numbers.items()}
+    remaining = {sort: tuple(of(sort, getattr(old, sort)[n]) for n in each) for sort, each in numbers.items()}
     remaining["enclaves"] = tuple(replace(each, later=()) for each in remaining["enclaves"])
     system = replace(
         old,
         **remaining,
-        realms=tuple(replace(of(realm), revoked_later=(), refuses_later=()) for realm in old.realms),
+        realms=tuple(replace(of("realms", realm), revoked_later=(), refuses_later=()) for realm in old.realms),
         claims=tuple(_claim(claim, of, numbers["enclaves"]) for claim in old.claims),
         meets=_meets(old.meets, numbers["channels"], alike),
     )
     return Merged(system=system, origin={sort: [merged.origin[sort][n] for n in each] for sort, each in kept.items()})
 
 
-def _renumbering(numbers: Numbers) -> Callable[[Any], Any]:
+def _renumbering(numbers: Numbers) -> Callable[[str, Any], Any]:
     """Gives an atom with all that it names by their new numbers; of sets, what remains."""
     known: dict[tuple[int, str], frozenset[int]] = {}  # rules share their sets
 
@@ -186,24 +165,24 @@ def _renumbering(numbers: Numbers) -> Callable[[Any], Any]:
             known[id(named), sort] = frozenset(numbers[sort][each] for each in named if each in numbers[sort])
         return known[id(named), sort]
 
-    def of(atom: Any) -> Any:
-        fields = REFERENCES.get(type(atom), {}).items()
-        changed = {field: renumbered(getattr(atom, field), sort) for field, sort in fields}
+    def of(sort: str, atom: Any) -> Any:
+        fields = {**_NAMED.get(sort, {}), **REFERENCES.get(sort, {})}
+        changed = {field: renumbered(getattr(atom, field), to) for field, to in fields.items()}
         return replace(atom, **changed) if changed else atom
 
     return of
 
 
-def _claim(claim: ClaimAtom, of: Callable[[Any], Any], enclaves: Mapping[int, int]) -> ClaimAtom:
+def _claim(claim: ClaimAtom, of: Callable[[str, Any], Any], enclaves: Mapping[int, int]) -> ClaimAtom:
     pairs = [pair for pair in claim.pairs if (pair[0].enclaves | pair[1].enclaves) <= enclaves.keys()]
-    renumbered: ClaimAtom = of(claim)
+    renumbered: ClaimAtom = of("claims", claim)
     return replace(
         renumbered,
-        source=of(claim.source),
-        target=of(claim.target),
+        source=of("places", claim.source),
+        target=of("places", claim.target),
         stopping=frozenset(),
         starts=frozenset((enclaves[enclave], domain) for enclave, domain in claim.starts if enclave in enclaves),
-        pairs=tuple((of(one), of(other)) for one, other in pairs),
+        pairs=tuple((of("places", one), of("places", other)) for one, other in pairs),
     )
 
 
