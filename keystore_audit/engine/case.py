@@ -313,7 +313,7 @@ def _shown(case: Case, enclave: int, found: Told) -> Told:
     atom = case.system.enclaves[enclave]
     why, steps = found
     step = case.identity_step(atom)
-    return (why, (*steps, step)) if atom.at_large and step not in steps else found
+    return (why, (*steps, step)) if atom.unmanaged and step not in steps else found
 
 
 def _by_keys(case: Case, enclave: int) -> Told:

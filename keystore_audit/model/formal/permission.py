@@ -16,7 +16,7 @@ from keystore_audit.grouped import gathered
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.bit_sets import bits, members, union
-from keystore_audit.model.formal.steps import Step, allowed, decided
+from keystore_audit.model.formal.steps import Step, allowed, decided, deciding
 from keystore_audit.model.formal.system import DomainRuleAtom, RuleAtom, System, TopicRuleAtom
 
 
@@ -78,7 +78,7 @@ class Decisions:
 
     def decider(self, grant: int, operation: Operation, channel: int) -> RuleAtom | None:
         """The first rule of the grant that matches the channel; None where the default decides."""
-        return next((rule for rule in self.rules[grant] if self._matches(rule, operation) >> channel & 1), None)
+        return deciding(self.steps(grant, operation), channel).by
 
     def within(self, domains: Iterable[int]) -> int:
         """The channels of these domain classes."""
