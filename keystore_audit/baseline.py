@@ -74,7 +74,7 @@ def create(
         reason=terminal(reason),
         owner=terminal(owner),
         until=until,
-        location=Location(path=""),
+        location=Location(""),
         place="--until",
     )
     if options.at > entry.end:

@@ -77,7 +77,7 @@ class _Asking:
         return KeyAnswer(
             stolen=Stolen.ENCLAVE,
             name=path,
-            location=Location(path=place),
+            location=Location(place),
             alone=self._by_profile(lambda system: radius_of_enclave(system, left_out, path)),
             with_an_enclave=None,
         )

@@ -49,7 +49,7 @@ SEVERITIES: Final = tuple(severity.value for severity in Severity)
 """Their names, the worst first."""
 
 
-class Location(Struct, frozen=True, kw_only=True):
+class Location(Struct, frozen=True):
     """A place in a file of the keystore, or (`beside`) in one that the user named: a policy, a graph, settings.
 
     `path` is relative to the keystore, links resolved, POSIX, percent-encoded where it is not

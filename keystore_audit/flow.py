@@ -112,7 +112,7 @@ def questions(question: FlowQuestion) -> tuple[Claim, ...]:
             target=target,
             through=question.through,
             include_ambient=question.include_ambient,
-            location=Location(path="", beside=True),
+            location=Location("", beside=True),
             place="",
         )
         for attacker in attackers

@@ -86,7 +86,7 @@ class Environment(Struct, frozen=True, kw_only=True):
     def place(self, name: str) -> Location:
         """The line that sets the variable, else the file."""
         setting = self.settings.get(name)
-        return Location(path=self.file.path, beside=True) if setting is None else setting.location
+        return Location(self.file.path, beside=True) if setting is None else setting.location
 
     @property
     def domain(self) -> int | None:
@@ -121,7 +121,7 @@ def read_environment(path: Path) -> Environment:
             exports.setdefault(export is not None, number)
             found[name] = Setting(
                 value=_value(value, place, commented=export is not None),
-                location=Location(path=str(path), line=number, beside=True),
+                location=Location(str(path), number, beside=True),
             )
         else:
             _pass_over(name, value, place)

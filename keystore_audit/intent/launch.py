@@ -159,7 +159,7 @@ class _Launch:
             case "set_env" | "append_env" | "unset_env":
                 self._variable(element, scope, location)
             case "rep_env" | "reset_env" | "pop_env":
-                self._set(scope, dict.fromkeys(NAMES, Unknown(reason="an environment that is replaced")))
+                self._set(scope, dict.fromkeys(NAMES, Unknown("an environment that is replaced")))
             case "push_ros_namespace" | "push_namespace":
                 scope.namespace = scope.below(element)
             case "set_remap":
@@ -186,7 +186,7 @@ class _Launch:
             return
         said = f"The argument {shown(name)} has no default, and no value was given with --launch-argument."
         self.nodes.unresolved(location, said)
-        scope.arguments[name] = Unknown(reason=f"the argument {shown(name)}, which has no value")
+        scope.arguments[name] = Unknown(f"the argument {shown(name)}, which has no value")
 
     def _let(self, element: Element, scope: Scope, location: Location) -> None:
         name = self._name(element, scope, location)
@@ -206,9 +206,9 @@ class _Launch:
         name = self._name(element, scope, location)
         value: str | Unknown = scope.known(element.attributes.get("value", ()))
         if element.kind == "append_env":
-            value = Unknown(reason="an environment variable that is added to")
+            value = Unknown("an environment variable that is added to")
         elif name is None:
-            value = Unknown(reason="an environment variable whose name cannot be told")
+            value = Unknown("an environment variable whose name cannot be told")
         self._set(scope, dict.fromkeys(NAMES if name is None else (name,), value))
 
     def _set(self, scope: Scope, values: Mapping[str, str | Unknown]) -> None:
@@ -244,7 +244,7 @@ class _Launch:
         inner = scope.copy()
         for name, values in self._meanwhile.items():
             if values != {inner.environment.get(name)}:
-                inner.environment[name] = Unknown(reason=f"when {name} is set")
+                inner.environment[name] = Unknown(f"when {name} is set")
         self._follow(elements, inner, source, depth + 1)
 
     def _include(self, element: Element, scope: Scope, source: Source, depth: int) -> None:

@@ -40,7 +40,7 @@ class Reference(Struct, frozen=True, kw_only=True):
     environment: bool = False
 
 
-class Unknown(Struct, frozen=True, kw_only=True):
+class Unknown(Struct, frozen=True):
     """A piece of text that only a running launch knows; `reason`: why, words such as "the result of a command"."""
 
     reason: str
@@ -161,7 +161,7 @@ def bounded(parts: Iterable[Part]) -> Text:
         elif part != "":
             found.append(part)
         if len(found) > MAX_PARTS or (found and isinstance(found[-1], str) and len(found[-1]) > MAX_TEXT):
-            return (Unknown(reason=f"a text of more than {MAX_TEXT} characters"),)
+            return (Unknown(f"a text of more than {MAX_TEXT} characters"),)
     return tuple(found)
 
 
@@ -204,7 +204,7 @@ class Scope(Struct, kw_only=True):
                 return piece
             whole += piece
             if len(whole) > MAX_TEXT:
-                return Unknown(reason=f"a text of more than {MAX_TEXT} characters")
+                return Unknown(f"a text of more than {MAX_TEXT} characters")
         return whole
 
     def _piece(self, part: Part) -> str | Unknown:
@@ -212,8 +212,8 @@ class Scope(Struct, kw_only=True):
             return part
         if part.environment:
             # What the file sets is known; this machine's environment says nothing about the robot's.
-            return self.environment.get(part.name, Unknown(reason=f"the environment variable {shown(part.name)}"))
-        unset = Unknown(reason=f"the argument {shown(part.name)}, which nothing sets")
+            return self.environment.get(part.name, Unknown(f"the environment variable {shown(part.name)}"))
+        unset = Unknown(f"the argument {shown(part.name)}, which nothing sets")
         return self.arguments.get(part.name, unset if part.default is None else part.default)
 
     def shows(self, text: Text) -> str:
@@ -230,7 +230,7 @@ class Scope(Struct, kw_only=True):
             if isinstance(text, Unknown):
                 doubt = doubt or text
             elif told not in _TRUE | _FALSE:
-                doubt = doubt or Unknown(reason=f"{shown(text)}, which is neither true nor false")
+                doubt = doubt or Unknown(f"{shown(text)}, which is neither true nor false")
             elif told not in wanted:
                 return False
         return True if doubt is None else doubt
@@ -358,10 +358,10 @@ class _Reader:
                     return self._source.directory
         name = inner.split(maxsplit=1)[0]
         if name in INSTALLED:
-            return Unknown(reason=INSTALLED[name])
+            return Unknown(INSTALLED[name])
         if word := speaks_of(inner):
             self._speaking.append(Element(kind="speaks", line=line, attributes={"word": (word,)}))
-        return Unknown(reason=COMMANDS.get(name, f"a substitution of the sort {shown(name)}"))
+        return Unknown(COMMANDS.get(name, f"a substitution of the sort {shown(name)}"))
 
 
 def _end(text: str, at: int) -> int:

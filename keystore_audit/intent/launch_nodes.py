@@ -170,7 +170,7 @@ class Nodes:
             enclave = _no(enclave, "path of an enclave")
         prefix = _prefix(element, scope)
         if self.speaking(location, speaks_of(prefix)):
-            enclave = Unknown(reason=f"{shown(prefix)}, which stands before the program")
+            enclave = Unknown(f"{shown(prefix)}, which stands before the program")
         program = (*element.attributes.get("pkg", ()), " ", *element.attributes["exec"], " ")
         self._sets(node.full_name, scope.shows(program), variables, location)
         if node.full_name:
@@ -219,7 +219,7 @@ class Nodes:
             if sign and origin and target and ":" not in origin + target:
                 yield _Remap(line=element.line, source=origin, target=target)
             else:
-                read = text if isinstance(text, Unknown) else Unknown(reason=f"{shown(text)}, which is not read")
+                read = text if isinstance(text, Unknown) else Unknown(f"{shown(text)}, which is not read")
                 self._not_known(source.location(element.line), "A remapping of a node", read)
 
     def _components(self, element: Element, scope: Scope, source: Source) -> Iterator[_Node]:
@@ -307,7 +307,7 @@ class Nodes:
             return target
         found = self._called.get(target.rpartition("/")[2], set())
         known = "which is not started here" if not found else "of which there are several"
-        return next(iter(found)) if len(found) == 1 else Unknown(reason=f"the container {shown(target)}, {known}")
+        return next(iter(found)) if len(found) == 1 else Unknown(f"the container {shown(target)}, {known}")
 
     def _sets(self, node: str, started: str, variables: Mapping[str, str | Unknown], location: Location) -> None:
         """The variables of a process, apart from the one that says its enclave."""
@@ -342,4 +342,4 @@ def _prefix(element: Element, scope: Scope) -> str:
 
 
 def _no(text: str, what: str) -> Unknown:
-    return Unknown(reason=f"{shown(text)}, which is no {what}")
+    return Unknown(f"{shown(text)}, which is no {what}")

@@ -271,7 +271,7 @@ class Expanded:
         """Where the element stands: in the file that it was written in."""
         holders = (holder.get(BASE) for holder in (element, *element.iterancestors()))
         number = next((number for number in holders if number is not None), "0")
-        return Location(path=self.read[int(number)].path, line=source_line(element), beside=True)
+        return Location(self.read[int(number)].path, source_line(element), beside=True)
 
 
 def expand(path: str | os.PathLike[str], directory: str | os.PathLike[str] | None = None) -> Expanded:

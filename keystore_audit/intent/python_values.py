@@ -109,7 +109,7 @@ class _Condition(Struct, frozen=True):
 Value = Text | list["Value"] | dict[str, "Value"] | Element | Imported | _Condition | None
 """A list may grow while statements are followed, until it is used."""
 
-LOST: Final[Text] = (Unknown(reason="what only running the file works out"),)
+LOST: Final[Text] = (Unknown("what only running the file works out"),)
 
 
 class Expressions:
@@ -149,7 +149,7 @@ class Expressions:
         """An expression that is not read; it may add to lists that it names."""
         self.unread.append(node)
         self._forget(node)
-        return (Unknown(reason=reason),)
+        return (Unknown(reason),)
 
     def _value(self, node: ast.expr, depth: int = 0) -> Value:
         if depth > MAX_DEPTH:
@@ -208,7 +208,7 @@ class Expressions:
         given = [self._value(each, depth + 1) for each in node.args]
         named = {str(each.arg): self._value(each.value, depth + 1) for each in node.keywords}
         if name in INSTALLED:
-            return (Unknown(reason=INSTALLED[name]),)
+            return (Unknown(INSTALLED[name]),)
         if name in COMMANDS:
             return self._opaque(node, COMMANDS[name])
         if function.path.partition(".")[0] in _OWN_PACKAGES:
@@ -270,9 +270,7 @@ class Expressions:
             elif argument in _PAIRS:
                 children += self._pairs(node, argument, value)
             elif argument == "condition":
-                held = (
-                    value if isinstance(value, _Condition) else _Condition("if", (Unknown(reason="another condition"),))
-                )
+                held = value if isinstance(value, _Condition) else _Condition("if", (Unknown("another condition"),))
                 attributes[held.word] = held.text
             elif argument in ("arguments", "ros_arguments"):
                 name = "args" if argument == "arguments" and isinstance(value, list) else "ros_args"
@@ -307,7 +305,7 @@ class Expressions:
 
     def _text(self, value: Value) -> Text:
         """What launch makes of a value where it wants a text: of a list, its pieces joined."""
-        none = (Unknown(reason="a value that is no text"),)
+        none = (Unknown("a value that is no text"),)
         return bounded(part for leaf in self._leaves(value) for part in (leaf if isinstance(leaf, tuple) else none))
 
     def _command(self, value: Value) -> Text:
@@ -350,7 +348,7 @@ def _path(parts: list[Text]) -> Text:
     for number, text in enumerate(parts):
         first = text[0] if text else ""
         if number and not isinstance(first, str):
-            return (Unknown(reason="a path that may be absolute"),)
+            return (Unknown("a path that may be absolute"),)
         whole = text if not number or str(first).startswith("/") else bounded((*whole, "/", *text))
     return whole
 

@@ -55,7 +55,7 @@ class Source(Struct, frozen=True, kw_only=True):
 
     def location(self, line: int | None) -> Location:
         """A place in it."""
-        return Location(path=self.path, line=line)
+        return Location(self.path, line)
 
     def malformed(self, line: int | None, detail: str) -> UsageError:
         """The error for something that cannot be read; `detail` becomes the rest of the sentence."""

@@ -115,7 +115,7 @@ def _no_run(each: NoReport, rules: Sequence[_Rule]) -> str:
         "ruleIndex": next(number for number, rule in enumerate(rules) if rule.code == _UNDECIDED),
         "level": "error",
         "message": {"text": shorten(f"Nothing is decided about {each.path}: {each.reason}", MAX_MESSAGE)},
-        "locations": [_location(Location(path=each.path, beside=True), _Base(each.path))],
+        "locations": [_location(Location(each.path, beside=True), _Base(each.path))],
         "partialFingerprints": {"keystoreAudit/v1": fingerprint(_UNDECIDED, None, each.path, "no report")},
     }
     head = _head(each.path, Verdict.INCOMPLETE, each.exit_code, [("error", each.reason)])
@@ -255,7 +255,7 @@ def _described(rule: _Rule, worst: Severity) -> str:
 
 def _result(finding: Finding, rule: int, keystore: str, base: _Base, paths: Sequence[Counterexample]) -> dict[str, Any]:
     """One finding. Services need a place and a line: a finding without any is at the keystore, at line 1."""
-    first, *others = finding.locations[:MAX_LOCATIONS] or (Location(path=""),)
+    first, *others = finding.locations[:MAX_LOCATIONS] or (Location(""),)
     level, number = _LEVELS[_worst(finding)[1]]
     result: dict[str, Any] = {
         "ruleId": finding.code,
@@ -305,7 +305,7 @@ def _code_flow(counterexample: Counterexample, base: _Base) -> Mapping[str, Any]
     locations = [
         {
             "location": _location(
-                Location(path=step.path, line=step.line),
+                Location(step.path, step.line),
                 base,
                 f"{step.enclave or 'anybody'}: {step.channel or step.witness}",
             )

@@ -59,8 +59,8 @@ def folded(
         named = {name for anomaly in alike for name in anomaly.profiles}
         everywhere = any(not anomaly.profiles for anomaly in alike)
         yield Violation(
-            message=says(alike),
-            locations=[*_locations(use, alike, other)],
+            says(alike),
+            [*_locations(use, alike, other)],
             severity=Severity.HIGH if serious else None,
             profiles=() if everywhere else tuple(name for name in VARIANTS if name in named),
             # What is odd is part of it: another rule is not hidden by one that was accepted before.
@@ -71,9 +71,9 @@ def folded(
 def _locations(use: DocumentUse, found: Sequence[Anomaly], other: str) -> Iterator[Location]:
     place = use.signed.file.place
     for anomaly in found:
-        yield Location(path=place, line=anomaly.line)
+        yield Location(place, anomaly.line)
         if anomaly.other is not None and anomaly.other != anomaly.line:
-            yield Location(path=place, line=anomaly.other, message=other)
+            yield Location(place, anomaly.other, message=other)
 
 
 def named(anomaly: Anomaly) -> str:
@@ -96,8 +96,8 @@ def _decided(anomaly: Anomaly, *, allowed: bool) -> str:
 @rule(
     "KA617",
     Severity.MEDIUM,
-    clause=_IN_ORDER,
-    remedy=in_permissions("Put the rule before the one that decides in its place, or take it out"),
+    _IN_ORDER,
+    in_permissions("Put the rule before the one that decides in its place, or take it out"),
     applies=speaks,
 )
 def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -120,8 +120,8 @@ def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violatio
 @rule(
     "KA618",
     Severity.MEDIUM,
-    clause=_IN_ORDER,
-    remedy=in_permissions("Put the rule before the one that decides in its place, or take the expression out"),
+    _IN_ORDER,
+    in_permissions("Put the rule before the one that decides in its place, or take the expression out"),
     applies=speaks,
 )
 def expression_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -148,8 +148,8 @@ def _a_rule(anomaly: Anomaly) -> str:
 @rule(
     "KA619",
     Severity.LOW,
-    clause=_IN_ORDER,
-    remedy=in_permissions("Take the rule out, so that whoever changes the other one knows what it does"),
+    _IN_ORDER,
+    in_permissions("Take the rule out, so that whoever changes the other one knows what it does"),
     applies=speaks,
 )
 def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -173,8 +173,8 @@ def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]
 @rule(
     "KA620",
     Severity.MEDIUM,
-    clause=_IN_ORDER,
-    remedy=in_permissions("Name in each rule what the other one does not, so that their order does not matter"),
+    _IN_ORDER,
+    in_permissions("Name in each rule what the other one does not, so that their order does not matter"),
     applies=speaks,
 )
 def rules_correlated(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -202,8 +202,8 @@ def _opposed(anomaly: Anomaly) -> str:
 @rule(
     "KA621",
     Severity.INFO,
-    clause=_IN_ORDER,
-    remedy=decision("Nothing is wrong where the exception is meant; keep the order of the rules."),
+    _IN_ORDER,
+    decision("Nothing is wrong where the exception is meant; keep the order of the rules."),
     applies=speaks,
 )
 def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -225,8 +225,8 @@ def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violatio
 @rule(
     "KA622",
     Severity.LOW,
-    clause="DDS-Security 1.1, 9.4.1.3 (default: what no rule matches)",
-    remedy=in_permissions("Take the rule out: what no rule allows is denied"),
+    "DDS-Security 1.1, 9.4.1.3 (default: what no rule matches)",
+    in_permissions("Take the rule out: what no rule allows is denied"),
     applies=speaks,
 )
 def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Violation]:

@@ -25,8 +25,8 @@ _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions 
 @rule(
     "KA623",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
-    remedy=in_permissions("Let the rule name the domains of the governance, or take it out"),
+    "DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
+    in_permissions("Let the rule name the domains of the governance, or take it out"),
     applies=speaks,
 )
 def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -49,8 +49,8 @@ def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterato
 @rule(
     "KA624",
     Severity.MEDIUM,
-    clause=f"{_EXPRESSIONS}; POSIX 1003.1, 2.13.1 (bracket expressions)",
-    remedy=in_permissions("Write the expression as it was meant, or name each topic"),
+    f"{_EXPRESSIONS}; POSIX 1003.1, 2.13.1 (bracket expressions)",
+    in_permissions("Write the expression as it was meant, or name each topic"),
     applies=speaks,
 )
 def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -72,8 +72,8 @@ def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterato
 @rule(
     "KA625",
     Severity.MEDIUM,
-    clause="ROS 2 design, topic and service names to DDS (rt/, rq/…Request, rr/…Reply)",
-    remedy=in_permissions("Write the name as DDS has it, rt/chatter for /chatter"),
+    "ROS 2 design, topic and service names to DDS (rt/, rq/…Request, rr/…Reply)",
+    in_permissions("Write the name as DDS has it, rt/chatter for /chatter"),
     applies=speaks,
 )
 def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -104,8 +104,8 @@ def _not_ros(found: Sequence[Anomaly]) -> str:
 @rule(
     "KA626",
     Severity.LOW,
-    clause="DDS-Security 1.1, 9.4.1.3 (least privilege: a right that nothing can use)",
-    remedy=in_permissions("Take the right out, or give the enclave at the other end its own"),
+    "DDS-Security 1.1, 9.4.1.3 (least privilege: a right that nothing can use)",
+    in_permissions("Take the right out, or give the enclave at the other end its own"),
     applies=speaks,
 )
 def grant_without_counterpart(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -140,10 +140,8 @@ def _topics(names: Sequence[str]) -> str:
 @rule(
     "KA627",
     Severity.INFO,
-    clause="docs/model.md, anomalies of rules",
-    remedy=outside(
-        "Write fewer expressions with several wildcards and fewer rules; look at each of the rules until then."
-    ),
+    "docs/model.md, anomalies of rules",
+    outside("Write fewer expressions with several wildcards and fewer rules; look at each of the rules until then."),
     applies=taken,
 )
 def rules_not_compared(use: DocumentUse, context: Context) -> Iterator[Violation]:
@@ -156,8 +154,8 @@ def rules_not_compared(use: DocumentUse, context: Context) -> Iterator[Violation
     for anomaly in odd(use, context, AnomalyKind.NOT_WORKED_OUT):
         undecided = anomaly.serious and _denies(use)
         yield Violation(
-            message=f"Not all rules could be compared with each other: {anomaly.other_text}.",
-            locations=(use.at(None),),
+            f"Not all rules could be compared with each other: {anomaly.other_text}.",
+            (use.at(None),),
             profiles=anomaly.profiles,
             severity=Severity.MEDIUM if undecided else None,
             undecided=undecided,
@@ -173,8 +171,8 @@ def _denies(use: DocumentUse) -> bool:
 @rule(
     "KA422",
     Severity.LOW,
-    clause="DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches)",
-    remedy=in_governance("Put the rule before the one that applies in its place, or take it out"),
+    "DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches)",
+    in_governance("Put the rule before the one that applies in its place, or take it out"),
     applies=speaks,
 )
 def topic_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violation]:
@@ -204,8 +202,8 @@ def _topics_shadowed(found: Sequence[Anomaly]) -> str:
 @rule(
     "KA423",
     Severity.LOW,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (the first domain_rule that covers the domain)",
-    remedy=in_governance("Let each domain be covered by one rule"),
+    "DDS-Security 1.1, 9.4.1.2.4 (the first domain_rule that covers the domain)",
+    in_governance("Let each domain be covered by one rule"),
     applies=speaks,
 )
 def domain_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violation]:

@@ -41,8 +41,8 @@ _SAY_THE_ZONE: Final = decision(
 @rule(
     "KA901",
     Severity.HIGH,
-    clause=_CLAUSE,
-    remedy=outside("Put the file into the form that the message asks for, and run the audit again."),
+    _CLAUSE,
+    outside("Put the file into the form that the message asks for, and run the audit again."),
 )
 def undecided(doubt: Doubt) -> Iterator[Violation]:
     """Something could not be read that a robot might act on, and no other rule says so at that place.
@@ -51,8 +51,8 @@ def undecided(doubt: Doubt) -> Iterator[Violation]:
     the same place open, that one is enough.
     """
     yield Violation(
-        message=f"{sentence(doubt.reason)}: it may do or grant anything.",
-        locations=(doubt.location,),
+        f"{sentence(doubt.reason)}: it may do or grant anything.",
+        (doubt.location,),
         enclave=doubt.enclave,
         profiles=doubt.profiles,
         undecided=True,
@@ -64,16 +64,15 @@ def undecided(doubt: Doubt) -> Iterator[Violation]:
 @rule(
     "KA902",
     Severity.INFO,
-    clause=_CLAUSE,
-    remedy=outside("Install keystore-audit with its extra [alloy] and run `keystore-audit engine install`."),
+    _CLAUSE,
+    outside("Install keystore-audit with its extra [alloy] and run `keystore-audit engine install`."),
 )
 def engine_missing(run: EngineRun) -> Iterator[Violation]:
     """An engine could not be had, and nobody asked for it by name: the other decided alone, and nothing checked it."""
     if run.status is EngineStatus.MISSING and not run.required:
         yield Violation(
-            message=f"The engine {run.name} is not there ({sentence(run.reason)}): the properties were decided "
-            "without it.",
-            locations=(),
+            f"The engine {run.name} is not there ({sentence(run.reason)}): the properties were decided without it.",
+            (),
             key=run.name,
         )
 
@@ -89,8 +88,8 @@ _NO_ANSWER: Final = {
 @rule(
     "KA903",
     Severity.HIGH,
-    clause=_CLAUSE,
-    remedy=outside(
+    _CLAUSE,
+    outside(
         "Look at it with `keystore-audit engine`, give it more time with --timeout, or decide with --engine native."
     ),
 )
@@ -104,8 +103,8 @@ def engine_failed(run: EngineRun, context: Context) -> Iterator[Violation]:
     nothing_to_run = run.status is EngineStatus.NOT_RUN and context.meaning.over_budget is not None
     if (failed or absent) and not nothing_to_run:
         yield Violation(
-            message=f"The engine {run.name} {_NO_ANSWER[run.status]}: {sentence(run.reason) or 'no reason was given'}.",
-            locations=(),
+            f"The engine {run.name} {_NO_ANSWER[run.status]}: {sentence(run.reason) or 'no reason was given'}.",
+            (),
             undecided=True,
             key=run.name,
         )
@@ -118,10 +117,8 @@ def _disagree(answer: ProfileResult) -> bool:
 @rule(
     "KA904",
     Severity.CRITICAL,
-    clause=_CLAUSE,
-    remedy=outside(
-        "Report this as a fault of keystore-audit, with what `keystore-audit model KEYSTORE -o DIR` writes."
-    ),
+    _CLAUSE,
+    outside("Report this as a fault of keystore-audit, with what `keystore-audit model KEYSTORE -o DIR` writes."),
     applies=lambda result, _context: any(len(answer.engines) > 1 for answer in result.profiles.values()),
 )
 def engines_disagree(result: PropertyResult) -> Iterator[Violation]:
@@ -134,8 +131,8 @@ def engines_disagree(result: PropertyResult) -> Iterator[Violation]:
             if name in profiles[:MAX_LISTED]
         )
         yield Violation(
-            message=f"The engines disagree about {result.prop.id}: {said}.",
-            locations=(),
+            f"The engines disagree about {result.prop.id}: {said}.",
+            (),
             profiles=profiles,
             undecided=True,
             key=result.prop.id,
@@ -146,10 +143,8 @@ def engines_disagree(result: PropertyResult) -> Iterator[Violation]:
 @rule(
     "KA905",
     Severity.HIGH,
-    clause=_CLAUSE,
-    remedy=outside(
-        "Report this as a fault of keystore-audit, with the command and, where it may be shared, the keystore."
-    ),
+    _CLAUSE,
+    outside("Report this as a fault of keystore-audit, with the command and, where it may be shared, the keystore."),
 )
 def rule_crashed(crash: Crash) -> Iterator[Violation]:
     """A rule ended in an error, so that what it asks is undecided.
@@ -157,9 +152,8 @@ def rule_crashed(crash: Crash) -> Iterator[Violation]:
     Only the type of the error is told: its words may quote what was read, a key among it.
     """
     yield Violation(
-        message=f"Rule {crash.rule} ended in an error ({crash.exception}) on {crash.subject}: what it asks is "
-        "undecided.",
-        locations=(),
+        f"Rule {crash.rule} ended in an error ({crash.exception}) on {crash.subject}: what it asks is undecided.",
+        (),
         undecided=True,
         key=f"{crash.rule} {crash.subject}",
     )
@@ -168,8 +162,8 @@ def rule_crashed(crash: Crash) -> Iterator[Violation]:
 @rule(
     "KA906",
     Severity.HIGH,
-    clause=_CLAUSE,
-    remedy=outside("Fix what the other findings call unread or unknown, and run the audit again."),
+    _CLAUSE,
+    outside("Fix what the other findings call unread or unknown, and run the audit again."),
 )
 def property_undecided(result: PropertyResult, context: Context) -> Iterator[Violation]:
     """Whether a property holds depends on what could not be read, or no engine gave an answer.
@@ -189,8 +183,8 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
     if len(alike) > 1:
         told = f"{len(alike)} properties, {listed(ids)}."
     yield Violation(
-        message=f"Undecided, since {why}: {told}",
-        locations=(*_asserted(result), *[doubt.location for doubt in context.meaning.doubts]),
+        f"Undecided, since {why}: {told}",
+        (*_asserted(result), *[doubt.location for doubt in context.meaning.doubts]),
         profiles=() if len(profiles) == len(result.profiles) else profiles,
         undecided=True,
         key="\n".join(ids),
@@ -257,8 +251,8 @@ def _asserted(result: PropertyResult) -> tuple[Location, ...]:
 @rule(
     "KA907",
     Severity.INFO,
-    clause=_CLAUSE,
-    remedy=outside("Nothing is wrong with the keystore; run with --engine native, or audit parts of it."),
+    _CLAUSE,
+    outside("Nothing is wrong with the keystore; run with --engine native, or audit parts of it."),
 )
 def engine_out_of_scale(run: EngineRun) -> Iterator[Violation]:
     """The model is larger than an engine is known to decide, so that it was not started: the other decided alone.
@@ -267,8 +261,8 @@ def engine_out_of_scale(run: EngineRun) -> Iterator[Violation]:
     """
     if run.status is EngineStatus.OUT_OF_SCALE:
         yield Violation(
-            message=f"The model is too large for the engine {run.name}: {sentence(run.reason)}.",
-            locations=(),
+            f"The model is too large for the engine {run.name}: {sentence(run.reason)}.",
+            (),
             undecided=run.required,
             key=run.name,
         )
@@ -277,15 +271,13 @@ def engine_out_of_scale(run: EngineRun) -> Iterator[Violation]:
 @rule(
     "KA908",
     Severity.HIGH,
-    clause=_CLAUSE,
-    remedy=decision("Use fewer expressions with text between two *: each can double the number of classes of names."),
+    _CLAUSE,
+    decision("Use fewer expressions with text between two *: each can double the number of classes of names."),
 )
 def topic_classes_over_budget(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The expressions tell apart more classes of names than can be worked out, so that no right was decided at all."""
     if context.meaning.over_budget is not None:
-        yield Violation(
-            message=f"No right could be decided: {sentence(context.meaning.over_budget)}.", locations=(), undecided=True
-        )
+        yield Violation(f"No right could be decided: {sentence(context.meaning.over_budget)}.", (), undecided=True)
 
 
 _ACCEPTING: Final = "keystore-audit, docs/settings.md: what is accepted has a reason, an owner and an end"
@@ -294,8 +286,8 @@ _ACCEPTING: Final = "keystore-audit, docs/settings.md: what is accepted has a re
 @rule(
     "KA909",
     Severity.MEDIUM,
-    clause=_ACCEPTING,
-    remedy=decision(
+    _ACCEPTING,
+    decision(
         "Fix what was accepted, or accept it again with a reason that still holds and a new date; "
         "`keystore-audit baseline prune` takes what has ended out of a baseline."
     ),
@@ -309,19 +301,16 @@ def suppression_expired(file: FileOfUses) -> Iterator[Violation]:
     if ended:
         again = len({finding.fingerprint for use in ended for finding in use.findings})
         yield Violation(
-            message=f"{_counted(ended)} {'has' if len(ended) == 1 else 'have'} ended: {_first(ended)}. "
-            f"{_spoken(again)}.",
-            locations=_lines(ended),
+            f"{_counted(ended)} {'has' if len(ended) == 1 else 'have'} ended: {_first(ended)}. {_spoken(again)}.",
+            _lines(ended),
         )
 
 
 @rule(
     "KA910",
     Severity.LOW,
-    clause=_ACCEPTING,
-    remedy=decision(
-        "Take it out, so that it hides nothing later; `keystore-audit baseline prune` does so for a baseline."
-    ),
+    _ACCEPTING,
+    decision("Take it out, so that it hides nothing later; `keystore-audit baseline prune` does so for a baseline."),
 )
 def suppression_unused(file: FileOfUses) -> Iterator[Violation]:
     """Somebody accepted a finding that this audit does not make, or that has become another or a worse one.
@@ -332,8 +321,8 @@ def suppression_unused(file: FileOfUses) -> Iterator[Violation]:
     unused = [use for use in file.uses if use.fate is Fate.UNUSED]
     if unused:
         yield Violation(
-            message=f"{_counted(unused)} {'accepts' if len(unused) == 1 else 'accept'} nothing: {_first(unused)}.",
-            locations=_lines(unused),
+            f"{_counted(unused)} {'accepts' if len(unused) == 1 else 'accept'} nothing: {_first(unused)}.",
+            _lines(unused),
         )
 
 

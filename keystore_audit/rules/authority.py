@@ -23,8 +23,8 @@ from keystore_audit.rules.wording import listed, located, paths, quoted, sole
 @rule(
     "KA208",
     Severity.HIGH,
-    clause="RFC 5280, 4.2.1.9 and 4.2.1.3 (basicConstraints, keyCertSign)",
-    remedy=RENEW_AUTHORITY,
+    "RFC 5280, 4.2.1.9 and 4.2.1.3 (basicConstraints, keyCertSign)",
+    RENEW_AUTHORITY,
     explains=("identities-chain-to-the-identity-ca",),
     applies=lambda use, _context: Role.IDENTITY_CA in use.roles,
     stops=True,
@@ -53,8 +53,8 @@ def _trusting(groups: Iterable[tuple[str, Iterable[str], Iterable[Enclave]]]) ->
 @rule(
     "KA222",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012; ros2/sros2#282",
-    remedy=SEPARATE,
+    "DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012; ros2/sros2#282",
+    SEPARATE,
     explains=(
         "one-ca-for-one-role",
         "no-enclave-grants-itself-rights",
@@ -82,9 +82,9 @@ def one_ca_for_both_roles(keystore: Keystore, context: Context) -> Iterator[Viol
         of_both = [c for c in every if c.key in keys]
         alone = decision("Leave in each CA file the authority of its role alone.")
         yield Violation(
-            message=f"{quoted(of_both[0].subject)} issues the identities and signs the permissions of "
+            f"{quoted(of_both[0].subject)} issues the identities and signs the permissions of "
             f"{paths(enclaves)}: where the signer is not pinned, an enclave can sign itself any right.",
-            locations=[located(c) for c in of_both],
+            [located(c) for c in of_both],
             enclave=sole(enclaves),
             severity=None if context.chose(UNPINNED) else Severity.INFO,
             remedy=alone if len(of_both) < len(every) else None,
@@ -99,8 +99,8 @@ _NAMES: Final = {Role.IDENTITY_CA: "identity CA", Role.PERMISSIONS_CA: "permissi
 @rule(
     "KA223",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.3.1 and 9.4.1.1 (participants of a domain share their authorities); measured",
-    remedy=decision(
+    "DDS-Security 1.1, 9.3.1 and 9.4.1.1 (participants of a domain share their authorities); measured",
+    decision(
         "If nobody meant to trust it, take it out: give every enclave the same CA files, links to public/ as "
         "sros2 makes them, and issue and sign again what others issued and signed. If it is meant, declare "
         "it in the settings: [authorities], with the fingerprints that -v prints."
@@ -147,9 +147,9 @@ def _unexpected(anchors: Anchors, group: _Files) -> Violation:
     expected = listed(quoted(each.subject) for each in anchors.certificates) or "none that is here"
     why = f"as found in {anchors.found_in}" if anchors.found_in else "as declared"
     return Violation(
-        message=f"The {_NAMES[anchors.role]} file {first.file.place}{of} holds {held}"
+        f"The {_NAMES[anchors.role]} file {first.file.place}{of} holds {held}"
         f"{' too' if beside else ''}, expected {expected} alone, {why}.",
-        locations=[located(each) for each in foreign],
+        [located(each) for each in foreign],
         enclave=sole(enclaves),
         key=_trusting([(anchors.role.value, (each.key for each in foreign), enclaves)]),
     )
@@ -167,9 +167,9 @@ def _different(anchors: Anchors, files: _Files, severity: Severity | None = None
         for keys in ordered[:3]
     )
     yield Violation(
-        message=f"Enclaves trust {len(trusting)} different {_NAMES[anchors.role]}s: {said}.",
+        f"Enclaves trust {len(trusting)} different {_NAMES[anchors.role]}s: {said}.",
         # The minority first: it is what has to change.
-        locations=[Location(path=file.file.place) for keys in reversed(ordered) for file, _ in trusting[keys]],
+        [Location(file.file.place) for keys in reversed(ordered) for file, _ in trusting[keys]],
         severity=severity,
         key=_trusting((anchors.role.value, keys, enclaves) for keys, enclaves in concerned.items()),
     )

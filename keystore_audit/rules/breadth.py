@@ -19,8 +19,8 @@ from keystore_audit.rules.wording import either, listed, quoted
 @rule(
     "KA509",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.3 (default); measured",
-    remedy=in_permissions("Write <default>DENY</default> and allow what is needed"),
+    "DDS-Security 1.1, 9.4.1.3 (default); measured",
+    in_permissions("Write <default>DENY</default> and allow what is needed"),
     applies=speaks,
 )
 def default_allow(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -44,8 +44,8 @@ def default_allow(use: PermissionsUse, context: Context) -> Iterator[Violation]:
 @rule(
     "KA510",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.3 (topic expressions); ROS 2 design, SROS2 access control policies (wildcards)",
-    remedy=in_permissions("Name each topic"),
+    "DDS-Security 1.1, 9.4.1.3 (topic expressions); ROS 2 design, SROS2 access control policies (wildcards)",
+    in_permissions("Name each topic"),
     applies=speaks,
 )
 def wildcard_grant(use: PermissionsUse) -> Iterator[Violation]:
@@ -64,9 +64,9 @@ def wildcard_grant(use: PermissionsUse) -> Iterator[Violation]:
             every = covering(frozenset(names), TOPICS)
             reach = f"{_together(every)} every topic" if every else "names nobody has thought of too"
             yield Violation(
-                message=f"{quoted(grant.subject_name.text)} may {operation.value} on "
+                f"{quoted(grant.subject_name.text)} may {operation.value} on "
                 f"{listed(quoted(name) for name in names)}: {reach}.",
-                locations=[use.at(text.line) for text in found],
+                [use.at(text.line) for text in found],
                 severity=Severity.HIGH if every else None,
                 # The expressions are part of it: a new wildcard is not hidden by what was accepted before.
                 key="\n".join((grant.subject_name.text, operation.value, *sorted(names))),
@@ -90,8 +90,8 @@ def _is_pattern(text: str) -> bool:
 @rule(
     "KA511",
     Severity.HIGH,
-    clause="ROS 2 design, SROS2 access control policies; ros2/sros2, policy/defaults (what create_enclave writes)",
-    remedy=in_permissions(
+    "ROS 2 design, SROS2 access control policies; ros2/sros2, policy/defaults (what create_enclave writes)",
+    in_permissions(
         "Say what the enclave needs: `ros2 security generate_policy policy.xml` writes a policy from a running system"
     ),
     applies=speaks,

@@ -55,8 +55,8 @@ def what(use: CertificateUse, certificate: Certificate) -> str:
 def at(certificate: Certificate, message: str, **more: Any) -> Violation:
     """A violation about one certificate of the file."""
     return Violation(
-        message=message,
-        locations=(located(certificate),),
+        message,
+        (located(certificate),),
         key=certificate.key,
         **more,
     )
@@ -84,8 +84,8 @@ _UNASKING: Final = doing("checks_permissions_ca", False)
 @rule(
     "KA201",
     Severity.HIGH,
-    clause="RFC 7468, 5; RFC 5280, 4.1",
-    remedy=ISSUE_AGAIN,
+    "RFC 7468, 5; RFC 5280, 4.1",
+    ISSUE_AGAIN,
     stops=True,
 )
 def certificate_unreadable(use: CertificateUse) -> Iterator[Violation]:
@@ -108,8 +108,8 @@ def certificate_unreadable(use: CertificateUse) -> Iterator[Violation]:
 @rule(
     "KA202",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.3.1; measured: of cert.pem every implementation reads the first certificate alone",
-    remedy=decision(
+    "DDS-Security 1.1, 9.3.1; measured: of cert.pem every implementation reads the first certificate alone",
+    decision(
         "Leave one certificate in the file, in that of an authority the one that issues or signs, and nothing else: "
         "`openssl x509 -in FILE -out new.pem` writes the first."
     ),
@@ -134,8 +134,8 @@ def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterat
         held = f"{len(certificates)} certificates" if len(certificates) > 1 else "a certificate"
         crls = f" and {len(lists)} revocation lists" if lists else ""
         yield Violation(
-            message=f"The file holds {held}{crls} (expected one certificate): {differ}.",
-            locations=tuple(more),
+            f"The file holds {held}{crls} (expected one certificate): {differ}.",
+            tuple(more),
             key=" ".join(["several", *(certificate.key for certificate in certificates)]),
         )
     if certificates:  # else something else stands in their place: certificate-unreadable
@@ -147,8 +147,8 @@ def certificate_file_holds_more(use: CertificateUse, context: Context) -> Iterat
 @rule(
     "KA203",
     Severity.HIGH,
-    clause="RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
-    remedy=ISSUE_AGAIN,
+    "RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
+    ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca", "documents-signed-by-the-permissions-ca"),
     stops=True,
 )
@@ -179,8 +179,8 @@ def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Viola
 @rule(
     "KA204",
     Severity.HIGH,
-    clause="RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
-    remedy=outside("Wait until then, or issue the certificate again on a machine whose clock is right."),
+    "RFC 5280, 4.1.2.5 and 6.1.3 (a)(2)",
+    outside("Wait until then, or issue the certificate again on a machine whose clock is right."),
     explains=("identities-chain-to-the-identity-ca", "documents-signed-by-the-permissions-ca"),
     stops=True,
 )
@@ -203,8 +203,8 @@ def certificate_not_yet_valid(use: CertificateUse, context: Context) -> Iterator
 @rule(
     "KA205",
     Severity.MEDIUM,
-    clause="RFC 5280, 4.1.2.5",
-    remedy=ISSUE_AGAIN,
+    "RFC 5280, 4.1.2.5",
+    ISSUE_AGAIN,
 )
 def certificate_expires_soon(use: CertificateUse, context: Context) -> Iterator[Violation]:
     """The certificate ends within the notice period (--expires-within, 30 days): afterwards nothing new starts."""
@@ -222,8 +222,8 @@ def certificate_expires_soon(use: CertificateUse, context: Context) -> Iterator[
 @rule(
     "KA221",
     Severity.HIGH,
-    clause="RFC 5280, 4.2: a certificate-using system MUST reject a critical extension that it does not recognize",
-    remedy=ISSUE_AGAIN,
+    "RFC 5280, 4.2: a certificate-using system MUST reject a critical extension that it does not recognize",
+    ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca",),
     stops=True,
 )
@@ -245,8 +245,8 @@ MAX_SERIAL_OCTETS: Final = 20
 @rule(
     "KA224",
     Severity.LOW,
-    clause="RFC 5280, 4.1.2.2 (positive, at most 20 octets)",
-    remedy=ISSUE_AGAIN,
+    "RFC 5280, 4.1.2.2 (positive, at most 20 octets)",
+    ISSUE_AGAIN,
 )
 def irregular_serial_number(use: CertificateUse) -> Iterator[Violation]:
     """The serial number is not positive, or longer than 20 octets: tools cut it, and libraries begin to refuse it."""
@@ -261,8 +261,8 @@ def irregular_serial_number(use: CertificateUse) -> Iterator[Violation]:
 @rule(
     "KA216",
     Severity.HIGH,
-    clause="NIST SP 800-57 Part 1, 5.6; DDS-Security 1.1, 9.3.1",
-    remedy=issue_again("Use keys on prime256v1, as sros2 does."),
+    "NIST SP 800-57 Part 1, 5.6; DDS-Security 1.1, 9.3.1",
+    issue_again("Use keys on prime256v1, as sros2 does."),
     stops=True,
 )
 def weak_key(use: CertificateUse) -> Iterator[Violation]:
@@ -286,8 +286,8 @@ def _anew(use: CertificateUse) -> Remedy | None:
 @rule(
     "KA217",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.3.1 (RSA with 2,048 bits or EC on prime256v1); measured",
-    remedy=issue_again("Use keys on prime256v1, as sros2 does."),
+    "DDS-Security 1.1, 9.3.1 (RSA with 2,048 bits or EC on prime256v1); measured",
+    issue_again("Use keys on prime256v1, as sros2 does."),
     applies=is_identity,
     stops=True,
 )
@@ -315,8 +315,8 @@ def key_outside_dds_security(use: CertificateUse, context: Context) -> Iterator[
 @rule(
     "KA218",
     Severity.HIGH,
-    clause="NIST SP 800-131A; DDS-Security 1.1, 9.3.1 (SHA-256)",
-    remedy=ISSUE_AGAIN,
+    "NIST SP 800-131A; DDS-Security 1.1, 9.3.1 (SHA-256)",
+    ISSUE_AGAIN,
     stops=True,
 )
 def weak_signature_algorithm(use: CertificateUse) -> Iterator[Violation]:

@@ -66,8 +66,8 @@ def _violation(found: Sequence[Divergence], why: str) -> Violation:
     harmful = harmful or bool(worst.starting or worst.refusing)
     more = f" ({len(found)} lines)" if len(found) > 1 else ""
     return Violation(
-        message=f"{why}{more}: {_consequence(worst, enclaves)}",
-        locations=[*_locations(found)],
+        f"{why}{more}: {_consequence(worst, enclaves)}",
+        [*_locations(found)],
         enclave=enclaves[0] if len(enclaves) == 1 else None,
         severity=_severity(harmful=harmful, ros=any(divergence.ros for divergence in found)),
         profiles=tuple(name for name in VARIANTS if any(name in divergence.deviating for divergence in found)),
@@ -177,8 +177,8 @@ def _without_a_domain(context: Context) -> Iterator[str]:
 @rule(
     "KA601",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.3 (domains of a rule); {MEASURED}",
-    remedy=in_permissions(
+    f"DDS-Security 1.1, 9.4.1.3 (domains of a rule); {MEASURED}",
+    in_permissions(
         "Let every rule name all domains that the governance covers, or the governance only those of the rules"
     ),
 )
@@ -197,8 +197,8 @@ def rule_of_another_domain(_keystore: Keystore, context: Context) -> Iterator[Vi
 @rule(
     "KA602",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control) and Table 63; {MEASURED}",
-    remedy=ALLOW_DOMAINS,
+    f"DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control) and Table 63; {MEASURED}",
+    ALLOW_DOMAINS,
     stops=True,
 )
 def join_checked_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -226,7 +226,7 @@ def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
     said = _violation(found, _explained(found))
     return replace(
         said,
-        locations=(*(Location(path=file.signed.file.place) for file in files), *said.locations),
+        locations=(*(Location(file.signed.file.place) for file in files), *said.locations),
         remedy=decision(
             f"Use another implementation: what {doing('joins', JoinCheck.TABLE_63)} asks for, join access control off "
             "or a topic without access control, weakens all of them."
@@ -237,8 +237,8 @@ def _table_63(found: Sequence[Divergence], context: Context) -> Violation:
 @rule(
     "KA603",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.2.4 (domains); {MEASURED}",
-    remedy=COVER_DOMAIN,
+    f"DDS-Security 1.1, 9.4.1.2.4 (domains); {MEASURED}",
+    COVER_DOMAIN,
     stops=True,
 )
 def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -252,9 +252,8 @@ def starts_in_ungoverned_domain(_keystore: Keystore, context: Context) -> Iterat
 @rule(
     "KA612",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime in UTC); "
-    f"measured on {TESTED_ON} with their clocks set",
-    remedy=in_permissions(
+    f"DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime in UTC); measured on {TESTED_ON} with their clocks set",
+    in_permissions(
         "Write dates as 2026-01-31T00:00:00, without zone, fraction and 24:00, until 2262, and a day before "
         "and after what is needed"
     ),
@@ -274,8 +273,8 @@ def date_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vio
 @rule(
     "KA614",
     Severity.HIGH,
-    clause=f"DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (id_range); {MEASURED}",
-    remedy=in_permissions("Write both <min> and <max>"),
+    f"DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (id_range); {MEASURED}",
+    in_permissions("Write both <min> and <max>"),
 )
 def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A range of domains with one bound holds less under an implementation, and somebody may do more by it.
@@ -291,8 +290,8 @@ def range_lets_more(_keystore: Keystore, context: Context) -> Iterator[Violation
 @rule(
     "KA615",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches); {facts.ANY_RULE_READ}",
-    remedy=in_governance(
+    f"DDS-Security 1.1, 9.4.1.2.5 (the first topic_rule that matches); {facts.ANY_RULE_READ}",
+    in_governance(
         "Let no two rules of the governance match one topic, or give both the same access control: correct them"
     ),
 )
@@ -308,8 +307,8 @@ def any_governance_rule_counts(_keystore: Keystore, context: Context) -> Iterato
 @rule(
     "KA616",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1 (access control); docs/profiles.md",
-    remedy=in_permissions("Let each topic be decided by one rule, without partitions, ranges and brackets"),
+    "DDS-Security 1.1, 9.4.1 (access control); docs/profiles.md",
+    in_permissions("Let each topic be decided by one rule, without partitions, ranges and brackets"),
 )
 def decided_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Implementations decide differently, for a reason that no other rule names.
@@ -321,8 +320,8 @@ def decided_differently(_keystore: Keystore, context: Context) -> Iterator[Viola
         yield _violation(found, f"Implementations decide differently{f' ({why})' if why else ''}")
     for found in _of(context, Cause.UNDECIDED):
         yield Violation(
-            message="Implementations read the documents differently, and there are too many classes of names to say "
+            "Implementations read the documents differently, and there are too many classes of names to say "
             "where it matters.",
-            locations=(found[0].location,),
+            (found[0].location,),
             undecided=True,
         )

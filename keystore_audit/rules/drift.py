@@ -51,8 +51,8 @@ def _more(count: int) -> str:
 @rule(
     "KA640",
     Severity.HIGH,
-    clause=DESIGN,
-    remedy=decision(f"Sign what the policy says, {CREATE_PERMISSION}, or take the right out of the policy."),
+    DESIGN,
+    decision(f"Sign what the policy says, {CREATE_PERMISSION}, or take the right out of the policy."),
     of=_drift,
 )
 def policy_right_not_granted(drift: Drift) -> Iterator[Violation]:
@@ -65,8 +65,8 @@ def policy_right_not_granted(drift: Drift) -> Iterator[Violation]:
     for found in drift.enclaves:
         for rights in _alike(found.lacking.rights):
             yield Violation(
-                message=_lacking_message(found, rights),
-                locations=[*_both_lines(rights, "the policy allows it")],
+                _lacking_message(found, rights),
+                [*_both_lines(rights, "the policy allows it")],
                 enclave=found.enclave,
                 profiles=rights[0].profiles,
                 key=_key(rights),
@@ -102,8 +102,8 @@ def _both_lines(rights: Iterable[DriftedRight], says: str) -> Iterator[Location]
 @rule(
     "KA641",
     Severity.HIGH,
-    clause=DESIGN,
-    remedy=decision(
+    DESIGN,
+    decision(
         f"Sign what the policy says, {CREATE_PERMISSION}, or write the right into the policy. What "
         "was signed before stays valid until its end: peers take whatever document is presented to them."
     ),
@@ -120,9 +120,9 @@ def right_beyond_policy(drift: Drift) -> Iterator[Violation]:
             whose = "its permissions" if found.own else f"{quoted(found.document)}, which it can present,"
             verb = "let" if found.own else "lets"
             yield Violation(
-                message=f"The policy does not let {found.enclave} {listed(_exceeding(rights))}, and {whose} {verb} it"
+                f"The policy does not let {found.enclave} {listed(_exceeding(rights))}, and {whose} {verb} it"
                 f"{_more(found.exceeding.more)}.",
-                locations=(*_both_lines(rights, "the policy denies it"), _introduced(found)),
+                (*_both_lines(rights, "the policy denies it"), _introduced(found)),
                 enclave=found.enclave,
                 profiles=rights[0].profiles,
                 key=_key(rights),
@@ -142,8 +142,8 @@ def _exceeding(rights: Iterable[DriftedRight]) -> Iterator[str]:
 @rule(
     "KA642",
     Severity.HIGH,
-    clause=f"{DESIGN}; DDS-Security 1.1, 9.4.1.3 (grants)",
-    remedy=decision(
+    f"{DESIGN}; DDS-Security 1.1, 9.4.1.3 (grants)",
+    decision(
         "Put every <profile> of an enclave into one <profiles>, and sign what the policy says "
         f"then: {CREATE_PERMISSION}."
     ),
@@ -158,8 +158,8 @@ def policy_profiles_lost(drift: Drift) -> Iterator[Violation]:
     for enclave, lost in grouped(drift.lost, lambda profiles: profiles.enclave).items():
         nodes = listed(dict.fromkeys(node.name for profiles in lost for node in profiles.nodes))
         yield Violation(
-            message=f"What the policy says of {enclave} here is lost, and {nodes} with it: {lost[0].lost}.",
-            locations=[profiles.location for profiles in lost],
+            f"What the policy says of {enclave} here is lost, and {nodes} with it: {lost[0].lost}.",
+            [profiles.location for profiles in lost],
             enclave=enclave,
             key="\n".join(sorted({node.name for profiles in lost for node in profiles.nodes})),
         )
@@ -168,8 +168,8 @@ def policy_profiles_lost(drift: Drift) -> Iterator[Violation]:
 @rule(
     "KA643",
     Severity.HIGH,
-    clause=DESIGN,
-    remedy=decision(f"Take the enclave out of the policy, or create it: {CREATE_ENCLAVE}."),
+    DESIGN,
+    decision(f"Take the enclave out of the policy, or create it: {CREATE_ENCLAVE}."),
     of=_drift,
 )
 def policy_enclave_missing(drift: Drift) -> Iterator[Violation]:
@@ -180,9 +180,9 @@ def policy_enclave_missing(drift: Drift) -> Iterator[Violation]:
     missing = drift.missing
     if missing:
         yield Violation(
-            message=f"The policy speaks of {listed(each.enclave for each in missing)}, expected in the keystore: "
+            f"The policy speaks of {listed(each.enclave for each in missing)}, expected in the keystore: "
             "there is no such enclave.",
-            locations=[each.location for each in missing],
+            [each.location for each in missing],
             enclave=missing[0].enclave if len(missing) == 1 else None,
             key="\n".join(sorted(each.enclave for each in missing)),
         )
@@ -191,8 +191,8 @@ def policy_enclave_missing(drift: Drift) -> Iterator[Violation]:
 @rule(
     "KA644",
     Severity.HIGH,
-    clause=DESIGN,
-    remedy=decision("Describe the enclave in the policy, or remove it, and revoke its identity."),
+    DESIGN,
+    decision("Describe the enclave in the policy, or remove it, and revoke its identity."),
     of=_drift,
 )
 def enclave_not_in_policy(drift: Drift) -> Iterator[Violation]:
@@ -203,8 +203,8 @@ def enclave_not_in_policy(drift: Drift) -> Iterator[Violation]:
     unnamed = drift.unnamed
     if unnamed:
         yield Violation(
-            message=f"The policy says nothing of {listed(enclave.path for enclave in unnamed)}.",
-            locations=[Location(path=enclave.files.files[Role.PERMISSIONS].place) for enclave in unnamed],
+            f"The policy says nothing of {listed(enclave.path for enclave in unnamed)}.",
+            [Location(enclave.files.files[Role.PERMISSIONS].place) for enclave in unnamed],
             enclave=unnamed[0].path if len(unnamed) == 1 else None,
             key="\n".join(sorted(enclave.path for enclave in unnamed)),
         )
@@ -213,17 +213,17 @@ def enclave_not_in_policy(drift: Drift) -> Iterator[Violation]:
 @rule(
     "KA645",
     Severity.MEDIUM,
-    clause=DESIGN,
-    remedy=decision("Sign permissions that every implementation reads alike; what to change is at the place."),
+    DESIGN,
+    decision("Sign permissions that every implementation reads alike; what to change is at the place."),
     of=_drift,
 )
 def drift_undecided(drift: Drift) -> Iterator[Violation]:
     """What an enclave is granted, or what the policy means, cannot be told: it may be more or less than was meant."""
     for doubt in drift.undecided:
         yield Violation(
-            message=f"Whether {doubt.enclave} is granted what the policy says cannot be told "
+            f"Whether {doubt.enclave} is granted what the policy says cannot be told "
             f"({shorten(doubt.reason, MAX_QUOTED)}).",
-            locations=(doubt.location,),
+            (doubt.location,),
             enclave=doubt.enclave,
             undecided=True,
         )
@@ -232,10 +232,8 @@ def drift_undecided(drift: Drift) -> Iterator[Violation]:
 @rule(
     "KA646",
     Severity.INFO,
-    clause=f"ROS 2 design, SROS2 access control policies; {facts.OWN_ACCESS_CONTROL}",
-    remedy=decision(
-        f"With a DDS implementation, create permissions, {CREATE_PERMISSION}. {facts.AUDIT_ITS_CONFIGURATION}"
-    ),
+    f"ROS 2 design, SROS2 access control policies; {facts.OWN_ACCESS_CONTROL}",
+    decision(f"With a DDS implementation, create permissions, {CREATE_PERMISSION}. {facts.AUDIT_ITS_CONFIGURATION}"),
     of=_drift,
 )
 def policy_not_enforced_by_permissions(drift: Drift) -> Iterator[Violation]:
@@ -246,6 +244,6 @@ def policy_not_enforced_by_permissions(drift: Drift) -> Iterator[Violation]:
     """
     if drift.unenforced:
         yield Violation(
-            message="No enclave has a permissions.p7s, so nothing here enforces the policy, and it was not compared.",
-            locations=(Location(path=drift.policy.path, beside=True),),
+            "No enclave has a permissions.p7s, so nothing here enforces the policy, and it was not compared.",
+            (Location(drift.policy.path, beside=True),),
         )

@@ -31,8 +31,8 @@ def _has(use: SignedUse, says: str, *kinds: Kind, opens: bool = False) -> Iterab
 @rule(
     "KA304",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (S/MIME version 3.2, multipart/signed); measured",
-    remedy=SIGN_AGAIN,
+    "DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (S/MIME version 3.2, multipart/signed); measured",
+    SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
     stops=True,
 )
@@ -44,8 +44,8 @@ def not_smime(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA305",
     Severity.HIGH,
-    clause="RFC 8551, 3.5.3; RFC 2046, 5.1; OpenSSL, crypto/asn1/asn_mime.c",
-    remedy=SIGN_AGAIN,
+    "RFC 8551, 3.5.3; RFC 2046, 5.1; OpenSSL, crypto/asn1/asn_mime.c",
+    SIGN_AGAIN,
     stops=True,
 )
 def malformed_smime(use: SignedUse) -> Iterator[Violation]:
@@ -60,8 +60,8 @@ def malformed_smime(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA306",
     Severity.HIGH,
-    clause="RFC 5652, 5.1; ITU-T X.690 (DER)",
-    remedy=SIGN_AGAIN,
+    "RFC 5652, 5.1; ITU-T X.690 (DER)",
+    SIGN_AGAIN,
     stops=True,
 )
 def cms_not_strict(use: SignedUse) -> Iterator[Violation]:
@@ -77,8 +77,8 @@ def cms_not_strict(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA307",
     Severity.HIGH,
-    clause="OpenSSL, SMIME_text (run times pass PKCS7_TEXT); measured",
-    remedy=sign_again("Sign with -text."),
+    "OpenSSL, SMIME_text (run times pass PKCS7_TEXT); measured",
+    sign_again("Sign with -text."),
     explains=("documents-signed-by-the-permissions-ca",),
     stops=True,
 )
@@ -93,8 +93,8 @@ def no_text_plain_header(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA308",
     Severity.MEDIUM,
-    clause="RFC 2046, 5.1.1 (preamble and epilogue are ignored)",
-    remedy=sign_again("Take the text out of the file, or sign again."),
+    "RFC 2046, 5.1.1 (preamble and epilogue are ignored)",
+    sign_again("Take the text out of the file, or sign again."),
 )
 def unsigned_text(use: SignedUse) -> Iterator[Violation]:
     """Text stands outside the signature, beyond the line that every S/MIME writer puts there.
@@ -107,8 +107,8 @@ def unsigned_text(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA309",
     Severity.HIGH,
-    clause="NIST SP 800-131A; DDS-Security 1.1, 9.4.1.1",
-    remedy=sign_again("Sign over SHA-256 (-md sha256)."),
+    "NIST SP 800-131A; DDS-Security 1.1, 9.4.1.1",
+    sign_again("Sign over SHA-256 (-md sha256)."),
     stops=True,
 )
 def weak_digest(use: SignedUse) -> Iterator[Violation]:
@@ -125,8 +125,8 @@ def weak_digest(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA310",
     Severity.MEDIUM,
-    clause="RFC 5652, 5.1; measured: every SignerInfo has to verify",
-    remedy=sign_again("Sign with one authority."),
+    "RFC 5652, 5.1; measured: every SignerInfo has to verify",
+    sign_again("Sign with one authority."),
     explains=("documents-signed-by-the-permissions-ca",),
 )
 def several_signers(use: SignedUse) -> Iterator[Violation]:
@@ -141,8 +141,8 @@ def several_signers(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA311",
     Severity.MEDIUM,
-    clause="RFC 8551, 3.5.2 (application/pkcs7-mime); measured",
-    remedy=sign_again("Sign without -nodetach."),
+    "RFC 8551, 3.5.2 (application/pkcs7-mime); measured",
+    sign_again("Sign without -nodetach."),
     stops=True,
 )
 def opaque_message(use: SignedUse) -> Iterator[Violation]:
@@ -156,8 +156,8 @@ def opaque_message(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA312",
     Severity.HIGH,
-    clause="RFC 5652, 5.2 (eContent is absent in a detached signature)",
-    remedy=SIGN_AGAIN,
+    "RFC 5652, 5.2 (eContent is absent in a detached signature)",
+    SIGN_AGAIN,
     stops=True,
 )
 def two_contents(use: SignedUse) -> Iterator[Violation]:
@@ -171,8 +171,8 @@ def two_contents(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA313",
     Severity.LOW,
-    clause="RFC 5652, 5.3 and 11.3; RFC 8551, 2.5",
-    remedy=sign_again("Sign without -noattr."),
+    "RFC 5652, 5.3 and 11.3; RFC 8551, 2.5",
+    sign_again("Sign without -noattr."),
 )
 def no_signed_attributes(use: SignedUse) -> Iterator[Violation]:
     """The signature covers the content alone: nothing says when it was made, or for what kind of content.
@@ -185,8 +185,8 @@ def no_signed_attributes(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA314",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.1; keystore-audit, docs/model.md (what is not read counts as able to do anything)",
-    remedy=sign_again("Sign with ECDSA or RSA over SHA-256."),
+    "DDS-Security 1.1, 9.4.1.1; keystore-audit, docs/model.md (what is not read counts as able to do anything)",
+    sign_again("Sign with ECDSA or RSA over SHA-256."),
     stops=True,
 )
 def unsupported_signature_algorithm(use: SignedUse) -> Iterator[Violation]:
@@ -200,8 +200,8 @@ def unsupported_signature_algorithm(use: SignedUse) -> Iterator[Violation]:
 @rule(
     "KA315",
     Severity.HIGH,
-    clause="RFC 5652, 5.1; DDS-Security 1.1, 9.4.1.1",
-    remedy=SIGN_AGAIN,
+    "RFC 5652, 5.1; DDS-Security 1.1, 9.4.1.1",
+    SIGN_AGAIN,
     explains=("documents-signed-by-the-permissions-ca",),
     stops=True,
 )

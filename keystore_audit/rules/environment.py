@@ -33,14 +33,14 @@ def _environment(_keystore: Keystore, context: Context) -> Environment | None:
 
 def _found(environment: Environment, variable: str, message: str, **more: Any) -> Violation:
     key = f"{variable} {environment.value(variable)}"
-    return Violation(message=message, locations=(environment.place(variable),), key=key, **more)
+    return Violation(message, (environment.place(variable),), key=key, **more)
 
 
 @rule(
     "KA670",
     Severity.CRITICAL,
-    clause=RCL,
-    remedy=outside("Set ROS_SECURITY_ENABLE=true for every process."),
+    RCL,
+    outside("Set ROS_SECURITY_ENABLE=true for every process."),
     of=_environment,
 )
 def security_not_enabled(environment: Environment) -> Iterator[Violation]:
@@ -54,8 +54,8 @@ def security_not_enabled(environment: Environment) -> Iterator[Violation]:
 @rule(
     "KA671",
     Severity.HIGH,
-    clause=RCL,
-    remedy=outside("Set ROS_SECURITY_STRATEGY=Enforce for every process."),
+    RCL,
+    outside("Set ROS_SECURITY_STRATEGY=Enforce for every process."),
     of=_environment,
 )
 def security_not_enforced(environment: Environment) -> Iterator[Violation]:
@@ -73,8 +73,8 @@ def security_not_enforced(environment: Environment) -> Iterator[Violation]:
 @rule(
     "KA672",
     Severity.HIGH,
-    clause=RCL,
-    remedy=outside("Let ROS_SECURITY_ENCLAVE_OVERRIDE name an enclave of the keystore, or leave it out."),
+    RCL,
+    outside("Let ROS_SECURITY_ENCLAVE_OVERRIDE name an enclave of the keystore, or leave it out."),
     of=_environment,
 )
 def override_names_no_enclave(environment: Environment, context: Context) -> Iterator[Violation]:
@@ -97,8 +97,8 @@ def override_names_no_enclave(environment: Environment, context: Context) -> Ite
 @rule(
     "KA673",
     Severity.MEDIUM,
-    clause=RCL,
-    remedy=outside(
+    RCL,
+    outside(
         "Give each process its own enclave with --ros-args --enclave, and leave ROS_SECURITY_ENCLAVE_OVERRIDE out."
     ),
     of=_environment,
@@ -121,8 +121,8 @@ def override_for_every_process(environment: Environment, context: Context) -> It
 @rule(
     "KA674",
     Severity.HIGH,
-    clause=RCL,
-    remedy=outside("Set ROS_SECURITY_KEYSTORE to where the keystore is on the robot."),
+    RCL,
+    outside("Set ROS_SECURITY_KEYSTORE to where the keystore is on the robot."),
     of=_environment,
 )
 def no_keystore_named(environment: Environment) -> Iterator[Violation]:
@@ -137,8 +137,8 @@ def no_keystore_named(environment: Environment) -> Iterator[Violation]:
 @rule(
     "KA675",
     Severity.HIGH,
-    clause="rcl, domain_id.c (read); DDSI-RTPS 2.3, 9.6.1.1 (ports of a domain)",
-    remedy=outside("Set ROS_DOMAIN_ID to one of 0 to 232 that the governance covers."),
+    "rcl, domain_id.c (read); DDSI-RTPS 2.3, 9.6.1.1 (ports of a domain)",
+    outside("Set ROS_DOMAIN_ID to one of 0 to 232 that the governance covers."),
     of=_environment,
 )
 def domain_id_invalid(environment: Environment) -> Iterator[Violation]:
@@ -154,8 +154,8 @@ def domain_id_invalid(environment: Environment) -> Iterator[Violation]:
 @rule(
     "KA676",
     Severity.HIGH,
-    clause=f"keystore-audit, README.md (what it does not do); {facts.OWN_ACCESS_CONTROL}",
-    remedy=outside(f"{facts.ENFORCING}, or look by other means at what the middleware enforces."),
+    f"keystore-audit, README.md (what it does not do); {facts.OWN_ACCESS_CONTROL}",
+    outside(f"{facts.ENFORCING}, or look by other means at what the middleware enforces."),
     of=_environment,
 )
 def middleware_not_modelled(environment: Environment) -> Iterator[Violation]:
@@ -178,10 +178,8 @@ def middleware_not_modelled(environment: Environment) -> Iterator[Violation]:
 @rule(
     "KA677",
     Severity.HIGH,
-    clause="keystore-audit, docs/profiles.md",
-    remedy=outside(
-        "Name the releases that the robot runs with --profile, or use a distribution that is still maintained."
-    ),
+    "keystore-audit, docs/profiles.md",
+    outside("Name the releases that the robot runs with --profile, or use a distribution that is still maintained."),
     of=_environment,
 )
 def distribution_not_modelled(environment: Environment, context: Context) -> Iterator[Violation]:

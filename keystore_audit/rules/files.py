@@ -55,7 +55,7 @@ _RESTS_ON: Final = {  # the property that is violated without the file: nobody v
 
 def about(enclave: Enclave, file: File, message: str, *, undecided: bool = False) -> Violation:
     """A violation about one file of an enclave."""
-    return Violation(message=message, locations=(Location(path=file.path),), enclave=enclave.path, undecided=undecided)
+    return Violation(message, (Location(file.path),), enclave=enclave.path, undecided=undecided)
 
 
 def _absent(enclave: Enclave, file: File, message: str) -> Violation:
@@ -115,8 +115,8 @@ def file_name(file: File) -> str:
 @rule(
     "KA101",
     Severity.HIGH,
-    clause=RUN_TIME_FILES,
-    remedy=decision(
+    RUN_TIME_FILES,
+    decision(
         "Make the one file that is missing, as its finding says: `ros2 security create_enclave` would write "
         "permissions that allow everything over those there are. Where there is nothing but a key: "
         f"{CREATE_ENCLAVE}."
@@ -139,10 +139,8 @@ def required_file_missing(enclave: Enclave) -> Iterator[Violation]:
 @rule(
     "KA102",
     Severity.HIGH,
-    clause=RUN_TIME_FILES,
-    remedy=decision(
-        "Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy).", Act.LINK
-    ),
+    RUN_TIME_FILES,
+    decision("Restore the file that the link names (public/ and enclaves/governance.p7s belong to a copy).", Act.LINK),
     explains=tuple(_RESTS_ON.values()),
     stops=True,
 )
@@ -161,8 +159,8 @@ def dangling_link(enclave: Enclave) -> Iterator[Violation]:
 @rule(
     "KA121",
     Severity.LOW,
-    clause="ros2/sros2, keystore layouts; ros2/rmw_dds_common, security.cpp (the files that a run time reads); CWE-538",
-    remedy=decision(
+    "ros2/sros2, keystore layouts; ros2/rmw_dds_common, security.cpp (the files that a run time reads); CWE-538",
+    decision(
         "Take out of the tree what no run time reads. Where it has to be there, name it in the settings: its path "
         '(`[files] foreign = ["maps/**"]`), or its hash where it is not read (`accepted = ["sha256:..."]`).'
     ),
@@ -189,8 +187,8 @@ def foreign_file(keystore: Keystore, context: Context) -> Iterator[Violation]:
         if any(".git" in each.file.path.split("/") for each in found):
             said += " The history that git keeps in .git may hold keys that were taken out long ago."
         yield Violation(
-            message=f"{counted(len(found), 'foreign file')} in the keystore: {listed(tops.values())}.{said}",
-            locations=[Location(path=path) for path in tops],
+            f"{counted(len(found), 'foreign file')} in the keystore: {listed(tops.values())}.{said}",
+            [Location(path) for path in tops],
             severity=Severity.HIGH if context.deployed else None,
             key="\n".join(each.file.path for each in found),
         )
@@ -212,8 +210,8 @@ def _written_by_others(file: File) -> bool:
 @rule(
     "KA119",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.3.1 and 9.4.1 (the CA certificates decide who is trusted); CWE-732",
-    remedy=mechanical("Compare what is there with what was issued: whoever could write may have done so.", Act.CLOSE),
+    "DDS-Security 1.1, 9.3.1 and 9.4.1 (the CA certificates decide who is trusted); CWE-732",
+    mechanical("Compare what is there with what was issued: whoever could write may have done so.", Act.CLOSE),
 )
 def writable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Others than the owner may write CA certificates, folders on the way to what enclaves read, or files of enclaves.
@@ -262,8 +260,8 @@ def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Se
     if modes:
         shown = listed(f"{place} ({mode})" for place, mode in modes.items())
         yield Violation(
-            message=f"Others than the owner may write {counted(len(modes), *called)}: {shown}; {so}.",
-            locations=[Location(path=place) for place in modes],
+            f"Others than the owner may write {counted(len(modes), *called)}: {shown}; {so}.",
+            [Location(place) for place in modes],
             severity=severity,
             key="\n".join(f"{place} {mode}" for place, mode in sorted(modes.items())),
         )
@@ -272,8 +270,8 @@ def _found(files: Iterable[File], called: tuple[str, str], so: str, severity: Se
 @rule(
     "KA117",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 8.2.1 and 9.4.3 (a participant is created only with valid credentials); measured",
-    remedy=decision(
+    "DDS-Security 1.1, 8.2.1 and 9.4.3 (a participant is created only with valid credentials); measured",
+    decision(
         "Make of what the message names what every implementation takes, and sros2 makes: keys on "
         "prime256v1, certificates and documents signed over SHA-256, one self-signed certificate in each CA "
         "file."
@@ -288,8 +286,8 @@ def enclave_does_not_start(refusal: Refusal) -> Iterator[Violation]:
     for reasons, names in refusal.profiles.items():
         who = implementations(VARIANTS[name] for name in names)
         yield Violation(
-            message=f"{refusal.enclave.path} does not start under {who}: {'; '.join(reasons)}.",
-            locations=(Location(path=refusal.enclave.files.directory),),
+            f"{refusal.enclave.path} does not start under {who}: {'; '.join(reasons)}.",
+            (Location(refusal.enclave.files.directory),),
             enclave=refusal.enclave.path,
             profiles=names,
             key="\0".join(reasons),

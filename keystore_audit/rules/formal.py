@@ -47,8 +47,8 @@ def _violated(result: PropertyResult, _context: Context) -> Iterator[Violation]:
     profiles, example = found
     enclaves = {step.enclave for step in example.steps if step.enclave is not None} if example else set()
     yield Violation(
-        message=example.text if example else f"This is violated, and no example was given: {result.prop.statement}",
-        locations=steps(example) if example else (),
+        example.text if example else f"This is violated, and no example was given: {result.prop.statement}",
+        steps(example) if example else (),
         enclave=enclaves.pop() if len(enclaves) == 1 else None,
         profiles=profiles,
         key=result.prop.id,
@@ -58,7 +58,7 @@ def _violated(result: PropertyResult, _context: Context) -> Iterator[Violation]:
 def steps(example: Counterexample) -> list[Location]:
     """The lines that make the counterexample possible, each with what it is about."""
     return [
-        Location(path=step.path, line=step.line, message=shorten(_words(step), 2 * MAX_QUOTED))
+        Location(step.path, step.line, message=shorten(_words(step), 2 * MAX_QUOTED))
         for step in example.steps
         if step.path is not None
     ]
@@ -303,8 +303,8 @@ _decided(
 @rule(
     "KA740",
     Severity.HIGH,
-    clause="keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
-    remedy=decision(
+    "keystore-audit, docs/settings.md: what is asserted in keystore-audit.toml",
+    decision(
         "Change what lets it through at one of the lines named (or give what `able` lacks), or change what is asserted."
     ),
 )
@@ -320,8 +320,8 @@ def asserted_property_violated(result: AssertedResult) -> Iterator[Violation]:
 @rule(
     "KA741",
     Severity.HIGH,
-    clause="keystore-audit, docs/alloy-properties.md: what is asserted with --alloy-property",
-    remedy=decision(
+    "keystore-audit, docs/alloy-properties.md: what is asserted with --alloy-property",
+    decision(
         "Look at the places named; `keystore-audit model KEYSTORE -o DIR --alloy-property FILE` writes all "
         "of it for the Analyzer's window."
     ),
@@ -343,8 +343,8 @@ def _told(result: UserResult, example: str) -> str:
 @rule(
     "KA742",
     Severity.HIGH,
-    clause="keystore-audit, docs/settings.md: the lattice and the labels in keystore-audit.toml",
-    remedy=decision("Change what lets it through at one of the lines named, or declare who is trusted to pass it on."),
+    "keystore-audit, docs/settings.md: the lattice and the labels in keystore-audit.toml",
+    decision("Change what lets it through at one of the lines named, or declare who is trusted to pass it on."),
 )
 def label_flow_violated(result: LabelResult) -> Iterator[Violation]:
     """What has one label can reach what has another, though the lattice of the settings lets nothing through there.
@@ -363,8 +363,8 @@ def _asserted(result: UserResult, says: Callable[[str], str], where: str = "asse
         return
     profiles, example = found
     yield Violation(
-        message=says(example.text if example else ""),
-        locations=(replace(result.location, message=where), *(steps(example) if example else ())),
+        says(example.text if example else ""),
+        (replace(result.location, message=where), *(steps(example) if example else ())),
         severity=result.severity,
         profiles=profiles,
         key=result.prop.id,

@@ -80,8 +80,8 @@ def _violation(
     where, told = f"Domain {describe(covered(domain_rule.domains))}", topic_rule or domain_rule
     expression = topic_rule.expression.text if topic_rule is not None else ""
     return Violation(
-        message=f"{where}{f', topics {quoted(expression)}' if topic_rule is not None else ''}: {message}",
-        locations=(use.at(told.lines.get(element, told.line)),),
+        f"{where}{f', topics {quoted(expression)}' if topic_rule is not None else ''}: {message}",
+        (use.at(told.lines.get(element, told.line)),),
         key=f"{element} {covered(domain_rule.domains)} {expression}",
     )
 
@@ -89,8 +89,8 @@ def _violation(
 @rule(
     "KA401",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2 and its governance XSD",
-    remedy=in_governance("Correct what the schema forbids"),
+    "DDS-Security 1.1, 9.4.1.2 and its governance XSD",
+    in_governance("Correct what the schema forbids"),
     stops=True,
 )
 def governance_schema_invalid(use: GovernanceUse) -> Iterator[Violation]:
@@ -105,8 +105,8 @@ def governance_schema_invalid(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA402",
     Severity.HIGH,
-    clause=f"DDS-Security 1.1, 9.4.1.2; XML 1.0; {facts.XML_PARSERS}",
-    remedy=in_governance("Write plain XML, without comments, CDATA, entities and blanks in values"),
+    f"DDS-Security 1.1, 9.4.1.2; XML 1.0; {facts.XML_PARSERS}",
+    in_governance("Write plain XML, without comments, CDATA, entities and blanks in values"),
     stops=True,
 )
 def governance_ambiguous(use: GovernanceUse) -> Iterator[Violation]:
@@ -124,8 +124,8 @@ def governance_ambiguous(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA403",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants)",
-    remedy=in_governance("Set <allow_unauthenticated_participants> to false"),
+    "DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants)",
+    in_governance("Set <allow_unauthenticated_participants> to false"),
     explains=(
         "only-authenticated-participants-join",
         "outsiders-cannot-replay",
@@ -151,8 +151,8 @@ def unauthenticated_participants_allowed(use: GovernanceUse) -> Iterator[Violati
 @rule(
     "KA404",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control)",
-    remedy=in_governance("Set <enable_join_access_control> to true"),
+    "DDS-Security 1.1, 9.4.1.2.4 (enable_join_access_control)",
+    in_governance("Set <enable_join_access_control> to true"),
     explains=("grants-are-enforced",),
     applies=speaks,
 )
@@ -172,8 +172,8 @@ def join_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA405",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2.6 (enable_read_access_control)",
-    remedy=in_governance("Set <enable_read_access_control> to true"),
+    "DDS-Security 1.1, 9.4.1.2.6 (enable_read_access_control)",
+    in_governance("Set <enable_read_access_control> to true"),
     explains=("grants-are-enforced", "nobody-reads-without-a-grant", "nobody-writes-without-a-grant"),
     applies=speaks,
 )
@@ -195,8 +195,8 @@ def read_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA406",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2.6 (enable_write_access_control)",
-    remedy=in_governance("Set <enable_write_access_control> to true"),
+    "DDS-Security 1.1, 9.4.1.2.6 (enable_write_access_control)",
+    in_governance("Set <enable_write_access_control> to true"),
     explains=("grants-are-enforced", "nobody-writes-without-a-grant"),
     applies=speaks,
 )
@@ -213,8 +213,8 @@ def write_access_control_off(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA416",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2 (participants of a domain share its governance); measured",
-    remedy=decision(
+    "DDS-Security 1.1, 9.4.1.2 (participants of a domain share its governance); measured",
+    decision(
         "Decide which governance is right, and give every enclave that one: sros2 makes a link to "
         "enclaves/governance.p7s."
     ),
@@ -236,9 +236,9 @@ def governances_differ(keystore: Keystore, context: Context) -> Iterator[Violati
             f"{group[0][1].signed.file.place} for {paths(enclave for enclave, _ in group)}" for group in groups[:3]
         )
         yield Violation(
-            message=f"Enclaves carry {len(groups)} governance documents that say different things: {words}.",
+            f"Enclaves carry {len(groups)} governance documents that say different things: {words}.",
             # The minority first: it is what has to change.
-            locations=[Location(path=file.signed.file.place) for group in reversed(groups) for _, file in group],
+            [Location(file.signed.file.place) for group in reversed(groups) for _, file in group],
         )
 
 
@@ -253,8 +253,8 @@ def _meaning(file: GovernanceFile, at: datetime) -> object:
 @rule(
     "KA418",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.2.5 (topic_access_rules)",
-    remedy=in_governance("Add a last <topic_rule> with <topic_expression>*</topic_expression>"),
+    "DDS-Security 1.1, 9.4.1.2.5 (topic_access_rules)",
+    in_governance("Add a last <topic_rule> with <topic_expression>*</topic_expression>"),
     applies=speaks,
 )
 def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violation]:
@@ -269,9 +269,9 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
             nodes = ", and without this one ROS 2 makes no node (Foxy and later)"
             more = nodes if topics.witness == DISCOVERY_TOPIC else ""
             yield Violation(
-                message=f"{topics.domains[:1].upper()}{topics.domains[1:]}: no topic rule matches, for example, "
+                f"{topics.domains[:1].upper()}{topics.domains[1:]}: no topic rule matches, for example, "
                 f"{quoted(topics.witness)}: such topics cannot be created{more}.",
-                locations=(topics.location,),
+                (topics.location,),
                 profiles=topics.profiles,
                 key=f"{topics.domains} {topics.witness}" if topics.profiles else topics.domains,
             )
@@ -286,8 +286,8 @@ _IN_ORDER: Final = in_permissions("Write publish first, then subscribe, then rel
 @rule(
     "KA421",
     Severity.HIGH,
-    clause="DDS-Security 1.0 (20160303) against 1.1 (20170901)",
-    remedy=decision("Write it in the form of DDS-Security 1.1, as the finding says.", Act.EDIT),
+    "DDS-Security 1.0 (20160303) against 1.1 (20170901)",
+    decision("Write it in the form of DDS-Security 1.1, as the finding says.", Act.EDIT),
     stops=True,
 )
 def dds_security_1_0_document(use: DocumentUse) -> Iterator[Violation]:

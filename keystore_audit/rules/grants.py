@@ -66,8 +66,8 @@ def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]
 @rule(
     "KA519",
     Severity.CRITICAL,
-    clause=f"DDS-Security 1.1, 9.4.1.3 (subject_name); {facts.SUBJECTS_SOURCES}",
-    remedy=decision(_SAFE_FORM, Act.EDIT_PERMISSIONS),
+    f"DDS-Security 1.1, 9.4.1.3 (subject_name); {facts.SUBJECTS_SOURCES}",
+    decision(_SAFE_FORM, Act.EDIT_PERMISSIONS),
 )
 def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Some implementation takes a grant to name an identity whose subject is another one.
@@ -89,9 +89,9 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
             "that enclave" if certificate.sha256 in enclaves else f"whoever has the identity in {certificate.path}"
         )
         yield Violation(
-            message=f"The grant of {quoted(grant.subject_name.text)} names {quoted(certificate.subject)} too, for "
+            f"The grant of {quoted(grant.subject_name.text)} names {quoted(certificate.subject)} too, for "
             f"{implementations(naming)}: {whoever} has its rights.",
-            locations=_places(use, grant, certificate),
+            _places(use, grant, certificate),
             severity=None if context.chose(naming) else Severity.HIGH,
             profiles=tuple(profile.name for profile in naming),
             key=f"{grant.subject_name.text}\0{certificate.subject}",
@@ -101,8 +101,8 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
 @rule(
     "KA520",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 2253; measured",
-    remedy=decision(
+    "DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 2253; measured",
+    decision(
         "Write <subject_name> as the message writes the identity's subject. Where that is read "
         f"differently too: {_SAFE_FORM}",
         Act.EDIT_PERMISSIONS,
@@ -121,9 +121,9 @@ def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[V
             continue
         missing = [profile for profile in VARIANTS.values() if profile not in naming]
         yield Violation(
-            message=f"The grant of {quoted(grant.subject_name.text)} does not name the identity "
+            f"The grant of {quoted(grant.subject_name.text)} does not name the identity "
             f"{quoted(certificate.subject)} for {implementations(missing)}, though it means that subject.",
-            locations=_places(use, grant, certificate),
+            _places(use, grant, certificate),
             severity=None if context.chose(missing) else Severity.LOW,
             profiles=tuple(profile.name for profile in missing),
             key=f"{grant.subject_name.text}\0{certificate.subject}",
@@ -153,8 +153,8 @@ def _whose(grant: Grant) -> str:
 @rule(
     "KA505",
     Severity.HIGH,
-    clause=_CLAUSE,
-    remedy=_LATER,
+    _CLAUSE,
+    _LATER,
     applies=speaks,
     stops=True,
 )
@@ -173,8 +173,8 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
 @rule(
     "KA506",
     Severity.HIGH,
-    clause=_CLAUSE,
-    remedy=in_permissions("Wait until then, or let the grant begin earlier"),
+    _CLAUSE,
+    in_permissions("Wait until then, or let the grant begin earlier"),
     applies=speaks,
     stops=True,
 )
@@ -192,8 +192,8 @@ def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Viola
 @rule(
     "KA507",
     Severity.MEDIUM,
-    clause=_CLAUSE,
-    remedy=_LATER,
+    _CLAUSE,
+    _LATER,
     applies=speaks,
 )
 def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -210,8 +210,8 @@ def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violat
 @rule(
     "KA513",
     Severity.LOW,
-    clause=_CLAUSE,
-    remedy=in_permissions("Let the grant end with the identity"),
+    _CLAUSE,
+    in_permissions("Let the grant end with the identity"),
     applies=speaks,
 )
 def grant_outlives_certificate(use: PermissionsUse) -> Iterator[Violation]:
@@ -235,8 +235,8 @@ def grant_outlives_certificate(use: PermissionsUse) -> Iterator[Violation]:
 @rule(
     "KA516",
     Severity.HIGH,
-    clause=_CLAUSE,
-    remedy=in_permissions("Let not_before come before not_after"),
+    _CLAUSE,
+    in_permissions("Let not_before come before not_after"),
     applies=speaks,
     stops=True,
 )
@@ -254,8 +254,8 @@ _CRASHES: Final = "whoever reads it, the enclave or a peer, crashes, and one sig
 @rule(
     "KA517",
     Severity.CRITICAL,
-    clause=facts.EMPTY_TOPIC_MEASURED,
-    remedy=decision("Find out who signed it, and take the empty element out of the .xml.", Act.EDIT),
+    facts.EMPTY_TOPIC_MEASURED,
+    decision("Find out who signed it, and take the empty element out of the .xml.", Act.EDIT),
     stops=True,
 )
 def empty_topic_expression(use: DocumentUse) -> Iterator[Violation]:
@@ -270,8 +270,8 @@ def empty_topic_expression(use: DocumentUse) -> Iterator[Violation]:
 @rule(
     "KA518",
     Severity.CRITICAL,
-    clause=facts.NO_DOMAINS_MEASURED,
-    remedy=in_permissions("Find out who signed it, and give the rule its <domains>"),
+    facts.NO_DOMAINS_MEASURED,
+    in_permissions("Find out who signed it, and give the rule its <domains>"),
     stops=True,
 )
 def rule_without_domains(use: PermissionsUse) -> Iterator[Violation]:
@@ -285,8 +285,8 @@ def rule_without_domains(use: PermissionsUse) -> Iterator[Violation]:
 @rule(
     "KA521",
     Severity.CRITICAL,
-    clause=facts.EMPTY_ELEMENT_MEASURED,
-    remedy=in_permissions("Find out who signed it, and write the document anew"),
+    facts.EMPTY_ELEMENT_MEASURED,
+    in_permissions("Find out who signed it, and write the document anew"),
     stops=True,
 )
 def empty_element(use: PermissionsUse) -> Iterator[Violation]:
@@ -304,8 +304,8 @@ _DYING: Final = VARIANTS[facts.DIES_OF_LARGE_PERMISSIONS]
 @rule(
     "KA522",
     Severity.MEDIUM,
-    clause=facts.HANDSHAKE_MEASURED,
-    remedy=decision(
+    facts.HANDSHAKE_MEASURED,
+    decision(
         "Say several names by one expression, take out rules that the nodes do not use, or give the nodes "
         "several enclaves. Then sign the documents again with the permissions CA."
     ),
@@ -323,10 +323,10 @@ def permissions_too_large(use: PermissionsUse, context: Context) -> Iterator[Vio
         unfit = tuple(name for name, limit in limits.items() if octets > limit)
         if unfit:
             yield Violation(
-                message=f"{enclave.path} shows its peers {octets:,} octets of certificate and permissions; in a "
+                f"{enclave.path} shows its peers {octets:,} octets of certificate and permissions; in a "
                 f"handshake of {_DYING.title} {min(limits.values()):,} fit, else it talks to nobody and dies of it.",
+                (Location(use.signed.file.place),),
                 severity=Severity.HIGH if _DYING.name in unfit else None,
-                locations=(Location(path=use.signed.file.place),),
                 enclave=enclave.path,
                 profiles=unfit,
                 key="",

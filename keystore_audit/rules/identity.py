@@ -43,8 +43,8 @@ def _carriers(use: CertificateUse) -> Iterator[tuple[Enclave, Certificate]]:
 @rule(
     "KA206",
     Severity.LOW,
-    clause="RFC 5280, 6.1.3 (a)(2) (every certificate of a path has to be in force)",
-    remedy=mechanical("Plan with the date of the authority, or renew it before it ends.", Act.RENEW),
+    "RFC 5280, 6.1.3 (a)(2) (every certificate of a path has to be in force)",
+    mechanical("Plan with the date of the authority, or renew it before it ends.", Act.RENEW),
     applies=is_identity,
 )
 def certificate_outlives_its_ca(use: CertificateUse) -> Iterator[Violation]:
@@ -61,8 +61,8 @@ def certificate_outlives_its_ca(use: CertificateUse) -> Iterator[Violation]:
         if issuers:
             last = max(issuers, key=lambda authority: authority.not_after)
             yield Violation(
-                message=f"{what(use, certificate)} outlives its authority, which ends at {instant(last.not_after)}.",
-                locations=(located(certificate), located(last, "the authority")),
+                f"{what(use, certificate)} outlives its authority, which ends at {instant(last.not_after)}.",
+                (located(certificate), located(last, "the authority")),
                 key=certificate.key,
             )
             return
@@ -71,8 +71,8 @@ def certificate_outlives_its_ca(use: CertificateUse) -> Iterator[Violation]:
 @rule(
     "KA207",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.3.1 (signed by the identity CA); RFC 5280, 6.1.3 (a)(1)",
-    remedy=ISSUE_AGAIN,
+    "DDS-Security 1.1, 9.3.1 (signed by the identity CA); RFC 5280, 6.1.3 (a)(1)",
+    ISSUE_AGAIN,
     explains=("identities-chain-to-the-identity-ca",),
     applies=is_identity,
     stops=True,
@@ -99,8 +99,8 @@ def not_issued_by_identity_ca(use: CertificateUse) -> Iterator[Violation]:
         exchanged = exchange_for(enclave)
         so = f" {EXCHANGED}" if exchanged else ""
         yield Violation(
-            message=f"{what(use, certificate)} {said}, expected the identity CA of {enclave.path}: {why}.{so}",
-            locations=(located(certificate), located(authority, "the identity CA")),
+            f"{what(use, certificate)} {said}, expected the identity CA of {enclave.path}: {why}.{so}",
+            (located(certificate), located(authority, "the identity CA")),
             enclave=enclave.path,
             undecided=unread or Issue.UNSUPPORTED in answers,
             key=certificate.key,
@@ -111,8 +111,8 @@ def not_issued_by_identity_ca(use: CertificateUse) -> Iterator[Violation]:
 @rule(
     "KA226",
     Severity.HIGH,
-    clause=f"RFC 5280, 6.1; {facts.CHAINS_MEASURED}",
-    remedy=decision(
+    f"RFC 5280, 6.1; {facts.CHAINS_MEASURED}",
+    decision(
         "Let identity_ca.cert.pem hold one self-signed certificate, that of the authority which issues the identities."
     ),
     applies=is_identity,
@@ -143,10 +143,10 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
         accepting = [profile for profile in VARIANTS.values() if profile not in refusing]
         accepted = f"; accepted by {implementations(accepting)}" if accepting else ""
         yield Violation(
-            message=f"{what(use, certificate)} is refused ({reasons}){accepted}.",
-            locations=(
+            f"{what(use, certificate)} is refused ({reasons}){accepted}.",
+            (
                 located(certificate),
-                Location(path=file.file.place, line=1, message="the identity CA"),
+                Location(file.file.place, 1, message="the identity CA"),
             ),
             enclave=enclave.path,
             severity=None if context.chose(refusing) else Severity.MEDIUM,
@@ -159,8 +159,8 @@ def identity_refused_by_implementations(use: CertificateUse, context: Context) -
 @rule(
     "KA227",
     Severity.CRITICAL,
-    clause=f"RFC 5280, 4.1.2.6; {facts.NO_SUBJECT_MEASURED}",
-    remedy=ISSUE_AGAIN,
+    f"RFC 5280, 4.1.2.6; {facts.NO_SUBJECT_MEASURED}",
+    ISSUE_AGAIN,
     applies=is_identity,
     stops=True,
 )
@@ -172,8 +172,8 @@ def identity_without_subject(use: CertificateUse) -> Iterator[Violation]:
     for enclave, certificate in _carriers(use):
         if not list(certificate.subject_name):
             yield Violation(
-                message=f"The identity of {enclave.path} has an empty subject: {facts.NO_SUBJECT}.",
-                locations=(located(certificate),),
+                f"The identity of {enclave.path} has an empty subject: {facts.NO_SUBJECT}.",
+                (located(certificate),),
                 enclave=enclave.path,
                 profiles=facts.DIES_OF_NO_SUBJECT,
                 key=certificate.key,
@@ -195,8 +195,8 @@ def _why_not(certificate: Certificate, answers: dict[Issue, Certificate]) -> tup
 @rule(
     "KA231",
     Severity.MEDIUM,
-    clause="RFC 5280, 4.2.1.9 (basicConstraints)",
-    remedy=issue_again("Issue the identity again with CA:FALSE."),
+    "RFC 5280, 4.2.1.9 (basicConstraints)",
+    issue_again("Issue the identity again with CA:FALSE."),
     applies=is_identity,
 )
 def identity_is_authority(use: CertificateUse) -> Iterator[Violation]:
@@ -209,9 +209,8 @@ def identity_is_authority(use: CertificateUse) -> Iterator[Violation]:
     for enclave, certificate in _carriers(use):
         if certificate.is_ca:
             yield Violation(
-                message=f"{what(use, certificate)} says CA:TRUE (expected CA:FALSE): {enclave.path} may issue "
-                "identities.",
-                locations=(located(certificate),),
+                f"{what(use, certificate)} says CA:TRUE (expected CA:FALSE): {enclave.path} may issue identities.",
+                (located(certificate),),
                 enclave=enclave.path,
                 key=certificate.key,
             )
@@ -220,8 +219,8 @@ def identity_is_authority(use: CertificateUse) -> Iterator[Violation]:
 @rule(
     "KA220",
     Severity.LOW,
-    clause="ros2/sros2, create_enclave (the enclave's path is the common name)",
-    remedy=decision(
+    "ros2/sros2, create_enclave (the enclave's path is the common name)",
+    decision(
         "If the enclave's folder was renamed, give it its old name again. Else issue another identity and "
         "let its permissions name it, or no grant does and the enclave does not start (KA503)."
     ),
@@ -237,9 +236,9 @@ def subject_differs_from_enclave(use: CertificateUse, context: Context) -> Itera
         named = {grant.subject_name.text for grant in enclave.grants} or {certificate.subject}
         if certificate.subject in named and not has_usual_subject(certificate, enclave, context.keystore):
             yield Violation(
-                message=f"The identity of {enclave.path} has the subject {quoted(certificate.subject)}, expected "
+                f"The identity of {enclave.path} has the subject {quoted(certificate.subject)}, expected "
                 f"{quoted(usual_subject(enclave, context.keystore))}.",
-                locations=(located(certificate),),
+                (located(certificate),),
                 enclave=enclave.path,
                 key=certificate.key,
             )
@@ -261,8 +260,8 @@ def _shared_key(key: str, sharing: Sequence[Enclave]) -> str:
 @rule(
     "KA219",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.3.1 (a participant's identity is its key)",
-    remedy=issue_again("Give each enclave a key and certificate of its own."),
+    "DDS-Security 1.1, 9.3.1 (a participant's identity is its key)",
+    issue_again("Give each enclave a key and certificate of its own."),
     explains=_SHARED,
 )
 def identity_shared_by_enclaves(keystore: Keystore) -> Iterator[Violation]:
@@ -276,14 +275,14 @@ def identity_shared_by_enclaves(keystore: Keystore) -> Iterator[Violation]:
         first = enclave.identity
         found = [] if first is None else [(first.key, located(first))]
         if enclave.key is not None and enclave.key.key is not None:
-            found.append((enclave.key.key, Location(path=enclave.key.file.place)))
+            found.append((enclave.key.key, Location(enclave.key.file.place)))
         for key, location in found:
             holders.setdefault(key, {}).setdefault(enclave.files.directory, (enclave, []))[1].append(location)
     for key, sharing in holders.items():
         if len(sharing) > 1:
             yield Violation(
-                message=_shared_key(key, [enclave for enclave, _ in sharing.values()]),
-                locations=[location for _enclave, found in sharing.values() for location in found],
+                _shared_key(key, [enclave for enclave, _ in sharing.values()]),
+                [location for _enclave, found in sharing.values() for location in found],
                 key=key,
                 against=_permissions(enclave for enclave, _ in sharing.values()),
             )
@@ -292,8 +291,8 @@ def identity_shared_by_enclaves(keystore: Keystore) -> Iterator[Violation]:
 @rule(
     "KA225",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.3 (a grant is bound to a subject_name, not to a key)",
-    remedy=decision("Give each identity a subject of its own.", Act.ISSUE),
+    "DDS-Security 1.1, 9.4.1.3 (a grant is bound to a subject_name, not to a key)",
+    decision("Give each identity a subject of its own.", Act.ISSUE),
     explains=("no-subject-serves-two-enclaves",),
 )
 def subject_shared_by_certificates(keystore: Keystore) -> Iterator[Violation]:
@@ -310,9 +309,9 @@ def subject_shared_by_certificates(keystore: Keystore) -> Iterator[Violation]:
     for subject, sharing in holders.items():
         if len(sharing) > 1:
             yield Violation(
-                message=f"{len(sharing)} identities with different keys have the subject {quoted(subject)}, which a "
+                f"{len(sharing)} identities with different keys have the subject {quoted(subject)}, which a "
                 f"grant names: {paths(enclave for enclave, _ in sharing.values())}.",
-                locations=[located(c) for _enclave, c in sharing.values()],
+                [located(c) for _enclave, c in sharing.values()],
                 key=subject,
                 against=_permissions(enclave for enclave, _ in sharing.values()),
             )
@@ -321,8 +320,8 @@ def subject_shared_by_certificates(keystore: Keystore) -> Iterator[Violation]:
 @rule(
     "KA228",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.3.1 (who has the key of a certificate is its subject); measured",
-    remedy=issue_again("Give each certificate a key of its own."),
+    "DDS-Security 1.1, 9.3.1 (who has the key of a certificate is its subject); measured",
+    issue_again("Give each certificate a key of its own."),
     explains=_SHARED,
 )
 def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -344,8 +343,8 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
             also = ", ".join(f"{quoted(other.subject)}, issued by {quoted(other.issuer)}" for other in others[:3])
             times = "once" if len(others) == 1 else f"{len(others)} times"
             yield Violation(
-                message=f"The identity key of {enclave.path} is certified {times} more: {also}.",
-                locations=(
+                f"The identity key of {enclave.path} is certified {times} more: {also}.",
+                (
                     *(located(c) for c in (first, *others)),
                     *(right for other in others for right in rights.get(other.sha256, ())),
                 ),
@@ -357,7 +356,7 @@ def identity_key_certified_again(keystore: Keystore, context: Context) -> Iterat
 
 def _permissions(enclaves: Iterable[Enclave]) -> tuple[Location, ...]:
     """Their documents: what one of them is granted, each of them may do."""
-    return tuple(Location(path=enclave.files.files[Role.PERMISSIONS].place) for enclave in enclaves)
+    return tuple(Location(enclave.files.files[Role.PERMISSIONS].place) for enclave in enclaves)
 
 
 def _rights(

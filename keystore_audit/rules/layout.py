@@ -35,8 +35,8 @@ _BRING_IN: Final = decision(
 @rule(
     "KA103",
     Severity.HIGH,
-    clause=_UNREAD,
-    remedy=_BRING_IN,
+    _UNREAD,
+    _BRING_IN,
 )
 def link_leaves_keystore(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is a link out of the keystore.
@@ -52,10 +52,8 @@ def link_leaves_keystore(enclave: Enclave) -> Iterator[Violation]:
 @rule(
     "KA120",
     Severity.MEDIUM,
-    clause=RUN_TIME_FILES,
-    remedy=decision(
-        "Let the link lead there from where it stands, without a path of this machine, as sros2's links do."
-    ),
+    RUN_TIME_FILES,
+    decision("Let the link lead there from where it stands, without a path of this machine, as sros2's links do."),
 )
 def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A link to a file of the keystore goes by where the keystore lies: by an absolute path, or out of it and back.
@@ -75,9 +73,9 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
         told.add(place)
         of = enclave if place == path else None  # else a link that several may go over
         yield Violation(
-            message=f"{place} links to {shorten(target, MAX_QUOTED)}: that is {file.place} as long as the keystore "
+            f"{place} links to {shorten(target, MAX_QUOTED)}: that is {file.place} as long as the keystore "
             "lies here, and another file or none where it is copied.",
-            locations=(Location(path=place),),
+            (Location(place),),
             enclave=of.path if of else None,
             severity=Severity.HIGH if context.deployed else None,
             key=target,
@@ -88,10 +86,8 @@ def link_holds_here_alone(keystore: Keystore, context: Context) -> Iterator[Viol
 @rule(
     "KA104",
     Severity.HIGH,
-    clause=_UNREAD,
-    remedy=decision(
-        "Name the directory that it leads into with `--root DIR`, or put its content in the place of the link."
-    ),
+    _UNREAD,
+    decision("Name the directory that it leads into with `--root DIR`, or put its content in the place of the link."),
 )
 def directory_link_not_followed(keystore: Keystore) -> Iterator[Violation]:
     """A link leads out of the keystore, from where enclaves may be.
@@ -102,8 +98,8 @@ def directory_link_not_followed(keystore: Keystore) -> Iterator[Violation]:
     """
     for file in keystore.layout.directory_links:
         yield Violation(
-            message=f"A link was not followed ({file.detail}): enclaves may lie behind it.",
-            locations=(Location(path=file.path),),
+            f"A link was not followed ({file.detail}): enclaves may lie behind it.",
+            (Location(file.path),),
             undecided=True,
         )
 
@@ -111,8 +107,8 @@ def directory_link_not_followed(keystore: Keystore) -> Iterator[Violation]:
 @rule(
     "KA105",
     Severity.HIGH,
-    clause=_UNREAD,
-    remedy=decision("Put a regular file in its place."),
+    _UNREAD,
+    decision("Put a regular file in its place."),
     stops=True,
 )
 def not_a_regular_file(enclave: Enclave) -> Iterator[Violation]:
@@ -127,8 +123,8 @@ def not_a_regular_file(enclave: Enclave) -> Iterator[Violation]:
 @rule(
     "KA106",
     Severity.HIGH,
-    clause=_UNREAD,
-    remedy=decision("Find out what the file is: those of a keystore have some kilobytes."),
+    _UNREAD,
+    decision("Find out what the file is: those of a keystore have some kilobytes."),
 )
 def file_too_large(enclave: Enclave) -> Iterator[Violation]:
     """A run-time file is over 4 MB, or all files together over their limit. A robot may read it all the same."""
@@ -139,8 +135,8 @@ def file_too_large(enclave: Enclave) -> Iterator[Violation]:
 @rule(
     "KA107",
     Severity.HIGH,
-    clause=_UNREAD,
-    remedy=READ_ALL,
+    _UNREAD,
+    READ_ALL,
 )
 def unreadable(keystore: Keystore) -> Iterator[Violation]:
     """A run-time file or a directory could not be read, for want of permission or by an error of the file system.
@@ -149,8 +145,8 @@ def unreadable(keystore: Keystore) -> Iterator[Violation]:
     """
     for directory in keystore.layout.unreadable_directories:
         yield Violation(
-            message=f"The directory could not be read ({directory.detail}): enclaves may lie in it.",
-            locations=(Location(path=directory.path),),
+            f"The directory could not be read ({directory.detail}): enclaves may lie in it.",
+            (Location(directory.path),),
             undecided=True,
         )
     for enclave in keystore.enclaves:
@@ -161,8 +157,8 @@ def unreadable(keystore: Keystore) -> Iterator[Violation]:
 @rule(
     "KA110",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (the signed document counts); measured: the .xml is never read",
-    remedy=decision(
+    "DDS-Security 1.1, 9.4.1.2 and 9.4.1.3 (the signed document counts); measured: the .xml is never read",
+    decision(
         "If the .xml says what is meant, sign it. Else put the signed text in its place: `openssl smime "
         "-verify -noverify -text -in FILE.p7s` prints it.",
         Act.SIGN,
@@ -189,10 +185,10 @@ def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Vi
         first = _first_difference(file.content, use.signed.content)
         if first is not None:
             yield Violation(
-                message=f"{file_name(file)} is not what {use.signed.file.place} says: they differ from line {first} of "
+                f"{file_name(file)} is not what {use.signed.file.place} says: they differ from line {first} of "
                 "the document on, and only the signed one counts.",
-                locations=(
-                    Location(path=file.place, line=first),
+                (
+                    Location(file.place, first),
                     use.at(use.signed.line(first), "what counts"),
                 ),
                 enclave=path,
@@ -202,8 +198,8 @@ def unsigned_document_differs(use: DocumentUse, context: Context) -> Iterator[Vi
 @rule(
     "KA122",
     Severity.INFO,
-    clause="ROS 2 design, ROS 2 security enclaves (what run times read is signed); measured: the .xml is never read",
-    remedy=decision("Keep governance.xml and permissions.xml where documents are signed; robots need the .p7s alone."),
+    "ROS 2 design, ROS 2 security enclaves (what run times read is signed); measured: the .xml is never read",
+    decision("Keep governance.xml and permissions.xml where documents are signed; robots need the .p7s alone."),
 )
 def unsigned_document_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """governance.xml or permissions.xml, from which the signed documents are made, lies in the tree.
@@ -216,8 +212,8 @@ def unsigned_document_in_tree(keystore: Keystore, context: Context) -> Iterator[
     if found:
         where = "a tree that goes on a robot" if context.deployed else "the tree"
         yield Violation(
-            message=f"{counted(len(found), 'unsigned document')} in {where}: {listed(found)}. No run time reads .xml.",
-            locations=[Location(path=path) for path in found],
+            f"{counted(len(found), 'unsigned document')} in {where}: {listed(found)}. No run time reads .xml.",
+            [Location(path) for path in found],
             severity=Severity.LOW if context.deployed else None,
         )
 
@@ -234,8 +230,8 @@ def _first_difference(unsigned: bytes | None, signed: bytes | None) -> int | Non
 @rule(
     "KA111",
     Severity.MEDIUM,
-    clause=f"{RUN_TIME_FILES}; DDS-Security 1.1, 9.3.1 (pkcs11 URIs)",
-    remedy=outside("Compare the token's content on the robot with what the keystore should hold, or use .pem files."),
+    f"{RUN_TIME_FILES}; DDS-Security 1.1, 9.3.1 (pkcs11 URIs)",
+    outside("Compare the token's content on the robot with what the keystore should hold, or use .pem files."),
 )
 def pkcs11_reference(enclave: Enclave) -> Iterator[Violation]:
     """A .p11 file refers to a token.
@@ -244,9 +240,9 @@ def pkcs11_reference(enclave: Enclave) -> Iterator[Violation]:
     """
     for role, file in enclave.files.pkcs11.items():
         yield Violation(
-            message=f"{facts.READS_PKCS11} {file_name(file)} in place of {role.value}.pem, and what is on the "
+            f"{facts.READS_PKCS11} {file_name(file)} in place of {role.value}.pem, and what is on the "
             "token that it names could not be read here.",
-            locations=(Location(path=file.path),),
+            (Location(file.path),),
             profiles=facts.PKCS11_FIRST,
             undecided=True,
         )
@@ -255,8 +251,8 @@ def pkcs11_reference(enclave: Enclave) -> Iterator[Violation]:
 @rule(
     "KA112",
     Severity.MEDIUM,
-    clause="ros2/sros2, keystore layout (public/, private/, enclaves/)",
-    remedy=outside(
+    "ros2/sros2, keystore layout (public/, private/, enclaves/)",
+    outside(
         "Restore what is missing from the keystore that this one was copied from; `ros2 security "
         "create_keystore` would make new authorities."
     ),
@@ -268,8 +264,8 @@ def incomplete_keystore(keystore: Keystore) -> Iterator[Violation]:
     """
     if keystore.layout.expected:
         yield Violation(
-            message=f"The keystore is incomplete: it lacks {'; '.join(keystore.layout.expected)}.",
-            locations=(Location(path="."),),
+            f"The keystore is incomplete: it lacks {'; '.join(keystore.layout.expected)}.",
+            (Location("."),),
             key="\n".join(keystore.layout.expected),
         )
 
@@ -281,10 +277,8 @@ _MAX_NAME: Final = 255
 @rule(
     "KA113",
     Severity.MEDIUM,
-    clause="rcl, rcl_validate_enclave_name; ROS 2 design, topic and service names",
-    remedy=decision(
-        "Make the enclave again under a name of letters, digits and underscores that begins with no digit."
-    ),
+    "rcl, rcl_validate_enclave_name; ROS 2 design, topic and service names",
+    decision("Make the enclave again under a name of letters, digits and underscores that begins with no digit."),
 )
 def enclave_name_not_ros(enclave: Enclave) -> Iterator[Violation]:
     """The directory's name is no ROS 2 name, so that no node can ask for this enclave by it.
@@ -294,33 +288,33 @@ def enclave_name_not_ros(enclave: Enclave) -> Iterator[Violation]:
     """
     if not is_path(enclave.path) or len(enclave.path) > _MAX_NAME:
         yield Violation(
-            message=f"{quoted(enclave.path)} is no enclave name (expected letters, digits and underscores, no digit "
+            f"{quoted(enclave.path)} is no enclave name (expected letters, digits and underscores, no digit "
             f"first, at most {_MAX_NAME} in all): no node can ask for it by name.",
-            locations=(Location(path=enclave.files.directory),),
+            (Location(enclave.files.directory),),
         )
 
 
 @rule(
     "KA114",
     Severity.LOW,
-    clause="ros2/sros2, keystore layout (an enclave is a directory)",
-    remedy=decision("Give one of the enclaves another name."),
+    "ros2/sros2, keystore layout (an enclave is a directory)",
+    decision("Give one of the enclaves another name."),
 )
 def enclave_names_differ_by_case(keystore: Keystore) -> Iterator[Violation]:
     """Enclaves differ in nothing but case: on a file system that ignores case they are one directory."""
     for alike in grouped(keystore.enclaves, lambda enclave: enclave.files.directory.casefold()).values():
         if len(alike) > 1:
             yield Violation(
-                message=f"The names of {paths(alike)} differ in nothing but case.",
-                locations=tuple(Location(path=enclave.files.directory) for enclave in alike),
+                f"The names of {paths(alike)} differ in nothing but case.",
+                tuple(Location(enclave.files.directory) for enclave in alike),
             )
 
 
 @rule(
     "KA115",
     Severity.LOW,
-    clause="REP 2000 (Ardent to Eloquent are past their end of life)",
-    remedy=decision(
+    "REP 2000 (Ardent to Eloquent are past their end of life)",
+    decision(
         "Make the keystore again with a supported distribution: `ros2 security create_keystore KEYSTORE`, "
         f"and for every enclave {CREATE_ENCLAVE}. Or give a copy of it the layout since Foxy: public/, "
         "private/, enclaves/, and links in every enclave."
@@ -332,8 +326,8 @@ def deprecated_layout(keystore: Keystore) -> Iterator[Violation]:
     distributions = wrote.get(keystore.layout.kind)
     if distributions is not None:
         yield Violation(
-            message=f"The layout is that of {distributions} (expected public/ and enclaves/, since Foxy): supported "
+            f"The layout is that of {distributions} (expected public/ and enclaves/, since Foxy): supported "
             f"distributions do not find {listed(enclave.path for enclave in keystore.enclaves)} in it.",
-            locations=(Location(path="."),),
+            (Location("."),),
             key="\n".join([keystore.layout.kind.value, *(enclave.path for enclave in keystore.enclaves)]),
         )

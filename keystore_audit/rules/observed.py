@@ -52,8 +52,8 @@ def _beside(location: Location, message: str = "") -> Location:
 @rule(
     "KA650",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, SROS2 access control policies",
-    remedy=in_permissions(f"Allow it, unless the node ought not to do it ({SUGGEST})"),
+    "DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, SROS2 access control policies",
+    in_permissions(f"Allow it, unless the node ought not to do it ({SUGGEST})"),
     of=_observed,
 )
 def missing_grant(observed: Observation, context: Context) -> Iterator[Violation]:
@@ -95,8 +95,8 @@ def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> V
     needed = [_beside(each.need.location, "what needs it") for each in group]
     names = {name for each in group for name in each.profiles}
     return Violation(
-        message=message,
-        locations=(*deciding[:1], *needed, *deciding[1:]),
+        message,
+        (*deciding[:1], *needed, *deciding[1:]),
         enclave=group[0].need.enclave,
         severity=Severity.MEDIUM if all(each.domains for each in group) else None,
         profiles=context.unless_all(names),
@@ -107,8 +107,8 @@ def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> V
 @rule(
     "KA651",
     Severity.LOW,
-    clause="ROS 2 design, SROS2 access control policies; least privilege (Saltzer and Schroeder 1975)",
-    remedy=in_permissions(f"Take out what no node needs ({SUGGEST})"),
+    "ROS 2 design, SROS2 access control policies; least privilege (Saltzer and Schroeder 1975)",
+    in_permissions(f"Take out what no node needs ({SUGGEST})"),
     of=_observed,
 )
 def excess_grant(observed: Observation, context: Context) -> Iterator[Violation]:
@@ -121,8 +121,8 @@ def excess_grant(observed: Observation, context: Context) -> Iterator[Violation]
     for excess in observed.excess:
         names = [*excess.names, *filter(None, (excess.wide,))]
         yield Violation(
-            message=_excess(excess, observed),
-            locations=[each.location for each in names],
+            _excess(excess, observed),
+            [each.location for each in names],
             enclave=excess.enclave,
             profiles=context.unless_all(excess.profiles),
             key="\n".join(sorted({_granted(name) for name in names})),
@@ -153,8 +153,8 @@ def _granted(name: GrantedName) -> str:
 @rule(
     "KA652",
     Severity.HIGH,
-    clause="ROS 2 design, ROS 2 security enclaves; ros2/rcl, security.c (the keystore is searched for the exact path)",
-    remedy=decision(
+    "ROS 2 design, ROS 2 security enclaves; ros2/rcl, security.c (the keystore is searched for the exact path)",
+    decision(
         f"Start the node in an enclave that there is, `--ros-args --enclave`, or make this one: {CREATE_ENCLAVE}."
     ),
     of=_observed,
@@ -171,8 +171,8 @@ def node_in_unknown_enclave(observed: Observation, context: Context) -> Iterator
         named = f"{named}, having named none" if unknown.path == ROOT else named
         verb = "runs" if len(unknown.nodes) == 1 else "run"
         yield Violation(
-            message=f"{listed(unknown.nodes)} {verb} in {named}, which is not there.{meant(unknown.path, known)}",
-            locations=[_beside(location) for location in unknown.locations],
+            f"{listed(unknown.nodes)} {verb} in {named}, which is not there.{meant(unknown.path, known)}",
+            [_beside(location) for location in unknown.locations],
             key="\n".join([unknown.path, *sorted(unknown.nodes)]),
         )
 
@@ -180,8 +180,8 @@ def node_in_unknown_enclave(observed: Observation, context: Context) -> Iterator
 @rule(
     "KA653",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, Topic and Service name mapping to DDS",
-    remedy=in_permissions("Add what the node does with the name to the policy, or take the remapping out"),
+    "DDS-Security 1.1, 9.4.1.3 (rules of a grant); ROS 2 design, Topic and Service name mapping to DDS",
+    in_permissions("Add what the node does with the name to the policy, or take the remapping out"),
     of=_observed,
 )
 def used_name_without_right(observed: Observation, context: Context) -> Iterator[Violation]:
@@ -194,9 +194,9 @@ def used_name_without_right(observed: Observation, context: Context) -> Iterator
     for (enclave, name), group in found.items():
         nodes = listed(dict.fromkeys(denied.used.node or f"a node of {enclave}" for denied in group))
         yield Violation(
-            message=f"{sentence(nodes)} uses {name}, and {enclave} may neither publish nor subscribe to it, nor ask, "
+            f"{sentence(nodes)} uses {name}, and {enclave} may neither publish nor subscribe to it, nor ask, "
             "answer, call or execute it.",
-            locations=[_beside(denied.used.location) for denied in group],
+            [_beside(denied.used.location) for denied in group],
             enclave=enclave,
             profiles=context.unless_all(group[0].profiles),
             key=name,
@@ -206,8 +206,8 @@ def used_name_without_right(observed: Observation, context: Context) -> Iterator
 @rule(
     "KA654",
     Severity.INFO,
-    clause="ROS 2 design, ROS 2 launch (what only running tells)",
-    remedy=decision("Give arguments with `--launch-argument`, or a graph of the running system with `--graph`."),
+    "ROS 2 design, ROS 2 launch (what only running tells)",
+    decision("Give arguments with `--launch-argument`, or a graph of the running system with `--graph`."),
     of=_observed,
 )
 def observation_incomplete(observed: Observation, context: Context) -> Iterator[Violation]:
@@ -219,16 +219,16 @@ def observation_incomplete(observed: Observation, context: Context) -> Iterator[
     unresolved = (_beside(each.location, each.reason) for each in observed.unresolved)
     for path, found in grouped(unresolved, lambda place: place.path).items():
         yield Violation(
-            message=f"{sentence(found[0].message)}{more_like(found)}. Nodes may need more than "
+            f"{sentence(found[0].message)}{more_like(found)}. Nodes may need more than "
             f"{quoted(path)} shows, so that no grant is called an excess.",
-            locations=found,
+            found,
             key="\n".join(sorted({place.message for place in found})),
         )
     for undecided in observed.undecided:
         yield Violation(
-            message=f"What {undecided.enclave} may do cannot be told, so that it is not compared with what its nodes "
+            f"What {undecided.enclave} may do cannot be told, so that it is not compared with what its nodes "
             f"need: {undecided.reason}.",
-            locations=(),
+            (),
             enclave=undecided.enclave,
             profiles=context.unless_all(undecided.profiles),
             undecided=True,
@@ -239,8 +239,8 @@ def observation_incomplete(observed: Observation, context: Context) -> Iterator[
 @rule(
     "KA655",
     Severity.CRITICAL,
-    clause="rcl, security.c and domain_id.c (read)",
-    remedy=decision(
+    "rcl, security.c and domain_id.c (read)",
+    decision(
         "Take the variable out of the launch file, and let the robot's environment say it for every process; "
         "or record the running system, and give that with `--graph`."
     ),
@@ -260,8 +260,8 @@ def launch_changes_security(observed: Observation, context: Context) -> Iterator
             severity, what = harm
             value = "a value that cannot be told" if variable.value is None else quoted(variable.value)
             yield Violation(
-                message=f"{sentence(variable.node or 'a process')} starts with {variable.name} set to {value}: {what}.",
-                locations=(_beside(variable.location),),
+                f"{sentence(variable.node or 'a process')} starts with {variable.name} set to {value}: {what}.",
+                (_beside(variable.location),),
                 severity=severity,
                 key=f"{variable.node} {variable.started} {variable.name} {variable.value}",
                 undecided=variable.value is None or (variable.name == RMW and variable.value not in MIDDLEWARE),
@@ -269,8 +269,8 @@ def launch_changes_security(observed: Observation, context: Context) -> Iterator
     speaking = (_beside(each.location, each.reason) for each in observed.speaking)
     for path, found in grouped(speaking, lambda place: place.path).items():
         yield Violation(
-            message=f"{found[0].message}{more_like(found)}.",
-            locations=found,
+            f"{found[0].message}{more_like(found)}.",
+            found,
             severity=Severity.HIGH,
             undecided=True,
             key=f"{path}\n" + "\n".join(sorted({place.message for place in found})),

@@ -49,8 +49,8 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
     """A violation about a grant, at `line`."""
     more.setdefault("key", grant.subject_name.text)
     return Violation(
-        message=message,
-        locations=(use.at(line),),
+        message,
+        (use.at(line),),
         **more,
     )
 
@@ -58,8 +58,8 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
 @rule(
     "KA501",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD",
-    remedy=in_permissions("Correct what the schema forbids"),
+    "DDS-Security 1.1, 9.4.1.3 and its permissions XSD",
+    in_permissions("Correct what the schema forbids"),
     stops=True,
 )
 def permissions_schema_invalid(use: PermissionsUse) -> Iterator[Violation]:
@@ -74,8 +74,8 @@ def permissions_schema_invalid(use: PermissionsUse) -> Iterator[Violation]:
 @rule(
     "KA502",
     Severity.HIGH,
-    clause=f"DDS-Security 1.1, 9.4.1.3; XML 1.0; {facts.XML_PARSERS}",
-    remedy=in_permissions("Write plain XML, without comments, CDATA, entities and blanks in values"),
+    f"DDS-Security 1.1, 9.4.1.3; XML 1.0; {facts.XML_PARSERS}",
+    in_permissions("Write plain XML, without comments, CDATA, entities and blanks in values"),
     stops=True,
 )
 def permissions_ambiguous(use: PermissionsUse) -> Iterator[Violation]:
@@ -111,8 +111,8 @@ def _name_it(subject: str) -> Remedy:
 @rule(
     "KA503",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 4514",
-    remedy=in_permissions("Let <subject_name> say the subject of cert.pem, as RFC 4514 writes it"),
+    "DDS-Security 1.1, 9.4.1.3 (subject_name); RFC 4514",
+    in_permissions("Let <subject_name> say the subject of cert.pem, as RFC 4514 writes it"),
     applies=speaks,
     stops=True,
 )
@@ -135,8 +135,8 @@ def no_grant_for_certificate(use: PermissionsUse, context: Context) -> Iterator[
             remedy = decision(f"Let certificate and <subject_name> both say {quoted(usual)}, and issue and sign again.")
         missing = [profile for profile in VARIANTS.values() if profile not in naming]
         yield Violation(
-            message=f"No grant names the identity of {enclave.path}: {wanted}.",
-            locations=(use.at(line), located(first, "the identity")),
+            f"No grant names the identity of {enclave.path}: {wanted}.",
+            (use.at(line), located(first, "the identity")),
             enclave=enclave.path,
             severity=None if context.chose(missing) else Severity.LOW,
             profiles=tuple(profile.name for profile in missing) if naming else (),
@@ -171,8 +171,8 @@ def _refused_by(use: PermissionsUse, enclave: Enclave) -> bool:
 @rule(
     "KA504",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.3 (grant); measured: the first one decides",
-    remedy=in_permissions("Merge the grants into one, as one <profile> for each node below one <profiles>"),
+    "DDS-Security 1.1, 9.4.1.3 (grant); measured: the first one decides",
+    in_permissions("Merge the grants into one, as one <profile> for each node below one <profiles>"),
     applies=speaks,
 )
 def second_grant_for_subject(use: PermissionsUse) -> Iterator[Violation]:
@@ -186,10 +186,10 @@ def second_grant_for_subject(use: PermissionsUse) -> Iterator[Violation]:
         subject = grant.subject_name.text
         if first.setdefault(subject, grant) is not grant:
             yield Violation(
-                message=f"A second grant names {quoted(subject)}: the one at line {first[subject].line} decides, and "
+                f"A second grant names {quoted(subject)}: the one at line {first[subject].line} decides, and "
                 f"this one takes its place on {doing('skips_grants_out_of_date', True)} alone, when that one has "
                 "expired.",
-                locations=[use.at(g.line, m) for g, m in ((grant, ""), (first[subject], "the grant that decides"))],
+                [use.at(g.line, m) for g, m in ((grant, ""), (first[subject], "the grant that decides"))],
                 # The dates tell when it takes the place of the other.
                 key=f"{dated(first[subject])}\n{dated(grant)}",
             )
@@ -198,8 +198,8 @@ def second_grant_for_subject(use: PermissionsUse) -> Iterator[Violation]:
 @rule(
     "KA512",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.3; {facts.OTHERS_GRANTS_MEASURED}",
-    remedy=in_permissions("Give each enclave a document with its own grant alone"),
+    f"DDS-Security 1.1, 9.4.1.3; {facts.OTHERS_GRANTS_MEASURED}",
+    in_permissions("Give each enclave a document with its own grant alone"),
     applies=speaks,
 )
 def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator[Violation]:
@@ -230,13 +230,13 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
         robots = {name: elsewhere[name] for name in names if name in elsewhere}
         named = [f"{quoted(name)}{_whose(robots[name]) if name in robots else ''}" for name in names]
         here = [use.at(grant.line) for grant in others]
-        there = [Location(path=r.beside, line=r.line, message="the identity", beside=True) for r in robots.values()]
+        there = [Location(r.beside, r.line, message="the identity", beside=True) for r in robots.values()]
         gaining = _gaining(use, [everybody[name] for name in names if name in everybody], context)
         more = f", and {listed(gaining)} {'gains' if len(gaining) == 1 else 'gain'} by it" if gaining else ""
         yield Violation(
-            message=f"The document also grants rights to {listed(named)}: whoever has the name can use them by "
+            f"The document also grants rights to {listed(named)}: whoever has the name can use them by "
             f"presenting this document{more}.",
-            locations=[*here, *there],
+            [*here, *there],
             severity=Severity.HIGH if gaining else None,
             key="\n".join([*sorted(names), "", *sorted(gaining)]),
             # A right that is taken out of their own grants is one more that this document gives.
@@ -295,8 +295,8 @@ def _gains(permissions: Permissions, given: Iterable[int], had: Collection[int])
 @rule(
     "KA514",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.3 (allow_rule); measured",
-    remedy=in_permissions("Allow what the enclave needs, ros_discovery_info among it"),
+    "DDS-Security 1.1, 9.4.1.3 (allow_rule); measured",
+    in_permissions("Allow what the enclave needs, ros_discovery_info among it"),
     applies=speaks,
     stops=True,
 )

@@ -28,8 +28,8 @@ _NO_DENIAL: Final = (
 @rule(
     "KA604",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
-    remedy=in_permissions(_NO_DENIAL),
+    f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
+    in_permissions(_NO_DENIAL),
 )
 def deny_rule_with_partitions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A deny rule lists partitions, and Fast DDS denies its topics in every partition.
@@ -42,8 +42,8 @@ def deny_rule_with_partitions(_keystore: Keystore, context: Context) -> Iterator
 @rule(
     "KA605",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (a deny rule without partitions denies in all); {MEASURED}",
-    remedy=in_permissions(_NO_DENIAL),
+    f"DDS-Security 1.1, 9.4.1.3.2.3 (a deny rule without partitions denies in all); {MEASURED}",
+    in_permissions(_NO_DENIAL),
 )
 def deny_rule_without_partitions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A deny rule lists no partitions: the specification denies in all, Cyclone DDS in the default partition alone.
@@ -57,8 +57,8 @@ def deny_rule_without_partitions(_keystore: Keystore, context: Context) -> Itera
 @rule(
     "KA606",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
-    remedy=in_permissions("Give each set of partitions an <allow_rule> of its own"),
+    f"DDS-Security 1.1, 9.4.1.3.2.3 (partitions of a criterion); {MEASURED}",
+    in_permissions("Give each set of partitions an <allow_rule> of its own"),
 )
 def partitions_of_several_criteria(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An allow rule has several criteria with partitions: Fast DDS allows the topics of each in those of all.
@@ -71,8 +71,8 @@ def partitions_of_several_criteria(_keystore: Keystore, context: Context) -> Ite
 @rule(
     "KA607",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.3 (rules in order); {MEASURED}",
-    remedy=in_permissions("List a topic in one rule, with all its partitions"),
+    f"DDS-Security 1.1, 9.4.1.3 (rules in order); {MEASURED}",
+    in_permissions("List a topic in one rule, with all its partitions"),
 )
 def later_rule_for_other_partitions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Two rules list a topic in different partitions, and Fast DDS stops at the first.
@@ -85,8 +85,8 @@ def later_rule_for_other_partitions(_keystore: Keystore, context: Context) -> It
 @rule(
     "KA608",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.3 (deny_rule); {MEASURED}",
-    remedy=in_permissions(_NO_DENIAL),
+    f"DDS-Security 1.1, 9.4.1.3 (deny_rule); {MEASURED}",
+    in_permissions(_NO_DENIAL),
 )
 def deny_rule_blocks_topic(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A deny rule for one operation, or one partition, takes the whole topic away on Cyclone DDS 0.10.
@@ -103,8 +103,8 @@ _RELAY: Final = f"What <relay> gives differs ({contrasted('relay')})"
 @rule(
     "KA609",
     Severity.MEDIUM,
-    clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (relay); {facts.RELAY_MEASURED}",
-    remedy=in_permissions("Take the <relay> criteria out; no ROS 2 implementation relays"),
+    f"DDS-Security 1.1, 9.4.1.3.2.3 (relay); {facts.RELAY_MEASURED}",
+    in_permissions("Take the <relay> criteria out; no ROS 2 implementation relays"),
 )
 def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A rule is about relaying: on Fast DDS peers give a reader by it what they give a subscriber, plain data.
@@ -117,9 +117,8 @@ def relay_read_differently(_keystore: Keystore, context: Context) -> Iterator[Vi
 @rule(
     "KA610",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch); "
-    f"{facts.EXPRESSIONS_MEASURED}",
-    remedy=in_permissions("Name each topic, or use one * at the end and neither brackets nor backslashes"),
+    f"DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch); {facts.EXPRESSIONS_MEASURED}",
+    in_permissions("Name each topic, or use one * at the end and neither brackets nor backslashes"),
 )
 def expression_read_differently(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An expression matches names under one implementation that it does not match under another.
@@ -166,8 +165,8 @@ def _faults(text: str, profiles: tuple[Profile, ...]) -> str:
 @rule(
     "KA611",
     Severity.LOW,
-    clause="DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3; POSIX 1003.1, 2.13.1 (bracket expressions)",
-    remedy=in_permissions("Close each [, or name each topic"),
+    "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3; POSIX 1003.1, 2.13.1 (bracket expressions)",
+    in_permissions("Close each [, or name each topic"),
     applies=taken,
 )
 def expression_malformed(use: DocumentUse, context: Context) -> Iterator[Violation]:
@@ -183,8 +182,8 @@ def expression_malformed(use: DocumentUse, context: Context) -> Iterator[Violati
     if malformed:
         texts = list(malformed)
         yield Violation(
-            message=f"The expression {quoted(texts[0])}{more_like(texts)} {_faults(texts[0], context.profiles)}.",
-            locations=[use.at(each.line) for each in malformed.values()],
+            f"The expression {quoted(texts[0])}{more_like(texts)} {_faults(texts[0], context.profiles)}.",
+            [use.at(each.line) for each in malformed.values()],
             key="\n".join(sorted(malformed)),
         )
 
@@ -200,8 +199,8 @@ def _reading(date: Text, reading: DateReading) -> object:
 @rule(
     "KA613",
     Severity.LOW,
-    clause=f"DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime); measured on {TESTED_ON}",
-    remedy=in_permissions("Write dates as 2026-01-31T00:00:00, in UTC and without a zone, until 2262"),
+    f"DDS-Security 1.1, 9.4.1.3.2.2 (validity, xs:dateTime); measured on {TESTED_ON}",
+    in_permissions("Write dates as 2026-01-31T00:00:00, in UTC and without a zone, until 2262"),
     applies=speaks,
     stops=True,
 )
@@ -223,8 +222,8 @@ def date_not_portable(use: PermissionsUse, context: Context) -> Iterator[Violati
     for date in odd.values():
         says = "; ".join(f"{_words(date, reading)} to {implementations(who)}" for reading, who in readings.items())
         yield Violation(
-            message=f"The date {quoted(date.text)} is {says}.",
-            locations=(use.at(date.line),),
+            f"The date {quoted(date.text)} is {says}.",
+            (use.at(date.line),),
             key=date.text,
         )
 

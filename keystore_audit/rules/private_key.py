@@ -59,8 +59,8 @@ def _octal(file: File) -> str:
 @rule(
     "KA108",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.3.1 (the private key is the identity); CWE-732",
-    remedy=mechanical("sros2 writes keys with mode 0644.", Act.CLOSE_KEY),
+    "DDS-Security 1.1, 9.3.1 (the private key is the identity); CWE-732",
+    mechanical("sros2 writes keys with mode 0644.", Act.CLOSE_KEY),
     applies=lambda enclave, _context: enclave.key is not None and enclave.key.file.mode is not None,
 )
 def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterator[Violation]:
@@ -73,9 +73,8 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
     if enclave.key is not None and _open_to_others(enclave.key.file, context.keystore.declared.key_group):
         file = enclave.key.file
         yield Violation(
-            message=f"The private key of {enclave.path} has mode {_octal(file)} (expected 0600): other users may "
-            "read it.",
-            locations=(Location(path=file.place),),
+            f"The private key of {enclave.path} has mode {_octal(file)} (expected 0600): other users may read it.",
+            (Location(file.place),),
             severity=None if context.deployed else Severity.INFO,
             key=_octal(file),
         )
@@ -84,8 +83,8 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
 @rule(
     "KA109",
     Severity.INFO,
-    clause="ROS 2 design, ROS 2 security enclaves (private/ does not leave the machine where keystores are made)",
-    remedy=decision("Ship enclaves/ and public/ only, and keep private/ where identities are issued."),
+    "ROS 2 design, ROS 2 security enclaves (private/ does not leave the machine where keystores are made)",
+    decision("Ship enclaves/ and public/ only, and keep private/ where identities are issued."),
 )
 def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """The private key of an authority lies in the tree: whoever has it issues identities or signs rights.
@@ -103,8 +102,8 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
             whose = f"of {quoted(subject)}" if subject is not None else "of an authority"
             where = "a tree that goes on a robot" if context.deployed else "the tree; keep it off robots"
             yield Violation(
-                message=f"The private key {whose} is in {where}.",
-                locations=(Location(path=file.place),),
+                f"The private key {whose} is in {where}.",
+                (Location(file.place),),
                 severity=Severity.CRITICAL if context.deployed else None,
                 key=whose,
             )
@@ -112,9 +111,9 @@ def ca_private_key_in_tree(keystore: Keystore, context: Context) -> Iterator[Vio
         for key, line in _keys_of(enclave):
             if key is not None and key in subjects and enclave.key is not None:
                 yield Violation(
-                    message=f"{enclave.path} has the private key of the authority {quoted(subjects[key])}: it can "
+                    f"{enclave.path} has the private key of the authority {quoted(subjects[key])}: it can "
                     "issue any identity or sign any right.",
-                    locations=(Location(path=enclave.key.file.place, line=line),),
+                    (Location(enclave.key.file.place, line),),
                     enclave=enclave.path,
                     severity=Severity.CRITICAL,
                     key=subjects[key],
@@ -140,8 +139,8 @@ _TAKE_OUT: Final = (
 @rule(
     "KA118",
     Severity.CRITICAL,
-    clause="ROS 2 design, ROS 2 security enclaves (a private key belongs to one enclave or to private/); CWE-522",
-    remedy=decision(_TAKE_OUT),
+    "ROS 2 design, ROS 2 security enclaves (a private key belongs to one enclave or to private/); CWE-522",
+    decision(_TAKE_OUT),
 )
 def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A private key stands in a file that enclaves carry or that lies beside them, and is not an enclave's key.pem.
@@ -162,8 +161,8 @@ def private_key_where_robots_have_it(keystore: Keystore, context: Context) -> It
         anew = _authority_anew({*key.keys}, keystore, "Take the key out of the file.") if key else None
         whose = _whose(key, holders) if key else ""
         yield Violation(
-            message=f"A private key is in {file.place}, which goes on robots{whose}.",
-            locations=(Location(path=file.place),),
+            f"A private key is in {file.place}, which goes on robots{whose}.",
+            (Location(file.place),),
             key=f"{file.place} {file.sha256}{whose}",
             remedy=decision(f"{own} Else: {_TAKE_OUT}") if own and anew is None else anew,
         )
@@ -212,8 +211,8 @@ def _second_keys(enclave: str, key: PrivateKey, holders: Mapping[str | None, str
         second = keys.get(defect.line or 0)
         whose = f", that of {holders[second]}" if second in holders else ""
         yield Violation(
-            message=f"{enclave} has a second private key{whose}: {defect.detail}.",
-            locations=(located(defect),),
+            f"{enclave} has a second private key{whose}: {defect.detail}.",
+            (located(defect),),
             enclave=enclave,
             key=f"second {defect.path} {second}{whose}",
         )
@@ -239,8 +238,8 @@ def _holders(keystore: Keystore) -> dict[str | None, str]:
 @rule(
     "KA116",
     Severity.HIGH,
-    clause="CWE-732",
-    remedy=mechanical("sros2 writes keys with mode 0644.", Act.CLOSE_KEY),
+    "CWE-732",
+    mechanical("sros2 writes keys with mode 0644.", Act.CLOSE_KEY),
 )
 def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Other users of the machine may read an authority's private key, and then issue identities or sign rights.
@@ -252,9 +251,8 @@ def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[
     for file in keystore.layout.authority_keys:
         if _open_to_others(file):
             yield Violation(
-                message=f"The private key of an authority has mode {_octal(file)} (expected 0600): other users may "
-                "read it.",
-                locations=(Location(path=file.place),),
+                f"The private key of an authority has mode {_octal(file)} (expected 0600): other users may read it.",
+                (Location(file.place),),
                 severity=None if context.deployed else Severity.INFO,
                 key=_octal(file),
             )
@@ -263,8 +261,8 @@ def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[
 @rule(
     "KA209",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.private_key is the certificate's); measured",
-    remedy=ISSUE_AGAIN,
+    "DDS-Security 1.1, 9.3.1 (dds.sec.auth.private_key is the certificate's); measured",
+    ISSUE_AGAIN,
     applies=lambda enclave, _context: enclave.key is not None and enclave.key.key is not None,
     stops=True,
 )
@@ -277,10 +275,10 @@ def key_does_not_match_certificate(enclave: Enclave) -> Iterator[Violation]:
     key = enclave.key
     if first is not None and key is not None and key.key is not None and key.key != first.key:
         yield Violation(
-            message=f"The private key of {enclave.path} ({key.key_kind}) is not that of its certificate "
+            f"The private key of {enclave.path} ({key.key_kind}) is not that of its certificate "
             f"({first.key_kind}, {quoted(first.subject)}): no handshake succeeds.",
-            locations=(
-                Location(path=key.file.place),
+            (
+                Location(key.file.place),
                 located(first, "the certificate"),
             ),
         )
@@ -289,8 +287,8 @@ def key_does_not_match_certificate(enclave: Enclave) -> Iterator[Violation]:
 @rule(
     "KA210",
     Severity.HIGH,
-    clause="RFC 5958; RFC 7468, 10",
-    remedy=ISSUE_AGAIN,
+    "RFC 5958; RFC 7468, 10",
+    ISSUE_AGAIN,
     applies=lambda enclave, _context: enclave.key is not None,
     stops=True,
 )
@@ -308,10 +306,8 @@ def private_key_unreadable(enclave: Enclave) -> Iterator[Violation]:
 @rule(
     "KA211",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.password); measured: ROS 2 passes none",
-    remedy=decision(
-        "Take the password off: `openssl pkey -in key.pem -out new.pem`, and move that over key.pem (mode 0600)."
-    ),
+    "DDS-Security 1.1, 9.3.1 (dds.sec.auth.password); measured: ROS 2 passes none",
+    decision("Take the password off: `openssl pkey -in key.pem -out new.pem`, and move that over key.pem (mode 0600)."),
     applies=lambda enclave, _context: enclave.key is not None,
     stops=True,
 )
@@ -321,8 +317,8 @@ def private_key_encrypted(enclave: Enclave) -> Iterator[Violation]:
         defects = list(of_kinds(enclave.key.defects, Kind.KEY_ENCRYPTED))
         found = listed(dict.fromkeys(each.detail for each in defects))
         yield Violation(
-            message=f"{enclave.path} cannot start: its private key needs a password{f' ({found})' if found else ''}.",
-            locations=(Location(path=enclave.key.file.place, line=defects[0].line if defects else None),),
+            f"{enclave.path} cannot start: its private key needs a password{f' ({found})' if found else ''}.",
+            (Location(enclave.key.file.place, defects[0].line if defects else None),),
         )
 
 
@@ -336,8 +332,8 @@ _ANEW: Final = decision(
 @rule(
     "KA230",
     Severity.CRITICAL,
-    clause="NIST SP 800-57 Part 1, 5.6 and 6.2; FIPS 186-5, A.1 to A.3; CWE-330, CWE-323, CWE-321",
-    remedy=_ANEW,
+    "NIST SP 800-57 Part 1, 5.6 and 6.2; FIPS 186-5, A.1 to A.3; CWE-330, CWE-323, CWE-321",
+    _ANEW,
 )
 def private_key_others_have(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Anybody can have the private half of a key: it is that identity, or issues and signs as that authority.
@@ -360,8 +356,8 @@ def private_key_others_have(keystore: Keystore, context: Context) -> Iterator[Vi
         if keys.isdisjoint(weakness.keys) and not here:
             continue
         yield Violation(
-            message=f"A key {weakness.fact}.",
-            locations=_locations(weakness.places, keystore.root),
+            f"A key {weakness.fact}.",
+            _locations(weakness.places, keystore.root),
             undecided=weakness.undecided,
             key=f"{weakness.fact} {' '.join(sorted(weakness.keys))}",
         )
@@ -369,8 +365,8 @@ def private_key_others_have(keystore: Keystore, context: Context) -> Iterator[Vi
     if published:
         what = "a key of" if len(published) == 1 else f"{counted(len(published), 'key')} of"
         yield Violation(
-            message=f"The keystore has {what} a published sample: anybody has the private half.",
-            locations=_locations((each.place for each in published), keystore.root),
+            f"The keystore has {what} a published sample: anybody has the private half.",
+            _locations((each.place for each in published), keystore.root),
             severity=None if context.deployed else Severity.INFO,
             key=f"published {' '.join(sorted(each.key for each in published))}",
         )
@@ -380,8 +376,8 @@ def _locations(found: Iterable[Place], root: str) -> list[Location]:
     """Here first; those of other keystores by where they lie."""
     ordered = sorted(found, key=lambda place: (place.root != root, place.root, place.path, place.line or 0))
     return [
-        Location(path=place.path, line=place.line)
+        Location(place.path, place.line)
         if place.root == root
-        else Location(path=f"{place.root.rstrip('/')}/{place.path}", line=place.line, beside=True)
+        else Location(f"{place.root.rstrip('/')}/{place.path}", place.line, beside=True)
         for place in ordered
     ]

@@ -45,8 +45,8 @@ def _said(domain_rule: DomainRule, topic_rule: TopicRule) -> str:
 @rule(
     "KA407",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
-    remedy=in_governance("Set <rtps_protection_kind> to SIGN, as sros2 does"),
+    "DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
+    in_governance("Set <rtps_protection_kind> to SIGN, as sros2 does"),
     explains=("outsiders-cannot-inject", "outsiders-cannot-replay", "outsiders-cannot-forge-liveliness"),
     applies=speaks,
 )
@@ -68,8 +68,8 @@ def rtps_protection_none(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA408",
     Severity.INFO,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
-    remedy=in_governance(
+    "DDS-Security 1.1, 9.4.1.2.4 (rtps_protection_kind)",
+    in_governance(
         "Where it matters who talks to whom, set <rtps_protection_kind> to ENCRYPT, which costs computing time"
     ),
     applies=speaks,
@@ -88,8 +88,8 @@ def rtps_protection_sign_only(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA409",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (discovery_protection_kind) and 9.4.1.2.6 (enable_discovery_protection)",
-    remedy=in_governance("Set <enable_discovery_protection> to true and <discovery_protection_kind> to ENCRYPT"),
+    "DDS-Security 1.1, 9.4.1.2.4 (discovery_protection_kind) and 9.4.1.2.6 (enable_discovery_protection)",
+    in_governance("Set <enable_discovery_protection> to true and <discovery_protection_kind> to ENCRYPT"),
     explains=("outsiders-cannot-learn-names",),
     applies=speaks,
 )
@@ -117,8 +117,8 @@ def discovery_unprotected(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA410",
     Severity.LOW,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (liveliness_protection_kind) and 9.4.1.2.6 (enable_liveliness_protection)",
-    remedy=in_governance("Set <enable_liveliness_protection> to true and <liveliness_protection_kind> to SIGN or more"),
+    "DDS-Security 1.1, 9.4.1.2.4 (liveliness_protection_kind) and 9.4.1.2.6 (enable_liveliness_protection)",
+    in_governance("Set <enable_liveliness_protection> to true and <liveliness_protection_kind> to SIGN or more"),
     explains=("outsiders-cannot-forge-liveliness",),
     applies=speaks,
 )
@@ -147,8 +147,8 @@ def liveliness_unprotected(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA411",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind)",
-    remedy=in_governance("Set <metadata_protection_kind> to SIGN or ENCRYPT"),
+    "DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind)",
+    in_governance("Set <metadata_protection_kind> to SIGN or ENCRYPT"),
     explains=("nobody-writes-without-a-grant", "nobody-reads-without-a-grant", "outsiders-cannot-replay"),
     applies=speaks,
 )
@@ -172,8 +172,8 @@ def metadata_protection_none(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA412",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind, data_protection_kind)",
-    remedy=in_governance("Set <data_protection_kind> or <metadata_protection_kind> to ENCRYPT"),
+    "DDS-Security 1.1, 9.4.1.2.6 (metadata_protection_kind, data_protection_kind)",
+    in_governance("Set <data_protection_kind> or <metadata_protection_kind> to ENCRYPT"),
     explains=("outsiders-cannot-read", "nobody-reads-without-a-grant", "relays-cannot-read"),
     applies=speaks,
 )
@@ -191,8 +191,8 @@ def payload_in_clear(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA413",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.5.3.3 (keys of rtps protection) and 9.4.1.2.6",
-    remedy=in_governance("Set <metadata_protection_kind> or <data_protection_kind> to ENCRYPT"),
+    "DDS-Security 1.1, 9.5.3.3 (keys of rtps protection) and 9.4.1.2.6",
+    in_governance("Set <metadata_protection_kind> or <data_protection_kind> to ENCRYPT"),
     explains=("nobody-reads-without-a-grant", "nobody-writes-without-a-grant", "relays-cannot-read"),
     applies=speaks,
 )
@@ -216,8 +216,8 @@ def payload_open_to_insiders(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA414",
     Severity.CRITICAL,
-    clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.2.6 (protection kinds)",
-    remedy=in_governance(
+    "DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.2.6 (protection kinds)",
+    in_governance(
         "Set <metadata_protection_kind> and <data_protection_kind> to ENCRYPT and <rtps_protection_kind> to SIGN"
     ),
     explains=("outsiders-cannot-inject", "outsiders-cannot-replay", "nobody-writes-without-a-grant"),
@@ -240,8 +240,8 @@ def samples_unauthenticated(use: GovernanceUse) -> Iterator[Violation]:
 @rule(
     "KA415",
     Severity.LOW,
-    clause="DDS-Security 1.1, 9.4.1.2.6 (data_protection_kind)",
-    remedy=in_governance("Set <data_protection_kind> to ENCRYPT"),
+    "DDS-Security 1.1, 9.4.1.2.6 (data_protection_kind)",
+    in_governance("Set <data_protection_kind> to ENCRYPT"),
     applies=speaks,
 )
 def data_protection_none(use: GovernanceUse) -> Iterator[Violation]:
@@ -263,8 +263,8 @@ _REFUSE_CONTRADICTION: Final = tuple(
 @rule(
     "KA417",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants, rtps_protection_kind)",
-    remedy=in_governance("Set <allow_unauthenticated_participants> to false"),
+    "DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants, rtps_protection_kind)",
+    in_governance("Set <allow_unauthenticated_participants> to false"),
     applies=speaks,
     stops=True,
 )

@@ -41,8 +41,8 @@ def _deployed(_keystore: Keystore, context: Context) -> bool:
 @rule(
     "KA665",
     Severity.LOW,
-    clause="NIST SP 800-57 part 1 revision 5, 5.3.6 (one to two years for authentication keys)",
-    remedy=decision(
+    "NIST SP 800-57 part 1 revision 5, 5.3.6 (one to two years for authentication keys)",
+    decision(
         "Issue identities for a year or two, `openssl x509 -req -days 365` in place of sros2's ten years, "
         "change <not_after> in permissions.xml before it is signed, and renew both in time."
     ),
@@ -62,10 +62,10 @@ def long_validity(keystore: Keystore) -> Iterator[Violation]:
     if lasting or grants:
         end, whose, _place = max([*lasting, *grants], key=lambda found: found[0])
         yield Violation(
-            message=f"Valid for more than two years: {counted(len(lasting), 'identity', 'identities')} and "
+            f"Valid for more than two years: {counted(len(lasting), 'identity', 'identities')} and "
             f"{counted(len(grants), 'grant')}, the longest "
             f"until {instant(end)} ({whose}).",
-            locations=[place for _end, _whose, place in (*lasting, *grants)],
+            [place for _end, _whose, place in (*lasting, *grants)],
             key="\n".join(sorted(f"{whose} {instant(end)}" for end, whose, _place in (*lasting, *grants))),
         )
 
@@ -89,8 +89,8 @@ def _long_grants(keystore: Keystore) -> Iterator[tuple[datetime, str, Location]]
 @rule(
     "KA666",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
-    remedy=decision("Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker."),
+    "DDS-Security 1.1, 9.3.1 (the identity of a participant); CWE-321",
+    decision("Give every robot keys and subjects of its own, for example /robot1/talker and /robot2/talker."),
     applies=lambda _keystore, context: context.beside is not None,
 )
 def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -106,9 +106,9 @@ def identity_shared_by_robots(keystore: Keystore, context: Context) -> Iterator[
         return
     if beside.compared != compared_of(keystore):
         yield Violation(
-            message="The identities here are not those that were compared with the other keystores', moments before: "
+            "The identities here are not those that were compared with the other keystores', moments before: "
             "who shares them is unknown.",
-            locations=(Location(path="."),),
+            (Location("."),),
             remedy=decision("Run the audit again while nobody writes into the keystore."),
             undecided=True,
             key="changed",
@@ -144,12 +144,12 @@ def _astray(keystore: Keystore, found: Sequence[tuple[LooseKey, Identity]]) -> I
     """One violation for all keys of other robots' enclaves that lie here."""
     if found:
         loose, other = found[0]
-        whose = (Location(path=o.beside, line=o.line, message="its certificate", beside=True) for _key, o in found)
+        whose = (Location(o.beside, o.line, message="its certificate", beside=True) for _key, o in found)
         yield Violation(
-            message=f"{quoted(loose.path)} holds the identity key of {other.enclave} in {quoted(other.root)}"
+            f"{quoted(loose.path)} holds the identity key of {other.enclave} in {quoted(other.root)}"
             f"{more_like(found, '')}: whoever takes this robot passes for that one.",
+            (*(Location(loose.path) for loose, _other in found), *whose),
             remedy=_ASTRAY,
-            locations=(*(Location(path=loose.path) for loose, _other in found), *whose),
             key="\n".join(sorted(f"{k.path} {relpath(o.root, keystore.root)} {o.path} {k.key}" for k, o in found)),
         )
 
@@ -158,13 +158,13 @@ def _lying_elsewhere(keystore: Keystore, found: Sequence[tuple[Enclave, Certific
     """The same where keys of enclaves here lie there."""
     if found:
         enclave, _certificate, loose = found[0]
-        ours = (Location(path=certificate.path, line=certificate.line) for _enclave, certificate, _key in found)
-        theirs = (Location(path=key.beside, message="its key", beside=True) for _enclave, _certificate, key in found)
+        ours = (Location(certificate.path, certificate.line) for _enclave, certificate, _key in found)
+        theirs = (Location(key.beside, message="its key", beside=True) for _enclave, _certificate, key in found)
         yield Violation(
-            message=f"The identity key of {enclave.path} lies in {quoted(loose.root)}, too, in {quoted(loose.path)}"
+            f"The identity key of {enclave.path} lies in {quoted(loose.root)}, too, in {quoted(loose.path)}"
             f"{more_like(found, '')}: whoever takes that robot passes for this one.",
+            (*ours, *theirs),
             remedy=_ASTRAY,
-            locations=(*ours, *theirs),
             enclave=enclave.path if len({each.path for each, _certificate, _key in found}) == 1 else None,
             key="\n".join(sorted(f"{e.path} {relpath(k.root, keystore.root)} {k.path}" for e, _cert, k in found)),
         )
@@ -180,10 +180,10 @@ def _shared(
     locations = []
     for _enclave, certificate, twin in found:
         locations.append(located(certificate))
-        locations.append(Location(path=twin.beside, line=twin.line, message=why, beside=True))
+        locations.append(Location(twin.beside, twin.line, message=why, beside=True))
     yield Violation(
-        message=f"{enclave.path} and {other.enclave} in {quoted(other.root)} {says}{more_like(found, '')}.",
-        locations=locations,
+        f"{enclave.path} and {other.enclave} in {quoted(other.root)} {says}{more_like(found, '')}.",
+        locations,
         enclave=enclave.path if len({shared[0].path for shared in found}) == 1 else None,
         severity=severity,
         key="\n".join([why, basename(abspath(keystore.root)), *sorted(_twins(keystore, found))]),
@@ -200,8 +200,8 @@ def _twins(keystore: Keystore, found: Sequence[_Shared]) -> set[str]:
 @rule(
     "KA667",
     Severity.INFO,
-    clause="RFC 5652, 11.3 (signingTime); DDS-Security 1.1, 9.4.1.3 (grants name a subject, and have dates)",
-    remedy=decision(
+    "RFC 5652, 11.3 (signingTime); DDS-Security 1.1, 9.4.1.3 (grants name a subject, and have dates)",
+    decision(
         "Where rights were taken away, issue the identity again under another subject, or wait until the "
         "dates of the older documents are past."
     ),
@@ -224,9 +224,9 @@ def certificate_older_than_permissions(keystore: Keystore) -> Iterator[Violation
     if later:
         path, (issued, signed, _place) = next(iter(later.items()))
         yield Violation(
-            message=f"{path} has a certificate of {instant(issued)} and permissions that were signed at "
+            f"{path} has a certificate of {instant(issued)} and permissions that were signed at "
             f"{instant(signed)}{more_like(later, '')}: if there were others before, they still count.",
-            locations=[place for _issued, _signed, place in later.values()],
+            [place for _issued, _signed, place in later.values()],
             key="\n".join(sorted(f"{each} {issued} {signed}" for each, (issued, signed, _place) in later.items())),
             enclave=path if len(later) == 1 else None,
         )

@@ -80,7 +80,7 @@ class Context(Struct, frozen=True, kw_only=True):
 S = TypeVar("S")
 
 
-class Violation(Struct, frozen=True, kw_only=True):
+class Violation(Struct, frozen=True):
     """What a rule found wrong with its subject.
 
     `locations`: all, the primary place first; what is there twice counts once. `enclave`: the one that it is about,
@@ -146,9 +146,9 @@ REGISTERED: Final[dict[str, Rule[Any]]] = {}
 def rule(
     code: str,
     severity: Severity,
-    *,
     clause: str,
     remedy: Remedy,
+    *,
     explains: tuple[str, ...] = (),
     stops: bool = False,
     applies: Callable[[Any, Context], bool] | None = None,

@@ -50,8 +50,8 @@ def _open_range(domains: DomainRange) -> str | None:
 @rule(
     "KA419",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.2.4 and its governance XSD (id_range); measured",
-    remedy=in_governance("Write both <min> and <max>"),
+    "DDS-Security 1.1, 9.4.1.2.4 and its governance XSD (id_range); measured",
+    in_governance("Write both <min> and <max>"),
     applies=speaks,
 )
 def domain_range_open(use: GovernanceUse) -> Iterator[Violation]:
@@ -60,8 +60,8 @@ def domain_range_open(use: GovernanceUse) -> Iterator[Violation]:
         why = _open_range(domains)
         if why is not None:
             yield Violation(
-                message=f"{why}.",
-                locations=(use.at(domains.line),),
+                f"{why}.",
+                (use.at(domains.line),),
                 key=f"{domains.low} {domains.high}",
             )
 
@@ -74,8 +74,8 @@ _HIGHEST: Final = min(filter(None, (profile.access.highest_domain for profile in
 @rule(
     "KA420",
     Severity.MEDIUM,
-    clause=f"RTPS 2.5, 9.6.2.3 (ports of a domain); {facts.DOMAINS_MEASURED}",
-    remedy=decision("Use domain ids up to 230.", Act.EDIT),
+    f"RTPS 2.5, 9.6.2.3 (ports of a domain); {facts.DOMAINS_MEASURED}",
+    decision("Use domain ids up to 230.", Act.EDIT),
     applies=taken,
     stops=True,
 )
@@ -89,9 +89,9 @@ def domain_above_230(use: DocumentUse, context: Context) -> Iterator[Violation]:
         highest = max(domains.low or 0, domains.high or 0)
         if highest > _HIGHEST:
             yield Violation(
-                message=f"Domain {highest}, expected at most {_HIGHEST} (ports end at {MAX_DOMAIN}): "
+                f"Domain {highest}, expected at most {_HIGHEST} (ports end at {MAX_DOMAIN}): "
                 f"{doing('highest_domain', _HIGHEST)} refuses the whole document.",
-                locations=(use.at(domains.line),),
+                (use.at(domains.line),),
                 severity=Severity.HIGH if context.chose(_LIMITED) else None,
                 profiles=tuple(profile.name for profile in _LIMITED) if highest <= MAX_DOMAIN else (),
                 key=f"{domains.low} {domains.high}",
@@ -111,8 +111,8 @@ def _ranges(use: DocumentUse) -> Iterator[DomainRange]:
 @rule(
     "KA508",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
-    remedy=decision(
+    "DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.3 (domains)",
+    decision(
         "Let both name one domain, that of ROS_DOMAIN_ID on the robots, in the .xml. If enclaves carry "
         "different governances (KA416), begin there.",
         Act.EDIT,
@@ -136,11 +136,11 @@ def grant_outside_governance_domains(use: PermissionsUse) -> Iterator[Violation]
         governed, allowed = file.domains, own.allowed_domains
         if allowed and not meet(governed, allowed):
             yield Violation(
-                message=f"{enclave.path} can take part in no domain: its grant allows domain "
+                f"{enclave.path} can take part in no domain: its grant allows domain "
                 f"{describe(covered(allowed))}, its governance covers {describe(covered(governed))}.",
-                locations=(
+                (
                     use.at(own.line),
-                    Location(path=file.signed.file.place, line=file.governance.line, message="the governance"),
+                    Location(file.signed.file.place, file.governance.line, message="the governance"),
                 ),
                 enclave=enclave.path,
                 key=own.subject_name.text,
@@ -150,8 +150,8 @@ def grant_outside_governance_domains(use: PermissionsUse) -> Iterator[Violation]
 @rule(
     "KA515",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.4.1.3 and its permissions XSD (id_range); measured",
-    remedy=in_permissions("Write both <min> and <max>"),
+    "DDS-Security 1.1, 9.4.1.3 and its permissions XSD (id_range); measured",
+    in_permissions("Write both <min> and <max>"),
     applies=speaks,
 )
 def rule_domain_range_open(use: PermissionsUse) -> Iterator[Violation]:
@@ -175,8 +175,8 @@ def rule_domain_range_open(use: PermissionsUse) -> Iterator[Violation]:
 @rule(
     "KA638",
     Severity.HIGH,
-    clause=f"DDS-Security 1.1, 9.4.1.3.2.3 (data_tags); measured on {TESTED_ON}",
-    remedy=in_permissions("ROS 2 has no data tags: take <data_tags> out, and allow or deny what remains"),
+    f"DDS-Security 1.1, 9.4.1.3.2.3 (data_tags); measured on {TESTED_ON}",
+    in_permissions("ROS 2 has no data tags: take <data_tags> out, and allow or deny what remains"),
     applies=speaks,
 )
 def data_tags_ignored(use: PermissionsUse) -> Iterator[Violation]:
@@ -215,8 +215,8 @@ NO_PARTITIONS: Final = in_permissions("ROS 2 uses no partitions: take them out o
 @rule(
     "KA637",
     Severity.HIGH,
-    clause="DDS 1.4, 2.2.3.13 (PARTITION); DDS-Security 1.1, 9.4.1.3.2.3 (partitions); measured",
-    remedy=NO_PARTITIONS,
+    "DDS 1.4, 2.2.3.13 (PARTITION); DDS-Security 1.1, 9.4.1.3.2.3 (partitions); measured",
+    NO_PARTITIONS,
     applies=speaks,
 )
 def partition_evaded(use: PermissionsUse) -> Iterator[Violation]:

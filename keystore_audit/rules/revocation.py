@@ -47,8 +47,8 @@ def _reads(use: RevocationUse) -> tuple[str, ...]:
 def _about(use: RevocationUse, revocations: RevocationList, message: str, key: str, **more: Any) -> Violation:
     """A violation about one of the lists; `key` tells it from others about the same issuer's."""
     return Violation(
-        message=message,
-        locations=(located(revocations),),
+        message,
+        (located(revocations),),
         profiles=_reads(use),
         key=key,
         **more,
@@ -64,8 +64,8 @@ def _signed(use: RevocationUse, revocations: RevocationList) -> Truth:
 @rule(
     "KA212",
     Severity.HIGH,
-    clause="RFC 5280, 6.3.3; DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl)",
-    remedy=decision("Take the enclave out of the keystore, or give it a new identity.", Act.ISSUE),
+    "RFC 5280, 6.3.3; DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl)",
+    decision("Take the enclave out of the keystore, or give it a new identity.", Act.ISSUE),
     explains=("identities-chain-to-the-identity-ca",),
     stops=True,
 )
@@ -86,9 +86,9 @@ def identity_revoked(keystore: Keystore) -> Iterator[Violation]:
         if first is not None and found:
             holders = {holder.path: holder for use, _ in found for holder in use.enclaves}
             yield Violation(
-                message=f"The identity {quoted(first.subject)} of {enclave.path} is revoked by {found[0][1].path}: "
+                f"The identity {quoted(first.subject)} of {enclave.path} is revoked by {found[0][1].path}: "
                 f"refused by {paths(holders.values())}.",
-                locations=(located(first), *(located(r, "the revocation list") for _use, r in found)),
+                (located(first), *(located(r, "the revocation list") for _use, r in found)),
                 enclave=enclave.path,
                 profiles=READS_LISTS_OF_CA_FILES if all(use.in_ca_file for use, _ in found) else (),
                 key=first.key,
@@ -98,8 +98,8 @@ def identity_revoked(keystore: Keystore) -> Iterator[Violation]:
 @rule(
     "KA213",
     Severity.HIGH,
-    clause="RFC 5280, 5 and 6.3.3 (f), (g)",
-    remedy=new_list(),
+    "RFC 5280, 5 and 6.3.3 (f), (g)",
+    new_list(),
     stops=True,
 )
 def crl_invalid(use: RevocationUse, context: Context) -> Iterator[Violation]:
@@ -145,11 +145,11 @@ def _of_another_issuer(use: RevocationUse, at: datetime) -> Iterator[Violation]:
     for names, enclaves in refused.items():
         revocations = use.in_use[0]
         yield Violation(
-            message=f"No revocation list can be used for {paths(enclaves)} by "
+            f"No revocation list can be used for {paths(enclaves)} by "
             f"{implementations(VARIANTS[name] for name in names)}: the first certificate on the identity's chain with "
             f"the name {quoted(revocations.issuer)} did not sign it, or its keyUsage does not let it sign lists, or "
             "there is none.",
-            locations=(located(revocations),),
+            (located(revocations),),
             enclave=sole(enclaves),
             profiles=names,
             key=" ".join(["issuer", *names, *(enclave.path for enclave in enclaves)]),
@@ -189,8 +189,8 @@ def _why_invalid(use: RevocationUse, revocations: RevocationList) -> tuple[str, 
 @rule(
     "KA214",
     Severity.HIGH,
-    clause="RFC 5280, 5.1.2.4 and 5.1.2.5 (thisUpdate, nextUpdate); measured",
-    remedy=new_list(),
+    "RFC 5280, 5.1.2.4 and 5.1.2.5 (thisUpdate, nextUpdate); measured",
+    new_list(),
     stops=True,
 )
 def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
@@ -219,8 +219,8 @@ def crl_stale(use: RevocationUse, context: Context) -> Iterator[Violation]:
 @rule(
     "KA215",
     Severity.MEDIUM,
-    clause="DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl); measured: each peer asks its own list only",
-    remedy=decision("Put the newest crl.pem into every enclave."),
+    "DDS-Security 1.1, 9.3.1 (dds.sec.auth.identity_crl); measured: each peer asks its own list only",
+    decision("Put the newest crl.pem into every enclave."),
 )
 def crl_not_everywhere(keystore: Keystore) -> Iterator[Violation]:
     """Some enclaves carry a revocation list and others none, or another one.
@@ -239,20 +239,16 @@ def crl_not_everywhere(keystore: Keystore) -> Iterator[Violation]:
     said = [f"{len(holders)} different lists are in use, one by {paths(holders[-1])}"] if len(holders) > 1 else []
     said += [f"{paths(without)} {'has' if len(without) == 1 else 'have'} none"] if without else []
     yield Violation(
-        message=f"Revocation does not hold everywhere: {'; '.join(said)}.",
-        locations=[
-            Location(path=enclave.files.files[Role.CRL].place)
-            for group in (without, *reversed(holders))
-            for enclave in group
-        ],
+        f"Revocation does not hold everywhere: {'; '.join(said)}.",
+        [Location(enclave.files.files[Role.CRL].place) for group in (without, *reversed(holders)) for enclave in group],
     )
 
 
 @rule(
     "KA229",
     Severity.HIGH,
-    clause="RFC 5280, 5.2.4 (delta lists) and 6.3.3; measured: run times read the first list of crl.pem",
-    remedy=new_list("Let one complete list say all that is revoked. "),
+    "RFC 5280, 5.2.4 (delta lists) and 6.3.3; measured: run times read the first list of crl.pem",
+    new_list("Let one complete list say all that is revoked. "),
 )
 def revocation_without_effect(use: RevocationUse) -> Iterator[Violation]:
     """What was revoked is in force: a list behind the first, a delta, or an entry that is passed over says so alone.
@@ -285,8 +281,8 @@ def revocation_without_effect(use: RevocationUse) -> Iterator[Violation]:
         unheard = sorted(revocations.revoked - known)
         if unheard:
             yield Violation(
-                message=f"Run times read the first revocation list of {paths(use.enclaves)} alone, and one behind it "
+                f"Run times read the first revocation list of {paths(use.enclaves)} alone, and one behind it "
                 f"revokes {len(unheard)} more: {listed([f'{serial:X}' for serial in unheard])}.",
-                locations=(located(revocations), located(first, "the list that is read")),
+                (located(revocations), located(first, "the list that is read")),
                 key=" ".join([revocations.issuer, *(f"{serial:X}" for serial in unheard)]),
             )

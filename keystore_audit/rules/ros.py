@@ -34,8 +34,8 @@ def _halves(context: Context, roles: Sequence[str]) -> Iterator[Violation]:
     for enclave, why in ros.halves.unknown if roles == SERVICE_ROLES else ():
         place = enclave.permissions.signed.file.place if enclave.permissions else enclave.files.directory
         yield Violation(
-            message=f"Which services and actions {enclave.path} may use as a whole could not be worked out: {why}.",
-            locations=(Location(path=place),),
+            f"Which services and actions {enclave.path} may use as a whole could not be worked out: {why}.",
+            (Location(place),),
             enclave=enclave.path,
             severity=Severity.LOW,  # nobody has a right more for it: the audit is complete without
             remedy=_FEWER,
@@ -50,9 +50,9 @@ def _half(path: str, found: Sequence[Half]) -> Violation:
     like = ", one of many such names" if first.several else ""
     operation, topic = first.lacks[0]
     return Violation(
-        message=f"{path} may {_DOES[first.role]} {first.name} in part only{like}{others}: "
+        f"{path} may {_DOES[first.role]} {first.name} in part only{like}{others}: "
         f"it may not {VERBS[operation]} {ros_name(topic)}{more(len(first.lacks), ' of its topics')}.",
-        locations=[half.location for half in found],
+        [half.location for half in found],
         enclave=path,
         profiles=first.profiles if all(half.profiles == first.profiles for half in found) else _united(found),
         key="\n".join(sorted({f"{half.role} {half.name}" for half in found})),
@@ -69,8 +69,8 @@ def _united(found: Sequence[Half]) -> tuple[str, ...]:
 @rule(
     "KA630",
     Severity.MEDIUM,
-    clause=_PERMISSIONS_XSL,
-    remedy=in_permissions(
+    _PERMISSIONS_XSL,
+    in_permissions(
         "Allow both halves of the service, or neither: a client publishes rq/NAMERequest and subscribes to "
         "rr/NAMEReply, a server the reverse"
     ),
@@ -88,8 +88,8 @@ def half_service(_keystore: Keystore, context: Context) -> Iterator[Violation]:
 @rule(
     "KA631",
     Severity.MEDIUM,
-    clause=f"ROS 2 design, actions (three services and two topics); {_PERMISSIONS_XSL}",
-    remedy=in_permissions(
+    f"ROS 2 design, actions (three services and two topics); {_PERMISSIONS_XSL}",
+    in_permissions(
         "Allow all of the action, or nothing: the services send_goal, cancel_goal and get_result, and the "
         "topics feedback and status"
     ),
@@ -112,8 +112,8 @@ def _reaches(context: Context, family: str) -> Iterator[Violation]:
             yield _reach(reach, profiles)
     if ros.unknown is not None and family == "parameters":
         yield Violation(
-            message=f"Whose services enclaves may use could not be worked out: {ros.unknown}.",
-            locations=(Location(path="."),),
+            f"Whose services enclaves may use could not be worked out: {ros.unknown}.",
+            (Location("."),),
             undecided=True,
             remedy=_FEWER,
             key="unknown",
@@ -130,9 +130,8 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
     others = more(reach.nodes, f" nodes of {listed(reach.owners)}")
     call, answer = reach.rights
     return Violation(
-        message=f"{reach.caller} may {verb} the node {reach.node} in the enclave {reach.owner}{others} "
-        f"({reach.service}).",
-        locations=(located(call), located(answer, "where the node's own enclave answers")),
+        f"{reach.caller} may {verb} the node {reach.node} in the enclave {reach.owner}{others} ({reach.service}).",
+        (located(call), located(answer, "where the node's own enclave answers")),
         enclave=reach.caller,
         severity=None if reach.changes else Severity.LOW,
         profiles=profiles,
@@ -143,9 +142,8 @@ def _reach(reach: Reach, profiles: tuple[str, ...]) -> Violation:
 @rule(
     "KA632",
     Severity.HIGH,
-    clause="ROS 2 design, parameters (services of every node); ROS 2 design, SROS2 access control policies (least "
-    "privilege)",
-    remedy=in_permissions("Let each enclave ask the parameter services of its own nodes alone"),
+    "ROS 2 design, parameters (services of every node); ROS 2 design, SROS2 access control policies (least privilege)",
+    in_permissions("Let each enclave ask the parameter services of its own nodes alone"),
 )
 def parameter_services_of_others(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may set parameters of a node that runs in another enclave: it decides what that node does.
@@ -160,8 +158,8 @@ def parameter_services_of_others(_keystore: Keystore, context: Context) -> Itera
 @rule(
     "KA633",
     Severity.HIGH,
-    clause="ROS 2 design, managed nodes (change_state); ROS 2 design, SROS2 access control policies (least privilege)",
-    remedy=in_permissions("Let the one enclave that manages the node ask change_state, and no other"),
+    "ROS 2 design, managed nodes (change_state); ROS 2 design, SROS2 access control policies (least privilege)",
+    in_permissions("Let the one enclave that manages the node ask change_state, and no other"),
 )
 def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave may change the state of a managed node that runs in another enclave: it starts and stops it.
@@ -175,8 +173,8 @@ def lifecycle_services_of_others(_keystore: Keystore, context: Context) -> Itera
 @rule(
     "KA634",
     Severity.MEDIUM,
-    clause="ROS 2 design, SROS2 access control policies (least privilege); analysis of who may publish rr/NAMEReply",
-    remedy=in_permissions("Let one enclave alone reply on each service"),
+    "ROS 2 design, SROS2 access control policies (least privilege); analysis of who may publish rr/NAMEReply",
+    in_permissions("Let one enclave alone reply on each service"),
 )
 def service_served_by_several(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Two enclaves may answer one service: a client takes the answer of either, so that one can be a false server.
@@ -200,8 +198,8 @@ def _rivals(rivals: Rivals, profiles: tuple[str, ...]) -> Violation:
         owners = [path for path in rivals.enclaves if path != rivals.intruder]
         message = f"{rivals.intruder} may answer {first}{others} by a pattern, in the place of {listed(owners)}."
     return Violation(
-        message=message,
-        locations=[located(right) for right in rivals.rights],
+        message,
+        [located(right) for right in rivals.rights],
         enclave=rivals.intruder,
         profiles=profiles,
         key="\n".join((*rivals.enclaves, *rivals.services)),
@@ -220,8 +218,8 @@ _USES: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "read"}
 @rule(
     "KA635",
     Severity.LOW,
-    clause="ROS 2 design, actions (topics feedback and status below the name and _action)",
-    remedy=in_permissions("Name each topic, and each action"),
+    "ROS 2 design, actions (topics feedback and status below the name and _action)",
+    in_permissions("Name each topic, and each action"),
 )
 def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """A pattern for topics takes in the feedback and the status of actions, which it does not name.
@@ -234,9 +232,9 @@ def wildcard_grants_actions(_keystore: Keystore, context: Context) -> Iterator[V
     for found in context.meaning.ros.actions if context.meaning.ros is not None else ():
         of = f"which {found.owner} serves" if found.owner is not None else "if there is one"
         yield Violation(
-            message=f"By {quoted(found.expression)}{more(found.count)} {found.enclave} may {_USES[found.operation]} "
+            f"By {quoted(found.expression)}{more(found.count)} {found.enclave} may {_USES[found.operation]} "
             f"feedback and status of actions too, as of {found.action}, {of}.",
-            locations=found.locations,
+            found.locations,
             enclave=found.enclave,
             severity=_severity(found),
             key="\n".join((f"{found.operation.value} {found.expression}", *map(" ".join, found.served))),
@@ -252,9 +250,9 @@ def _severity(found: ActionPattern) -> Severity | None:
 @rule(
     "KA636",
     Severity.MEDIUM,
-    clause="ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made; "
+    "ros2/sros2, policy/common/node.xml; measured: without ros_discovery_info no participant of ROS 2 is made; "
     "ros2/rclcpp, node_type_descriptions.cpp (read)",
-    remedy=in_permissions("Allow get_type_description and what sros2's common/node.xml has, or start nodes without it"),
+    in_permissions("Allow get_type_description and what sros2's common/node.xml has, or start nodes without it"),
 )
 def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Violation]:
     """An enclave lacks rights that every ROS 2 node uses: ros_discovery_info, /rosout, /parameter_events, services.
@@ -275,8 +273,8 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
         lacks = listed((*(f"{VERBS[operation]} {_name(topic)}" for operation, topic in found.lacks), *parameters))
         follows = "nodes fail unless they are told to do without" if found.starts else "no ROS 2 node of it is made"
         yield Violation(
-            message=f"{found.enclave} may not {lacks}: {follows}.",
-            locations=(found.location,),
+            f"{found.enclave} may not {lacks}: {follows}.",
+            (found.location,),
             enclave=found.enclave,
             profiles=found.profiles,
             key=lacks,
@@ -284,9 +282,9 @@ def missing_usual_topics(_keystore: Keystore, context: Context) -> Iterator[Viol
     if ros.undescribed:
         nodes = {f"{each.enclave} {node}": node for each in ros.undescribed for node in each.nodes}
         yield Violation(
-            message=f"{listed(nodes.values())} may not answer {TYPE_DESCRIPTION}, which nodes serve since Iron: they "
+            f"{listed(nodes.values())} may not answer {TYPE_DESCRIPTION}, which nodes serve since Iron: they "
             "fail unless they are told to do without (start_type_description_service false).",
-            locations=[each.location for each in ros.undescribed],
+            [each.location for each in ros.undescribed],
             enclave=ros.undescribed[0].enclave if len(ros.undescribed) == 1 else None,
             key="\n".join(nodes),
         )

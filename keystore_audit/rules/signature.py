@@ -148,8 +148,8 @@ def _violation(use: SignedUse, message: str, signer: Certificate | None, key: st
     place = use.at(1)
     found = [] if signer is None else [located(signer, "the signer's certificate")]
     return Violation(
-        message=message,
-        locations=(place, *(location for location in found if location.path != place.path)),
+        message,
+        (place, *(location for location in found if location.path != place.path)),
         # What was signed is part of it, with all of its dates: who accepts this accepts no other document.
         key=f"{key} {signed_bytes(use.signed)}",
         **more,
@@ -168,8 +168,8 @@ def _expected(use: SignedUse) -> str:
 @rule(
     "KA301",
     Severity.CRITICAL,
-    clause="DDS-Security 1.1, 9.4.1.1 (signed with the private key of the permissions CA)",
-    remedy=sign_again("Find out who signed it and why. Read the .xml before you sign it: it may be theirs, too."),
+    "DDS-Security 1.1, 9.4.1.1 (signed with the private key of the permissions CA)",
+    sign_again("Find out who signed it and why. Read the .xml before you sign it: it may be theirs, too."),
     explains=_FORGED,
     applies=_comparable,
     stops=True,
@@ -203,8 +203,8 @@ def signer_not_permissions_ca(use: SignedUse, context: Context) -> Iterator[Viol
 @rule(
     "KA302",
     Severity.CRITICAL,
-    clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
-    remedy=decision(
+    "DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
+    decision(
         "Treat the enclave as taken over: give it a new identity, use separate authorities for identities "
         "and permissions, update implementations that accept such a document. Read the .xml before you sign "
         "it: it may be theirs, too.",
@@ -238,8 +238,8 @@ def signed_by_an_identity(use: SignedUse, context: Context) -> Iterator[Violatio
 @rule(
     "KA303",
     Severity.CRITICAL,
-    clause="RFC 5652, 5.4 and 5.6 (message digest, signature verification); DDS-Security 1.1, 9.4.1.1",
-    remedy=sign_again("Find out who changed the file. Read the .xml before you sign it: it may be theirs, too."),
+    "RFC 5652, 5.4 and 5.6 (message digest, signature verification); DDS-Security 1.1, 9.4.1.1",
+    sign_again("Find out who changed the file. Read the .xml before you sign it: it may be theirs, too."),
     explains=(_SIGNED,),
     applies=_readable,
     stops=True,
@@ -268,8 +268,8 @@ def signature_invalid(use: SignedUse, context: Context) -> Iterator[Violation]:
 @rule(
     "KA316",
     Severity.HIGH,
-    clause="RFC 5652, 5.3 (issuerAndSerialNumber); measured: signers are looked up by it",
-    remedy=sign_again("Sign every document again after renewing the authority's certificate."),
+    "RFC 5652, 5.3 (issuerAndSerialNumber); measured: signers are looked up by it",
+    sign_again("Sign every document again after renewing the authority's certificate."),
     explains=(_SIGNED,),
     applies=_comparable,
     stops=True,
@@ -294,8 +294,8 @@ def signed_by_renewed_ca(use: SignedUse, context: Context) -> Iterator[Violation
 @rule(
     "KA317",
     Severity.HIGH,
-    clause=f"DDS-Security 1.1, 9.4.1.1; {facts.MESSAGES_MEASURED}",
-    remedy=decision(
+    f"DDS-Security 1.1, 9.4.1.1; {facts.MESSAGES_MEASURED}",
+    decision(
         "Let permissions_ca.cert.pem hold one self-signed certificate, that of the signer, without a keyUsage that "
         "forbids digital signatures, and let the message hold it too (no -nocerts)."
     ),
@@ -326,8 +326,8 @@ def signer_refused_by_implementations(use: DocumentUse, context: Context) -> Ite
         chosen = context.chose(refusing)
         names = tuple(profile.name for profile in VARIANTS.values() if profile in refusing)
         yield Violation(
-            message=f"{use.signed.file.place} is refused ({reasons}).",
-            locations=(use.at(1),),
+            f"{use.signed.file.place} is refused ({reasons}).",
+            (use.at(1),),
             severity=None if chosen else Severity.LOW,
             profiles=names,
             key=f"refused {' '.join(names)}",

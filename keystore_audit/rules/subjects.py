@@ -187,7 +187,7 @@ class SignedUse(Struct, frozen=True, kw_only=True):
 
     def at(self, line: int | None, message: str = "") -> Location:
         """The place of a line of the document."""
-        return Location(path=self.signed.file.place, line=line, message=message)
+        return Location(self.signed.file.place, line, message=message)
 
     @property
     def genuine(self) -> bool:

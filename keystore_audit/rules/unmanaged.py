@@ -68,14 +68,14 @@ def _documents(number: int) -> str:
 
 
 def _at(documents: Sequence[UnmanagedDocument]) -> list[Location]:
-    return [Location(path=each.place) for each in documents]
+    return [Location(each.place) for each in documents]
 
 
 @rule(
     "KA660",
     Severity.HIGH,
-    clause=_CLAUSE,
-    remedy=decision(_REVOKE),
+    _CLAUSE,
+    decision(_REVOKE),
     applies=_has_unmanaged,
 )
 def several_permissions_for_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -94,9 +94,9 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
         one = len({grant.document for grant in wider}) == 1
         rename = renaming(keystore)(first.document, Role.PERMISSIONS) if one else ""
         yield Violation(
-            message=f"{first.document} is validly signed and in force, and lets {first.enclave} {right}, which its own "
+            f"{first.document} is validly signed and in force, and lets {first.enclave} {right}, which its own "
             f"permissions do not: peers take it{more_like(wider)}.",
-            locations=[grant.location for grant in wider],
+            [grant.location for grant in wider],
             enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
             profiles=context.unless_all(profiles),
             key="wider",
@@ -108,10 +108,10 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
         documents = dict.fromkeys(grant.document for grant in equal)
         give = "gives" if len(documents) == 1 else "give"
         yield Violation(
-            message=f"{_documents(len(documents))} outside the enclaves {give} no more than theirs do, for now: "
+            f"{_documents(len(documents))} outside the enclaves {give} no more than theirs do, for now: "
             f"{listed(documents)} for {listed(dict.fromkeys(grant.enclave for grant in equal))}. A right that is taken "
             "away later stays usable.",
-            locations=[grant.location for grant in equal],
+            [grant.location for grant in equal],
             severity=Severity.LOW,
             key="equal",
         )
@@ -120,8 +120,8 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
 @rule(
     "KA661",
     Severity.LOW,
-    clause="DDS-Security 1.1, 9.4.1.2 (an enclave applies the governance that it is given)",
-    remedy=decision(
+    "DDS-Security 1.1, 9.4.1.2 (an enclave applies the governance that it is given)",
+    decision(
         "Delete it, or keep it where documents are signed; a governance that is validly signed takes the "
         "place of another by copying one file."
     ),
@@ -137,17 +137,17 @@ def signed_governance_at_large(keystore: Keystore) -> Iterator[Violation]:
     found = governance_apart(keystore)
     if found:
         yield Violation(
-            message=f"{listed(each.place for each in found)}: validly signed governance that no enclave applies; it "
+            f"{listed(each.place for each in found)}: validly signed governance that no enclave applies; it "
             "could be swapped in.",
-            locations=_at(found),
+            _at(found),
         )
 
 
 @rule(
     "KA662",
     Severity.INFO,
-    clause=_CLAUSE,
-    remedy=decision("Delete what is not needed; on a robot nothing but its own enclaves' documents is."),
+    _CLAUSE,
+    decision("Delete what is not needed; on a robot nothing but its own enclaves' documents is."),
     applies=_has_unmanaged,
 )
 def signed_document_without_effect(keystore: Keystore, context: Context) -> Iterator[Violation]:
@@ -161,9 +161,9 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
     refused = [each for each in read if each.document and not may_be_taken(each.document.signed, files)]
     if refused:
         yield Violation(
-            message=f"{_documents(len(refused))} outside the enclaves that no peer here takes: "
+            f"{_documents(len(refused))} outside the enclaves that no peer here takes: "
             f"{listed(each.place for each in refused)}.",
-            locations=_at(refused),
+            _at(refused),
             key="refused",
         )
     systems = context.meaning.systems
@@ -173,9 +173,9 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
     idle = [s for s in read if s.place in places - granting - doubtful]
     if idle:
         yield Violation(
-            message=f"{_documents(len(idle))} outside the enclaves that peers would take, without a grant in force for "
+            f"{_documents(len(idle))} outside the enclaves that peers would take, without a grant in force for "
             f"an enclave here: {listed(each.place for each in idle)}.",
-            locations=_at(idle),
+            _at(idle),
             key="idle",
         )
 
@@ -183,8 +183,8 @@ def signed_document_without_effect(keystore: Keystore, context: Context) -> Iter
 @rule(
     "KA663",
     Severity.HIGH,
-    clause="keystore-audit, docs/model.md (what is not read counts as able to do anything)",
-    remedy=decision(
+    "keystore-audit, docs/model.md (what is not read counts as able to do anything)",
+    decision(
         "Take the file out of the keystore if it is no document of it. A copy that peers may take goes on "
         "counting wherever it is: find out what it says."
     ),
@@ -210,8 +210,8 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
             continue
         crashes = document is not None and any(of_kinds(document.defects, *_CRASHES))
         yield Violation(
-            message=f"{each.place} may give anything to anybody. {sentence(doubt.reason)}.",
-            locations=(doubt.location,),
+            f"{each.place} may give anything to anybody. {sentence(doubt.reason)}.",
+            (doubt.location,),
             enclave=carried.get(each.place),
             remedy=SIGN_AGAIN if each.place in carried else None,
             severity=Severity.CRITICAL if crashes else None,
@@ -223,9 +223,9 @@ def document_at_large_unread(keystore: Keystore, context: Context) -> Iterator[V
 @rule(
     "KA668",
     Severity.HIGH,
-    clause="DDS-Security 1.1, 9.3.1 and 9.4.1.3 (whoever has the key of a certificate that the identity CA issued is a "
+    "DDS-Security 1.1, 9.3.1 and 9.4.1.3 (whoever has the key of a certificate that the identity CA issued is a "
     "participant, with what grants give its subject)",
-    remedy=decision(_NEEDED_OR_NOT),
+    decision(_NEEDED_OR_NOT),
     applies=lambda keystore, _context: bool(
         keystore.identities.found or keystore.identities.possible or keystore.identities.unread
     ),
@@ -260,9 +260,8 @@ def identity_outside_enclaves(keystore: Keystore, context: Context) -> Iterator[
     unread = identities.unread
     if unread:
         yield Violation(
-            message=f"{unread[0].place} may hold an identity that peers let in: it {unread[0].detail}"
-            f"{more_like(unread)}.",
-            locations=[Location(path=file.place) for file in unread],
+            f"{unread[0].place} may hold an identity that peers let in: it {unread[0].detail}{more_like(unread)}.",
+            [Location(file.place) for file in unread],
             undecided=True,
             remedy=decision(_FIND_OUT),
             key="unread",
@@ -275,9 +274,9 @@ def _started(found: Sequence[Admitted], rename: str) -> Violation:
     same = first.enclave is not None
     whose = f"another identity of {first.enclave}" if same else "an identity of its own and no enclave here"
     return Violation(
-        message=f"{first.certificate.path} is {whose} ({quoted(first.certificate.subject)}), its private key "
+        f"{first.certificate.path} is {whose} ({quoted(first.certificate.subject)}), its private key "
         f"is in {first.key}, and peers let it in: whoever has this tree can start it{more_like(found)}.",
-        locations=[place for each in found for place in _identity_at(each)],
+        [place for each in found for place in _identity_at(each)],
         severity=Severity.MEDIUM if same else None,
         key=f"{'same' if same else 'other'} subject",
         remedy=decision(f"{rename} Else: {_NEEDED_OR_NOT}") if rename else None,
@@ -289,10 +288,10 @@ def _perhaps_started(possible: Sequence[Admitted]) -> Iterator[Violation]:
     if possible:
         first = possible[0]
         yield Violation(
-            message=f"Peers let in whoever has the key of {first.certificate.path} "
+            f"Peers let in whoever has the key of {first.certificate.path} "
             f"({quoted(first.certificate.subject)}). Whether {first.key} holds it is unknown: it could not be read"
             f"{more_like(possible)}.",
-            locations=[place for each in possible for place in _identity_at(each, "perhaps its private key")],
+            [place for each in possible for place in _identity_at(each, "perhaps its private key")],
             undecided=True,
             remedy=decision(_FIND_OUT),
             key="possible",
@@ -301,7 +300,7 @@ def _perhaps_started(possible: Sequence[Admitted]) -> Iterator[Violation]:
 
 def _identity_at(each: Admitted, key: str = "the private key") -> Iterator[Location]:
     yield located(each.certificate)
-    yield Location(path=each.key, message=key)
+    yield Location(each.key, message=key)
     for right in each.rights:
         yield located(right, "what lets it in")
 
@@ -309,8 +308,8 @@ def _identity_at(each: Admitted, key: str = "the private key") -> Iterator[Locat
 @rule(
     "KA669",
     Severity.MEDIUM,
-    clause="ros2/rmw_dds_common, security.cpp (enclaves lie in the folder enclaves/ of the keystore that is named)",
-    remedy=decision(
+    "ros2/rmw_dds_common, security.cpp (enclaves lie in the folder enclaves/ of the keystore that is named)",
+    decision(
         "Audit this keystore with `-r`, which audits what lies in it too. Then move it out: whoever has this "
         "keystore has its private keys."
     ),
@@ -330,10 +329,10 @@ def keystore_inside_keystore(keystore: Keystore, context: Context) -> Iterator[V
         folders = [each.path for each in nested]
         apart = context.beside.apart if context.beside is not None else frozenset()
         yield Violation(
-            message=f"{listed(folders)} {'is a keystore or an enclave' if one else 'are keystores or enclaves'} of "
+            f"{listed(folders)} {'is a keystore or an enclave' if one else 'are keystores or enclaves'} of "
             f"{'its' if one else 'their'} own outside enclaves/: what {'it' if one else 'they'} would let anybody do "
             "was not judged here.",
-            locations=[Location(path=path) for path in folders],
+            [Location(path) for path in folders],
             undecided=any(each.startable and each.path not in apart for each in nested),
             key="\n".join(folders),
         )

@@ -81,8 +81,8 @@ def defective(
     several = any(each.detail != first.detail for each in found)
     joint = "; " if ": " in first.detail else ": "  # one colon in a sentence
     yield Violation(
-        message=f"{sentence(first.detail)}{more}{joint if says else '.'}{says}",
-        locations=[located(each, shorten(each.detail, MAX_QUOTED) if several else "") for each in found],
+        f"{sentence(first.detail)}{more}{joint if says else '.'}{says}",
+        [located(each, shorten(each.detail, MAX_QUOTED) if several else "") for each in found],
         undecided=undecided,
         severity=severity,
         key=first.kind.value,
@@ -101,7 +101,7 @@ class _Placed(Protocol):
 
 def located(found: _Placed, message: str = "") -> Location:
     """Where it stands."""
-    return Location(path=found.path, line=found.line, message=message)
+    return Location(found.path, found.line, message=message)
 
 
 def sentence(text: str) -> str:

@@ -74,7 +74,7 @@ class Source:
     @property
     def location(self) -> Location:
         """The same as a finding has it."""
-        return Location(path=self._path, line=self.line, beside=True)
+        return Location(self._path, self.line, beside=True)
 
     def wrong(self, message: str) -> NoReturn:
         """Raise errors.UsageError."""
