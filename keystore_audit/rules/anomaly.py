@@ -48,18 +48,22 @@ def _spoken(use: DocumentUse, context: Context) -> set[int | None]:
     }
 
 
-def folded(
-    use: DocumentUse,
-    found: Iterable[Anomaly],
-    says: Callable[[Sequence[Anomaly]], str],
-    other: str = "",
-) -> Iterator[Violation]:
+Says = Callable[[Anomaly, str], str]
+"""What is said of the first of some anomalies; the text tells how many more are like it."""
+
+
+def all_odd(use: DocumentUse, context: Context, kind: AnomalyKind, says: Says, other: str = "") -> Iterator[Violation]:
+    """What is said of all anomalies of a kind."""
+    return folded(use, odd(use, context, kind), says, other)
+
+
+def folded(use: DocumentUse, found: Iterable[Anomaly], says: Says, other: str = "") -> Iterator[Violation]:
     """One violation for all serious anomalies, one for all others, each a location; `other` names the second."""
     for serious, alike in grouped(found, lambda anomaly: anomaly.serious).items():
         named = {name for anomaly in alike for name in anomaly.profiles}
         everywhere = any(not anomaly.profiles for anomaly in alike)
         yield Violation(
-            says(alike),
+            says(alike[0], more_like(alike)),
             [*_locations(use, alike, other)],
             severity=Severity.HIGH if serious else None,
             profiles=() if everywhere else tuple(name for name in VARIANTS if name in named),
@@ -106,12 +110,13 @@ def rule_unreachable(use: PermissionsUse, context: Context) -> Iterator[Violatio
     High for a deny rule: what it denies is allowed. Decided over all names, domains and partitions in which anything is
     allowed; with what order the rules were meant, nobody can know. `ros2 security` writes deny rules first.
     """
-    yield from folded(
+    yield from all_odd(
         use,
-        odd(use, context, AnomalyKind.UNREACHABLE),
-        lambda found: (
-            f"{named(found[0])}{more_like(found)} never decides, since earlier rules match all of it: "
-            f"{_decided(found[0], allowed=not found[0].allow)}."
+        context,
+        AnomalyKind.UNREACHABLE,
+        lambda first, more: (
+            f"{named(first)}{more} never decides, since earlier rules match all of it: "
+            f"{_decided(first, allowed=not first.allow)}."
         ),
         "the rule that decides instead",
     )
@@ -130,12 +135,13 @@ def expression_unreachable(use: PermissionsUse, context: Context) -> Iterator[Vi
     High in a deny rule: what it names is allowed. Other expressions of the rule do decide; where none does, that is
     rule-unreachable. Expressions that repeat what others of the same rule or of like rules say are no finding.
     """
-    yield from folded(
+    yield from all_odd(
         use,
-        odd(use, context, AnomalyKind.EXPRESSION_UNREACHABLE),
-        lambda found: (
-            f"{quoted(found[0].texts[0])}{more_like(found)} in {_a_rule(found[0])} never decides, since earlier rules "
-            f"match all of it: {_decided(found[0], allowed=not found[0].allow)}."
+        context,
+        AnomalyKind.EXPRESSION_UNREACHABLE,
+        lambda first, more: (
+            f"{quoted(first.texts[0])}{more} in {_a_rule(first)} never decides, since earlier rules "
+            f"match all of it: {_decided(first, allowed=not first.allow)}."
         ),
         "the rule that decides instead",
     )
@@ -159,12 +165,13 @@ def rule_redundant(use: PermissionsUse, context: Context) -> Iterator[Violation]
     named can go, and rules that never decide, each alone or together. The rule that `ros2 security` adds for
     ros_discovery_info is no finding.
     """
-    yield from folded(
+    yield from all_odd(
         use,
-        odd(use, context, AnomalyKind.REDUNDANT),
-        lambda found: (
-            f"{named(found[0])}{more_like(found)} changes nothing, since another rule decides the same: "
-            f"{_decided(found[0], allowed=found[0].allow)} with or without it."
+        context,
+        AnomalyKind.REDUNDANT,
+        lambda first, more: (
+            f"{named(first)}{more} changes nothing, since another rule decides the same: "
+            f"{_decided(first, allowed=first.allow)} with or without it."
         ),
         "the rule that decides the same",
     )
@@ -183,12 +190,12 @@ def rules_correlated(use: PermissionsUse, context: Context) -> Iterator[Violatio
     Neither is the exception of the other, so that a reader cannot tell what was meant for the names in between. Domains
     and partitions count: a topic that is allowed in two domains and denied in two others shares one of them.
     """
-    yield from folded(
+    yield from all_odd(
         use,
-        odd(use, context, AnomalyKind.CORRELATED),
-        lambda found: (
-            f"{_opposed(found[0])}{more_like(found)} share names, and the earlier decides: "
-            f"{_decided(found[0], allowed=found[0].allow)}."
+        context,
+        AnomalyKind.CORRELATED,
+        lambda first, more: (
+            f"{_opposed(first)}{more} share names, and the earlier decides: {_decided(first, allowed=first.allow)}."
         ),
         "the rule that comes too late",
     )
@@ -211,12 +218,13 @@ def rule_generalised(use: PermissionsUse, context: Context) -> Iterator[Violatio
 
     Said since it hangs on the order: the other way round, the exception would be void.
     """
-    yield from folded(
+    yield from all_odd(
         use,
-        odd(use, context, AnomalyKind.GENERALISED),
-        lambda found: (
-            f"{quoted(found[0].texts[0])}{more_like(found)} is {'allowed' if found[0].allow else 'denied'} as an "
-            f"exception to {quoted(found[0].other_text)}: {_decided(found[0], allowed=found[0].allow)}."
+        context,
+        AnomalyKind.GENERALISED,
+        lambda first, more: (
+            f"{quoted(first.texts[0])}{more} is {'allowed' if first.allow else 'denied'} as an "
+            f"exception to {quoted(first.other_text)}: {_decided(first, allowed=first.allow)}."
         ),
         "the general rule",
     )
@@ -254,9 +262,8 @@ def rule_same_as_default(use: PermissionsUse, context: Context) -> Iterator[Viol
             and anomaly.line not in spoken
             and not nothing.issuperset(anomaly.texts)
         ),
-        lambda found: (
-            f"{named(found[0])}{more_like(found)} changes nothing: the default is DENY, and no other rule is about "
-            f"it{_as_in(found[0])}."
+        lambda first, more: (
+            f"{named(first)}{more} changes nothing: the default is DENY, and no other rule is about it{_as_in(first)}."
         ),
     )
 

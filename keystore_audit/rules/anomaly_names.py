@@ -11,13 +11,13 @@ from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.names import ros_name
 from keystore_audit.remedy import outside
-from keystore_audit.rules.anomaly import folded, named, odd
+from keystore_audit.rules.anomaly import all_odd, folded, named, odd
 from keystore_audit.rules.divergence import spoken_of
 from keystore_audit.rules.registry import Context, Violation, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.restrictions import of_no_node
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
-from keystore_audit.rules.wording import MAX_LISTED, listed, more_like, quoted
+from keystore_audit.rules.wording import MAX_LISTED, listed, quoted
 
 _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch)"
 
@@ -39,8 +39,8 @@ def rule_in_no_governed_domain(use: PermissionsUse, context: Context) -> Iterato
     yield from folded(
         use,
         (each for each in odd(use, context, AnomalyKind.UNGOVERNED_DOMAIN) if each.line not in spoken),
-        lambda found: (
-            f"{named(found[0])}{more_like(found)} is for domain {found[0].other_text}, which no governance of the "
+        lambda first, more: (
+            f"{named(first)}{more} is for domain {first.other_text}, which no governance of the "
             "keystore covers: nobody can take part in it."
         ),
     )
@@ -59,12 +59,13 @@ def expression_matches_nothing(use: PermissionsUse, context: Context) -> Iterato
     High in a deny rule, which denies nothing then. Found by its meaning; how implementations come to it is said by
     expression-malformed, and of expressions that some of them do take for names, that rule alone speaks.
     """
-    yield from folded(
+    yield from all_odd(
         use,
-        odd(use, context, AnomalyKind.MATCHES_NOTHING),
-        lambda found: (
-            f"The expression {quoted(found[0].texts[0])}{more_like(found)} matches no topic of ROS 2, as every "
-            f"implementation reads it: nothing is {'allowed' if found[0].allow else 'denied'} by it."
+        context,
+        AnomalyKind.MATCHES_NOTHING,
+        lambda first, more: (
+            f"The expression {quoted(first.texts[0])}{more} matches no topic of ROS 2, as every "
+            f"implementation reads it: nothing is {'allowed' if first.allow else 'denied'} by it."
         ),
     )
 
@@ -83,19 +84,19 @@ def expression_matches_no_ros_name(use: PermissionsUse, context: Context) -> Ite
     ROS 2, ros_discovery_info among them, is one of a plain DDS application, and no finding; where one enclave speaks
     both, the tool cannot know which names are meant for DDS.
     """
-    yield from folded(
+    yield from all_odd(
         use,
-        odd(use, context, AnomalyKind.NOT_ROS),
+        context,
+        AnomalyKind.NOT_ROS,
         _not_ros,
     )
     yield from of_no_node(use)
 
 
-def _not_ros(found: Sequence[Anomaly]) -> str:
-    first = found[0]
+def _not_ros(first: Anomaly, more: str) -> str:
     rest = f", which {quoted(first.subject)} may use" if first.serious else ""
     return (
-        f"The expression {quoted(first.texts[0])}{more_like(found)} matches no name of ROS 2, so that it "
+        f"The expression {quoted(first.texts[0])}{more} matches no name of ROS 2, so that it "
         f"{'allows' if first.allow else 'denies'} nothing to a ROS 2 node; perhaps {quoted(first.other_text)} was "
         f"meant{rest}."
     )
@@ -116,7 +117,8 @@ def grant_without_counterpart(use: PermissionsUse, context: Context) -> Iterator
     topics that a governance does not control. A keystore of one enclave has its peers elsewhere; of several, too, some
     may be elsewhere.
     """
-    yield from folded(use, odd(use, context, AnomalyKind.NO_COUNTERPART), _without_counterpart)
+    found = odd(use, context, AnomalyKind.NO_COUNTERPART)
+    yield from folded(use, found, lambda _first, _more: _without_counterpart(found))
 
 
 def _without_counterpart(found: Sequence[Anomaly]) -> str:
@@ -181,20 +183,20 @@ def topic_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Violat
     High where it asks for a protection that the rule before it does not give: that protection is not there. On OpenDDS
     it can still switch access control off (KA615).
     """
-    yield from folded(
+    yield from all_odd(
         use,
-        odd(use, context, AnomalyKind.TOPIC_RULE_SHADOWED),
+        context,
+        AnomalyKind.TOPIC_RULE_SHADOWED,
         _topics_shadowed,
         "the rule that applies instead",
     )
 
 
-def _topics_shadowed(found: Sequence[Anomaly]) -> str:
-    first = found[0]
+def _topics_shadowed(first: Anomaly, more: str) -> str:
     topic = f", as to {ros_name(first.point.topic)}" if first.point is not None else ""
     weaker = ", which protects less" if first.serious else ""
     return (
-        f"The rule for topics {quoted(first.texts[0])}{more_like(found)} protects nothing: the one for "
+        f"The rule for topics {quoted(first.texts[0])}{more} protects nothing: the one for "
         f"{quoted(first.other_text)} comes first{topic}{weaker}."
     )
 
@@ -212,12 +214,13 @@ def domain_rule_shadowed(use: GovernanceUse, context: Context) -> Iterator[Viola
     High where it, or one of its topic rules, asks for a protection that the rule before it does not give. On OpenDDS
     it can still switch access control off, that of joining too (KA615).
     """
-    yield from folded(
+    yield from all_odd(
         use,
-        odd(use, context, AnomalyKind.DOMAIN_RULE_SHADOWED),
-        lambda found: (
-            f"The rule for domain {found[0].other_text}{more_like(found)} protects nothing: an earlier one covers it"
-            f"{', which protects less' if found[0].serious else ''}."
+        context,
+        AnomalyKind.DOMAIN_RULE_SHADOWED,
+        lambda first, more: (
+            f"The rule for domain {first.other_text}{more} protects nothing: an earlier one covers it"
+            f"{', which protects less' if first.serious else ''}."
         ),
         "the rule that applies instead",
     )
