@@ -56,8 +56,10 @@ from keystore_audit.report.content import (
     Checked,
     EnclaveEntry,
     Report,
+    excerpts,
+    unread,
+    untested,
 )
-from keystore_audit.report.suggested import excerpts, unread, untested
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Context

@@ -31,8 +31,8 @@ from keystore_audit.report.access_words import (
     worth_showing,
 )
 from keystore_audit.report.content import answered_if
+from keystore_audit.report.json import array, document, encoded, keys, picked
 from keystore_audit.report.page import wrapped
-from keystore_audit.report.suggested import array, document, encoded, keys, picked
 from keystore_audit.text import counted, csv_cell, instant, shorten, terminal
 from keystore_audit.truth import Truth
 

@@ -12,8 +12,8 @@ from keystore_audit.assumptions import Needed, holds_if
 from keystore_audit.model.domains import Interval, describe
 from keystore_audit.model.question import PARTLY, WORDS, Answer
 from keystore_audit.report.content import answered_if
+from keystore_audit.report.json import encoded, picked
 from keystore_audit.report.page import by_answer, profiles, wrapped
-from keystore_audit.report.suggested import encoded, picked
 from keystore_audit.text import instant, terminal
 from keystore_audit.truth import Truth
 

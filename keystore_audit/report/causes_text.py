@@ -15,10 +15,9 @@ from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.profiles import implementations
 from keystore_audit.remedy import Kind
-from keystore_audit.report.content import Report
+from keystore_audit.report.content import Report, place_of
 from keystore_audit.report.json import TOOL, script_command
 from keystore_audit.report.page import Page, Piece
-from keystore_audit.report.suggested import place_of
 from keystore_audit.report.view_model import Cause, Consequences, within
 from keystore_audit.text import counted, some, terminal
 

@@ -10,7 +10,7 @@ from keystore_audit.model.comparison.change import Change, Comparison, Consequen
 from keystore_audit.model.domains import describe
 from keystore_audit.model.names import parse_dds_name, ros_name
 from keystore_audit.report.diff_text import REMEDY, conditions
-from keystore_audit.report.suggested import array, document, encoded, keys, picked
+from keystore_audit.report.json import array, document, encoded, keys, picked
 from keystore_audit.text import instant
 
 SCHEMA_VERSION: Final = 1

@@ -18,7 +18,7 @@ from keystore_audit.properties.result import (
     Status,
 )
 from keystore_audit.report.content import answered_if, conditions_of
-from keystore_audit.report.suggested import encoded, picked, told
+from keystore_audit.report.json import encoded, picked, told
 from keystore_audit.text import instant
 
 FOUND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}

@@ -14,10 +14,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from hashlib import sha256
-from pathlib import Path
 from typing import Any, Final
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment
 from jinja2.ext import Extension
 from markupsafe import Markup
 from msgspec import Struct
@@ -33,6 +32,7 @@ from keystore_audit.report.content import STATUSES, WORST_FIRST, NoReport, Repor
 from keystore_audit.report.html_tables import Sheet, access, differing, profiles
 from keystore_audit.report.page import by_answer, worst_first
 from keystore_audit.report.pictures import flows, timeline
+from keystore_audit.report.templated import TEMPLATES, environment, ours
 from keystore_audit.report.view_model import (
     HOW,
     Consequences,
@@ -67,8 +67,6 @@ MAX_RANKINGS: Final = 4
 _UNBROKEN: Final = 20
 """Characters up to which a name is left in one piece."""
 
-_TEMPLATES: Final = Path(__file__).with_name("templates")
-
 _MARKS: Final = {
     Severity.CRITICAL: "◆",
     Severity.HIGH: "▲",
@@ -95,25 +93,14 @@ class _Lines(Extension):
         )
 
 
-def _printed(value: object) -> Markup:
-    """What a template prints, escaped: the one place for it."""
-    return value if isinstance(value, Markup) else Markup(html(value if isinstance(value, str) else str(value)))  # noqa: S704
-
-
 def _breakable(text: str) -> Markup:
     """The text, which is best broken behind a slash where it is long."""
-    return Markup(html(text).replace("/", "/<wbr>") if len(text) > _UNBROKEN else html(text))  # noqa: S704
+    return ours(html(text).replace("/", "/<wbr>") if len(text) > _UNBROKEN else html(text))
 
 
 @cache
 def _environment() -> Environment:
-    made = Environment(
-        autoescape=True,
-        undefined=StrictUndefined,
-        loader=FileSystemLoader(_TEMPLATES),
-        extensions=[_Lines],
-        finalize=_printed,
-    )
+    made = environment(html, lines=False).overlay(extensions=[_Lines])
     made.filters.update(
         breakable=_breakable,
         counted=counted,
@@ -153,14 +140,14 @@ def render(reports: Sequence[Report], min_severity: Severity = Severity.INFO, mi
         for number, report in enumerate(reports, start=1)
     ]
     counts = Counter(report.verdict for report in reports)
-    style = (_TEMPLATES / "style.css").read_text(encoding="utf-8")
+    style = (TEMPLATES / "style.css").read_text(encoding="utf-8")
     page = _environment().get_template("page.html.j2")
     return page.render(
         reports=[(each, _head(each), [*_sections(each)]) for each in sheets],
         missing=missing,
         title=_title(reports, missing),
         policy=_policy(style),
-        style=Markup(style),  # noqa: S704 - ours alone
+        style=ours(style),
         verdicts=", ".join(f"{counts[each]} {each.value}" for each in Verdict),
         foot=dict.fromkeys(f"keystore-audit {each.version}, as of {instant(each.at)}." for each in reports),
     )

@@ -17,8 +17,7 @@ from keystore_audit.findings import Finding, Location, Severity, fingerprint
 from keystore_audit.properties.result import Counterexample, PropertyResult
 from keystore_audit.remedy import Remedy
 from keystore_audit.report.content import NoReport, Report, Verdict
-from keystore_audit.report.json import TOOL, fix
-from keystore_audit.report.suggested import encoded, picked
+from keystore_audit.report.json import TOOL, encoded, fix, picked
 from keystore_audit.text import markdown, percent_path, shorten
 
 SCHEMA: Final = "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"

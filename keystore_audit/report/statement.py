@@ -18,8 +18,7 @@ from keystore_audit.assumptions import CONDITIONS, Assumption
 from keystore_audit.findings import Result
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.json import authorities
-from keystore_audit.report.suggested import encoded, picked
+from keystore_audit.report.json import authorities, encoded, picked
 from keystore_audit.text import instant
 
 STATEMENT: Final = "https://in-toto.io/Statement/v1"

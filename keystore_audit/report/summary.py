@@ -12,9 +12,8 @@ from msgspec import Struct
 from keystore_audit.findings import Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.json import TOOL, total
+from keystore_audit.report.json import TOOL, array, document, encoded, keys, picked, total
 from keystore_audit.report.page import Page
-from keystore_audit.report.suggested import array, document, encoded, keys, picked
 from keystore_audit.report.text import MAX_PATH, PLAIN, View
 from keystore_audit.text import counted, instant, shorten
 

@@ -67,6 +67,11 @@ def remedy(use: CertificateUse) -> Remedy:
     return RENEW_AUTHORITY if use.authority else ISSUE_AGAIN
 
 
+def _of(use: CertificateUse, certificate: Certificate, says: str, **more: Any) -> Violation:
+    """A violation about one certificate in use, which gets another one."""
+    return at(certificate, f"{what(use, certificate)} {says}", **{"remedy": remedy(use), **more})
+
+
 def _bears_on(use: CertificateUse) -> frozenset[str]:
     """The properties in which the validity of a certificate in these roles counts."""
     properties = set()
@@ -167,13 +172,8 @@ def certificate_expired(use: CertificateUse, context: Context) -> Iterator[Viola
                 if only_signs
                 else "peers refuse new sessions"
             )
-            yield at(
-                certificate,
-                f"{what(use, certificate)} expired at {instant(certificate.not_after)} (audited for "
-                f"{instant(context.at)}): {refused}.",
-                remedy=remedy(use),
-                explains=_bears_on(use),
-            )
+            says = f"expired at {instant(certificate.not_after)} (audited for {instant(context.at)}): {refused}."
+            yield _of(use, certificate, says, explains=_bears_on(use))
 
 
 @rule(
@@ -192,12 +192,8 @@ def certificate_not_yet_valid(use: CertificateUse, context: Context) -> Iterator
     """
     for certificate in use.in_use:
         if certificate.not_before > context.at:
-            yield at(
-                certificate,
-                f"{what(use, certificate)} is valid from {instant(certificate.not_before)} on (audited for "
-                f"{instant(context.at)}).",
-                explains=_bears_on(use),
-            )
+            says = f"is valid from {instant(certificate.not_before)} on (audited for {instant(context.at)})."
+            yield _of(use, certificate, says, remedy=None, explains=_bears_on(use))
 
 
 @rule(
@@ -211,12 +207,8 @@ def certificate_expires_soon(use: CertificateUse, context: Context) -> Iterator[
     for certificate in use.in_use:
         if context.at <= certificate.not_after and certificate.not_after - context.at <= context.expires_within:
             days = (certificate.not_after - context.at).days
-            yield at(
-                certificate,
-                f"{what(use, certificate)} expires at {instant(certificate.not_after)}, in {days} days (notice: "
-                f"{context.expires_within.days}).",
-                remedy=remedy(use),
-            )
+            notice = f"(notice: {context.expires_within.days})."
+            yield _of(use, certificate, f"expires at {instant(certificate.not_after)}, in {days} days {notice}")
 
 
 @rule(
@@ -231,11 +223,8 @@ def unknown_critical_extension(use: CertificateUse) -> Iterator[Violation]:
     """The certificate has a critical extension that OpenSSL does not process, so that it is refused (measured)."""
     for certificate in use.in_use:
         if certificate.unknown_critical:
-            message = (
-                f"{what(use, certificate)} has critical extensions that implementations refuse: "
-                f"{listed(certificate.unknown_critical)}."
-            )
-            yield at(certificate, message, remedy=remedy(use))
+            refused = listed(certificate.unknown_critical)
+            yield _of(use, certificate, f"has critical extensions that implementations refuse: {refused}.")
 
 
 MAX_SERIAL_OCTETS: Final = 20
@@ -254,8 +243,7 @@ def irregular_serial_number(use: CertificateUse) -> Iterator[Violation]:
         octets = certificate.serial.bit_length() // 8 + 1
         if certificate.serial <= 0 or octets > MAX_SERIAL_OCTETS:
             got = f"{octets} octets" if certificate.serial > 0 else "a number that is not positive"
-            message = f"{what(use, certificate)} has an irregular serial number: got {got}, expected 1 to 20 octets."
-            yield at(certificate, message, remedy=remedy(use))
+            yield _of(use, certificate, f"has an irregular serial number: got {got}, expected 1 to 20 octets.")
 
 
 @rule(
@@ -272,15 +260,9 @@ def weak_key(use: CertificateUse) -> Iterator[Violation]:
     """
     for certificate in use.in_use:
         if is_weak_kind(certificate.key_kind):
-            message = (
-                f"{what(use, certificate)} has a weak key: got {certificate.key_kind}, expected RSA 2048 or EC 256."
-            )
-            yield at(certificate, message, remedy=_anew(use))
-
-
-def _anew(use: CertificateUse) -> Remedy | None:
-    """How to replace an authority: it takes another key."""
-    return authority_anew(use.roles, "The authority needs another key.")
+            anew = authority_anew(use.roles, "The authority needs another key.")
+            says = f"has a weak key: got {certificate.key_kind}, expected RSA 2048 or EC 256."
+            yield _of(use, certificate, says, remedy=anew)
 
 
 @rule(
@@ -327,8 +309,5 @@ def weak_signature_algorithm(use: CertificateUse) -> Iterator[Violation]:
     """
     for certificate in use.in_use:
         if is_weak_algorithm(certificate.signature_algorithm):
-            message = (
-                f"{what(use, certificate)} is signed with {certificate.signature_algorithm}, expected SHA-256 as in "
-                "ecdsa-with-SHA256."
-            )
-            yield at(certificate, message, remedy=remedy(use))
+            signed = f"is signed with {certificate.signature_algorithm}"
+            yield _of(use, certificate, f"{signed}, expected SHA-256 as in ecdsa-with-SHA256.")

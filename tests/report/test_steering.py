@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from keystore_audit.cli.program import run
 from keystore_audit.formats import FORMATS
-from keystore_audit.report.suggested import encoded
+from keystore_audit.report.json import encoded
 from tests.cli.keystores import document_of, grant_of, rule, write_enclave
 from tests.keystore.builder import GOVERNANCE, authority, certificate
 
