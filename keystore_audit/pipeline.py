@@ -62,8 +62,7 @@ from keystore_audit.report.content import (
 )
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
-from keystore_audit.rules.registry import Context
-from keystore_audit.rules.wording import listed
+from keystore_audit.rules.registry import Context, listed
 from keystore_audit.settings.suppressions import accepted_by
 
 if TYPE_CHECKING:

@@ -255,10 +255,8 @@ def access_command(keystore: str, **given: Any) -> int:
 
 
 def _rendered(table: AccessTable, kind: str) -> str:
-    if kind != "text":
-        from keystore_audit.report import access_text as access_json
-
-        return access_json.json(table) if kind == "json" else access_json.csv(table)
     from keystore_audit.report import access_text
 
-    return access_text.text(table, max(output.WIDTH, output.columns(MAX_WIDTH)))
+    if kind == "text":
+        return access_text.text(table, max(output.WIDTH, output.columns(MAX_WIDTH)))
+    return access_text.json(table) if kind == "json" else access_text.csv(table)

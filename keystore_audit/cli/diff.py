@@ -108,10 +108,6 @@ def _rendered(comparison: Comparison, fail_on: FailOn, kind: str) -> str:
         from keystore_audit.report import diff_json
 
         return diff_json.json(comparison, fail_on)
-    if kind == "markdown":
-        from keystore_audit.report import diff_text
-
-        return diff_text.markdown(comparison, fail_on)
     from keystore_audit.report import diff_text
 
-    return diff_text.text(comparison, fail_on)
+    return (diff_text.markdown if kind == "markdown" else diff_text.text)(comparison, fail_on)

@@ -112,14 +112,9 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
         opt.reading(given, opt.named_settings(given, keystore)),
         include_ambient=given["include_ambient"],
     )
-    if given["form"] == "json":
-        from keystore_audit.report import flow_json
+    from keystore_audit.report import flow
 
-        output.write_stdout(flow_json.stolen_key(answer))
-    else:
-        from keystore_audit.report import flow_text
-
-        output.write_stdout(flow_text.stolen_key(answer))
+    output.write_stdout((flow.stolen_json if given["form"] == "json" else flow.stolen_text)(answer))
     return _exit_code(answer.status)
 
 
@@ -128,22 +123,20 @@ def _exit_code(status: Status) -> int:
 
 
 def _rendered(answer: FlowAnswer, kind: str) -> str:
+    from keystore_audit.report import flow
+
     question = answer.question
     if kind == "json":
-        from keystore_audit.report import flow_json
-
         asked = {
             "from": question.source,
             "to": question.target,
             "through": list(question.through),
             "include_ambient": question.include_ambient,
             "at": instant(answer.at),
-            "flow": flow_json.FOUND[answer.status],
+            "flow": flow.FOUND[answer.status],
         }
-        return flow_json.json(asked, answer.results, answer.engines)
-    from keystore_audit.report import flow_text
-
+        return flow.json(asked, answer.results, answer.engines)
     besides = f", except through {', '.join(question.through)}" if question.through else ""
     title = f"Can anything get from {question.source} to {question.target}{besides}?"
     at, ambient = instant(answer.at), question.include_ambient
-    return flow_text.text(title, answer.results, answer.engines, answer.doubts, at=at, ambient=ambient)
+    return flow.text(title, answer.results, answer.engines, answer.doubts, at=at, ambient=ambient)

@@ -11,10 +11,9 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from keystore_audit.findings import Finding, Severity
+from keystore_audit.findings import Finding, FixKind, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.profiles import implementations
-from keystore_audit.remedy import Kind
 from keystore_audit.report.content import Report, place_of
 from keystore_audit.report.json import TOOL, script_command
 from keystore_audit.report.page import Page, Piece
@@ -145,7 +144,7 @@ def _short(page: Page, report: Report, cause: Cause, consequences: Consequences,
 def _fix(finding: Finding) -> str:
     """`fix (decision): `; a mechanical one is called by what does it."""
     kind = finding.fix.kind
-    return f"fix ({'script' if kind is Kind.MECHANICAL else kind.value}): "
+    return f"fix ({'script' if kind is FixKind.MECHANICAL else kind.value}): "
 
 
 def _command(page: Page, report: Report, finding: Finding) -> None:

@@ -13,9 +13,8 @@ from typing import Any, Final, Protocol
 from urllib.parse import quote
 
 from keystore_audit import __version__
-from keystore_audit.findings import Finding, Location, Severity, fingerprint
+from keystore_audit.findings import Finding, Location, Remedy, Severity, fingerprint
 from keystore_audit.properties.result import Counterexample, PropertyResult
-from keystore_audit.remedy import Remedy
 from keystore_audit.report.content import NoReport, Report, Verdict
 from keystore_audit.report.json import TOOL, encoded, fix, picked
 from keystore_audit.text import markdown, percent_path, shorten

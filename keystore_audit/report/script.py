@@ -17,10 +17,9 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 from urllib.parse import unquote_to_bytes
 
-from keystore_audit.findings import Finding
+from keystore_audit.findings import Act, Finding, FixKind
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.remedy import Act, Kind
 from keystore_audit.text import terminal
 
 _SAFE: Final = frozenset(string.ascii_letters + string.digits + "/._-")
@@ -180,7 +179,7 @@ class _Script:
     def _comments(self) -> Iterator[str]:
         """What somebody has to do before, each sentence once; names in it are one line that steers no terminal."""
         said = dict.fromkeys(
-            (finding.fix.kind.value, step.text, str(place) if finding.fix.kind is Kind.DECISION else "")
+            (finding.fix.kind.value, step.text, str(place) if finding.fix.kind is FixKind.DECISION else "")
             for finding in self._findings
             for place in (finding.locations[:1] or ("",))
             for step in finding.fix.steps

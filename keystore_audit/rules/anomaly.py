@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Location, Severity, decision
 from keystore_audit.grouped import grouped
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Point
 from keystore_audit.model.names import ros_name
 from keystore_audit.profiles import VARIANTS
-from keystore_audit.remedy import decision
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import VERBS, Context, Violation, listed, more_like, quoted, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, speaks
-from keystore_audit.rules.wording import VERBS, listed, more_like, quoted
 
 _IN_ORDER: Final = "DDS-Security 1.1, 9.4.1.3 (of the rules of a grant the first that matches decides)"
 

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from keystore_audit.findings import Severity
+from keystore_audit.findings import Severity, outside
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.names import ros_name
-from keystore_audit.remedy import outside
 from keystore_audit.rules.anomaly import all_odd, folded, named, odd
 from keystore_audit.rules.divergence import spoken_of
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import MAX_LISTED, Context, Violation, listed, quoted, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.restrictions import of_no_node
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
-from keystore_audit.rules.wording import MAX_LISTED, listed, quoted
 
 _EXPRESSIONS: Final = "DDS-Security 1.1, 9.4.1.2.6 and 9.4.1.3.2.3 (expressions as of POSIX fnmatch)"
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Act, Location, Remedy, Severity, decision, outside
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.access_view import ZONE_DECIDES
 from keystore_audit.model.question import Doubt
@@ -21,10 +21,8 @@ from keystore_audit.properties.result import (
     Status,
     UserResult,
 )
-from keystore_audit.remedy import Act, Remedy, decision, outside
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import MAX_LISTED, MAX_QUOTED, Context, Violation, listed, rule, sentence
 from keystore_audit.rules.subjects import Crash
-from keystore_audit.rules.wording import MAX_LISTED, MAX_QUOTED, listed, sentence
 from keystore_audit.settings.suppressions import Fate, FileOfUses, Use
 from keystore_audit.text import shorten
 

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Location, Severity, decision
 from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.trust.chain import Anchors, authority_files, trusted
 from keystore_audit.model.trust.verdicts import is_authority
-from keystore_audit.remedy import decision
 from keystore_audit.rules.certificate import at, what
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, listed, located, paths, quoted, rule, sole
 from keystore_audit.rules.remedies import RENEW_AUTHORITY, SEPARATE
 from keystore_audit.rules.subjects import UNPINNED, CertificateUse
-from keystore_audit.rules.wording import listed, located, paths, quoted, sole
 
 
 @rule(

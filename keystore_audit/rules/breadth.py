@@ -10,10 +10,9 @@ from keystore_audit.model.matching.coverage import TOPICS, allows_everything, co
 from keystore_audit.model.matching.expression import WILDCARDS, has_wildcard, parse
 from keystore_audit.profiles import VARIANTS, Matcher, implementations
 from keystore_audit.rules.permissions import about
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, either, listed, quoted, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import PermissionsUse, speaks
-from keystore_audit.rules.wording import either, listed, quoted
 
 
 @rule(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from keystore_audit.findings import Severity
+from keystore_audit.findings import Remedy, Severity, decision, outside
 from keystore_audit.keystore.certificate import IN_DER, Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -16,12 +16,21 @@ from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.keystore.public_key import is_weak_algorithm, is_weak_kind
 from keystore_audit.model.trust.chain import trusted
 from keystore_audit.profiles import VARIANTS, doing, facts
-from keystore_audit.remedy import Remedy, decision, outside
 from keystore_audit.rules.private_key import authority_anew
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import (
+    Context,
+    Violation,
+    defective,
+    either,
+    listed,
+    located,
+    of_kinds,
+    paths,
+    quoted,
+    rule,
+)
 from keystore_audit.rules.remedies import ISSUE_AGAIN, RENEW_AUTHORITY, issue_again
 from keystore_audit.rules.subjects import CertificateUse, is_identity
-from keystore_audit.rules.wording import defective, either, listed, located, of_kinds, paths, quoted
 from keystore_audit.text import instant
 
 _WRITE_PEM: Final = decision(

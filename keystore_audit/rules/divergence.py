@@ -13,19 +13,17 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Location, Severity, decision
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
 from keystore_audit.profiles import TESTED_ON, VARIANTS, JoinCheck, doing, explained, facts
-from keystore_audit.remedy import decision
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import VERBS, Context, Violation, either, listed, located, quoted, rule
 from keystore_audit.rules.remedies import ALLOW_DOMAINS, COVER_DOMAIN, in_governance, in_permissions
 from keystore_audit.rules.restrictions import meet
 from keystore_audit.rules.subjects import DocumentUse
-from keystore_audit.rules.wording import VERBS, either, listed, located, quoted
 
 MEASURED: Final = f"measured on {TESTED_ON}, others as docs/profiles.md tells"
 

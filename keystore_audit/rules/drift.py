@@ -11,16 +11,14 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Location, Severity, decision
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.names import ros_name
 from keystore_audit.profiles import facts
-from keystore_audit.remedy import decision
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import MAX_QUOTED, VERBS, Context, Violation, listed, quoted, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, CREATE_PERMISSION
-from keystore_audit.rules.wording import MAX_QUOTED, VERBS, listed, quoted
 from keystore_audit.text import shorten
 
 if TYPE_CHECKING:  # an audit without a policy needs none of it

@@ -13,10 +13,9 @@ from msgspec.structs import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.profiles import facts
-from keystore_audit.rules.registry import Violation, rule
+from keystore_audit.rules.registry import Violation, defective, of_kinds, rule
 from keystore_audit.rules.remedies import SIGN_AGAIN, sign_again
 from keystore_audit.rules.subjects import SignedUse
-from keystore_audit.rules.wording import defective, of_kinds
 from keystore_audit.truth import Truth
 
 

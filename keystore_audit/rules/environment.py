@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final
 
-from keystore_audit.findings import Severity
+from keystore_audit.findings import Severity, outside
 from keystore_audit.intent.environment import (
     DISTRIBUTION,
     DOMAIN,
@@ -19,9 +19,7 @@ from keystore_audit.intent.environment import (
 )
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.profiles import DISTRIBUTIONS, MIDDLEWARE, facts, running
-from keystore_audit.remedy import outside
-from keystore_audit.rules.registry import Context, Violation, rule
-from keystore_audit.rules.wording import quoted
+from keystore_audit.rules.registry import Context, Violation, quoted, rule
 from keystore_audit.text import meant
 
 RCL: Final = "rcl, security.c (read); ROS 2 design, DDS-Security integration"

@@ -7,7 +7,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Act, Location, Remedy, Severity, decision, mechanical
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
@@ -15,8 +15,7 @@ from keystore_audit.model.participants.joining import UNGRANTED
 from keystore_audit.model.participants.sight import REQUIRED, UNLOADED
 from keystore_audit.model.participants.usability import UNGOVERNED
 from keystore_audit.profiles import VARIANTS, implementations
-from keystore_audit.remedy import Act, Remedy, decision, mechanical
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, listed, rule
 from keystore_audit.rules.remedies import (
     ALLOW_DOMAINS,
     COVER_DOMAIN,
@@ -29,7 +28,6 @@ from keystore_audit.rules.remedies import (
     linked_in,
 )
 from keystore_audit.rules.subjects import Refusal
-from keystore_audit.rules.wording import listed
 from keystore_audit.text import PLAIN_PATH, counted
 
 RUN_TIME_FILES: Final = "ros2/rmw_dds_common, security.cpp: the files that an enclave must have"

@@ -10,7 +10,7 @@ from functools import partial
 
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Location, Remedy, Severity, decision
 from keystore_audit.profiles import facts
 from keystore_audit.properties import stated
 from keystore_audit.properties.result import (
@@ -24,10 +24,8 @@ from keystore_audit.properties.result import (
     Step,
     UserResult,
 )
-from keystore_audit.remedy import Remedy, decision
-from keystore_audit.rules.registry import Context, Rule, Violation, register, rule
+from keystore_audit.rules.registry import MAX_QUOTED, Context, Rule, Violation, quoted, register, rule
 from keystore_audit.rules.remedies import SEPARATE, in_governance, issue_again, sign_again
-from keystore_audit.rules.wording import MAX_QUOTED, quoted
 from keystore_audit.text import shorten
 
 

@@ -13,19 +13,17 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Act, Location, Remedy, Severity, decision
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.profiles import facts
-from keystore_audit.remedy import Act, Remedy, decision
 from keystore_audit.rules.meaning import told
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, defective, of_kinds, paths, quoted, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, signed_bytes, speaks
-from keystore_audit.rules.wording import defective, of_kinds, paths, quoted
 
 _Says = Callable[[str, str], Violation]
 """What is said at an element of a rule, after where that is."""

@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import lru_cache
 from typing import Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Act, Location, Severity, decision
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
@@ -17,13 +17,11 @@ from keystore_audit.model.claims.ability import sent
 from keystore_audit.model.inventory import unmanaged_identities
 from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison, facts, implementations
-from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.governance import in_document
 from keystore_audit.rules.permissions import about, dated, own_grants
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, located, quoted, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, instant_of, permissions_uses, speaks
-from keystore_audit.rules.wording import located, quoted
 from keystore_audit.text import instant
 
 _SAFE_FORM: Final = (

@@ -7,7 +7,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Act, Location, Severity, decision, mechanical
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import first_opaque
 from keystore_audit.keystore.issuer import Issue
@@ -19,12 +19,10 @@ from keystore_audit.model.participants.admitted import admitted
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.verdicts import is_authority, issue, may_have_issued, vouches
 from keystore_audit.profiles import VARIANTS, Profile, facts, implementations
-from keystore_audit.remedy import Act, decision, mechanical
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject, what
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, located, paths, quoted, rule
 from keystore_audit.rules.remedies import ISSUE_AGAIN, issue_again
 from keystore_audit.rules.subjects import EXCHANGED, CertificateUse, exchange_for, is_identity
-from keystore_audit.rules.wording import located, paths, quoted
 from keystore_audit.text import instant
 
 _SHARED: Final = ("no-identity-serves-two-enclaves", "no-subject-serves-two-enclaves")

@@ -8,19 +8,17 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Act, Location, Severity, decision, outside
 from keystore_audit.grouped import grouped
 from keystore_audit.intent.intent import is_path
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.profiles import facts
-from keystore_audit.remedy import Act, decision, outside
 from keystore_audit.rules.files import RUN_TIME_FILES, about, file_name, in_state, is_linked
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import MAX_QUOTED, Context, Violation, listed, paths, quoted, rule, sole
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, LINK_AGAIN
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse
-from keystore_audit.rules.wording import MAX_QUOTED, listed, paths, quoted, sole
 from keystore_audit.text import counted, shorten
 
 READ_ALL: Final = outside("Run the audit as a user who may read the whole keystore.")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Location, Severity, decision
 from keystore_audit.grouped import grouped
 from keystore_audit.intent.environment import DOMAIN, ENABLE, RMW, SECURE, STRATEGY
 from keystore_audit.intent.intent import ROOT, Action, SetVariable
@@ -17,10 +17,8 @@ from keystore_audit.keystore.permissions import Rule as PermissionsRule
 from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
 from keystore_audit.profiles import MIDDLEWARE
-from keystore_audit.remedy import decision
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import VERBS, Context, Violation, listed, more_like, quoted, rule, sentence
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, in_permissions
-from keystore_audit.rules.wording import VERBS, listed, more_like, quoted, sentence
 from keystore_audit.text import counted, meant
 
 if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Location, Remedy, Severity, decision
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.identity import Identity
@@ -19,13 +19,11 @@ from keystore_audit.keystore.permissions import Grant, Operation
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.profiles import VARIANTS, JoinCheck, Profile, SubjectComparison, doing, facts
-from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject
 from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, defective, listed, located, quoted, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import ROWS, PermissionsUse, instant_of, speaks, verdict
-from keystore_audit.rules.wording import defective, listed, located, quoted
 from keystore_audit.truth import Truth
 
 

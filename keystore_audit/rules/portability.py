@@ -14,10 +14,9 @@ from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.validity import read_date
 from keystore_audit.profiles import TESTED_ON, DateReading, Profile, contrasted, facts, implementations
 from keystore_audit.rules.divergence import MEASURED, said, spoken_of
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, more_like, quoted, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, instant_of, speaks, taken
-from keystore_audit.rules.wording import more_like, quoted
 
 _NO_DENIAL: Final = (
     "Take the deny rule out, since what no rule allows is denied by every implementation, and name the topics and "

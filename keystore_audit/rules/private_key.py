@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from collections.abc import Set as AbstractSet
 from typing import Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Act, Location, Remedy, Severity, decision, mechanical
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import UNREAD_BUT_THERE, File
 from keystore_audit.keystore.key_quality import (
@@ -20,11 +20,9 @@ from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.model.inventory import beside_enclaves
-from keystore_audit.remedy import Act, Remedy, decision, mechanical
 from keystore_audit.rules.files import renaming
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, defective, listed, located, of_kinds, quoted, rule
 from keystore_audit.rules.remedies import ISSUE_AGAIN
-from keystore_audit.rules.wording import defective, listed, located, of_kinds, quoted
 from keystore_audit.text import counted
 
 _OTHERS: Final = 0o077

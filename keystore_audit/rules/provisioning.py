@@ -8,16 +8,14 @@ from datetime import datetime, timedelta
 from os.path import abspath, basename, relpath
 from typing import Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Location, Severity, decision
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.identity import Identity, LooseKey, alike, compared_of
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.remedy import decision
 from keystore_audit.rules.permissions import own_grants
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, located, more_like, quoted, rule
 from keystore_audit.rules.subjects import instant_of, permissions_uses
-from keystore_audit.rules.wording import located, more_like, quoted
 from keystore_audit.text import counted, instant
 
 LONGEST: Final = timedelta(days=2 * 366)

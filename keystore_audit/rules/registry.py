@@ -7,12 +7,12 @@ from datetime import datetime, timedelta
 from functools import wraps
 from inspect import cleandoc
 from types import FunctionType
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar, cast
 
 from msgspec import Struct
 
 from keystore_audit.errors import UsageError
-from keystore_audit.findings import OF_THE_AUDIT, Location, Severity
+from keystore_audit.findings import OF_THE_AUDIT, Location, Remedy, Severity
 from keystore_audit.intent.environment import Environment
 from keystore_audit.keystore.identity import Beside
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -20,7 +20,6 @@ from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.trust.chain import Authorities
 from keystore_audit.profiles import Profile
 from keystore_audit.properties.result import EngineRun, PropertyResult
-from keystore_audit.remedy import Remedy
 from keystore_audit.settings.suppressions import Acceptance
 from keystore_audit.text import meant
 from keystore_audit.truth import Truth
@@ -28,6 +27,10 @@ from keystore_audit.truth import Truth
 if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs none of it
     from keystore_audit.model.intended.drift import Drift
     from keystore_audit.model.intended.observed import Observation
+
+from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.text import shorten, some
 
 
 class Context(Struct, frozen=True, kw_only=True):
@@ -222,3 +225,106 @@ def rule_meant(word: str, known: Sequence[str]) -> str:
         nearest = max(family, key=lambda code: sum(a == b for a, b in zip(code, word.upper(), strict=False)))
         return f" Did you mean {nearest}?"
     return meant(word.lower(), (name for name in known if name.islower()))
+
+
+# How findings name things: the same words for enclaves, instants, implementations and defects in every rule. Untrusted
+# text goes into messages as it is, only shortened: whoever renders a message escapes it (`keystore_audit.text`).
+
+
+MAX_QUOTED: Final = 160
+"""Characters of one quoted name: an enclave's path and a subject fit, a hostile subject of 60 kB does not."""
+
+MAX_LISTED: Final = 5
+"""Names in a list before it says how many more there are; the locations hold them all."""
+
+VERBS: Final = {Operation.PUBLISH: "publish", Operation.SUBSCRIBE: "subscribe to", Operation.RELAY: "relay"}
+"""What is done with the topic whose name follows."""
+
+
+def quoted(text: str) -> str:
+    """Untrusted text in single quotes, bounded."""
+    return f"'{shorten(text, MAX_QUOTED)}'"
+
+
+def listed(names: Iterable[str]) -> str:
+    """`a, b, c and 4 more`."""
+    return some((shorten(name, MAX_QUOTED) for name in names), MAX_LISTED)
+
+
+def more(count: int, what: str = "") -> str:
+    """` and 2 more` of a count of which one is told; nothing where that is all."""
+    return f" and {count - 1} more{what}" if count > 1 else ""
+
+
+def more_like(found: Collection[object], like: str = " like it") -> str:
+    """` (and 2 more like it)`, where the first alone is told."""
+    return f" ({more(len(found), like).strip()})" if len(found) > 1 else ""
+
+
+def paths(enclaves: Iterable[Enclave]) -> str:
+    """The enclaves' paths, listed."""
+    return listed(enclave.path for enclave in enclaves)
+
+
+def sole(enclaves: Sequence[Enclave]) -> str | None:
+    """The enclave's path where only one is concerned, so that the finding is filed under it."""
+    return enclaves[0].path if len(enclaves) == 1 else None
+
+
+def of_kinds(defects: Iterable[Defect], *kinds: Kind) -> Iterator[Defect]:
+    """The defects of these kinds, in order."""
+    return (defect for defect in defects if defect.kind in kinds)
+
+
+def defective(
+    defects: Iterable[Defect],
+    says: str = "",
+    *,
+    undecided: bool = False,
+    severity: Severity | None = None,
+    remedy: Remedy | None = None,
+) -> Iterator[Violation]:
+    """One violation for all defects of one kind in one file, each of them a location of it; `says` what follows.
+
+    A hostile file may have thousands of them. Where all are the same, no place repeats what the message says.
+    """
+    found = list(defects)
+    if not found:
+        return
+    first, more = found[0], more_like(found)
+    several = any(each.detail != first.detail for each in found)
+    joint = "; " if ": " in first.detail else ": "  # one colon in a sentence
+    yield Violation(
+        f"{sentence(first.detail)}{more}{joint if says else '.'}{says}",
+        [located(each, shorten(each.detail, MAX_QUOTED) if several else "") for each in found],
+        undecided=undecided,
+        severity=severity,
+        key=first.kind.value,
+        remedy=remedy,
+    )
+
+
+class _Placed(Protocol):
+    """What stands at a line of a file of the keystore."""
+
+    @property
+    def path(self) -> str: ...
+    @property
+    def line(self) -> int | None: ...
+
+
+def located(found: _Placed, message: str = "") -> Location:
+    """Where it stands."""
+    return Location(found.path, found.line, message=message)
+
+
+def sentence(text: str) -> str:
+    """The words of a reader as the beginning of a sentence: bounded, first letter large, no full stop."""
+    short = shorten(text, 2 * MAX_QUOTED).rstrip(".")
+    return short[:1].upper() + short[1:]
+
+
+def either(names: Collection[str]) -> str:
+    """`a`, `a and b`, `a, b and c`."""
+    every = list(names)
+    return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} and {every[-1]}"

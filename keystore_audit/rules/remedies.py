@@ -7,12 +7,11 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location
+from keystore_audit.findings import Act, FixKind, Location, Remedy, Step, decision, mechanical
 from keystore_audit.intent.intent import is_ros_name
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
-from keystore_audit.remedy import Act, Kind, Remedy, Step, decision, mechanical
 
 CREATE_PERMISSION: Final = "`ros2 security create_permission KEYSTORE ENCLAVE policy.xml`"
 CREATE_ENCLAVE: Final = (
@@ -85,7 +84,7 @@ class Filling:
         at = tuple(dict.fromkeys(place.path for place in locations if not place.beside))
         steps = tuple(self._step(step, enclave, at) for step in remedy.steps)
         lost = any(step.act is not None and not step.paths for step in steps)
-        kind = Kind.DECISION if lost and remedy.kind is Kind.MECHANICAL else remedy.kind
+        kind = FixKind.DECISION if lost and remedy.kind is FixKind.MECHANICAL else remedy.kind
         return replace(remedy, kind=kind, steps=steps)
 
     def _step(self, step: Step, enclave: str | None, at: tuple[str, ...]) -> Step:

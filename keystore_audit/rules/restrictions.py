@@ -7,7 +7,7 @@ from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Act, Location, Severity, decision
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Text
 from keystore_audit.keystore.permissions import Criterion, Grant, Operation
 from keystore_audit.keystore.permissions import Rule as PermissionsRule
@@ -17,12 +17,10 @@ from keystore_audit.model.matching.patterns import EVERY_PARTITION
 from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
 from keystore_audit.model.semantics import DEFAULT_PARTITION
 from keystore_audit.profiles import TESTED_ON, VARIANTS, Matcher, OpenRange, PartitionReading, doing, facts
-from keystore_audit.remedy import Act, decision
 from keystore_audit.rules.permissions import about
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import VERBS, Context, Violation, listed, more_like, quoted, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
 from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, PermissionsUse, speaks, taken
-from keystore_audit.rules.wording import VERBS, listed, more_like, quoted
 
 
 def meet(some: Iterable[DomainRange], others: Iterable[DomainRange]) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Act, Location, Remedy, Severity, decision
 from keystore_audit.keystore.crl import RevocationList, same_name
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.issuer import crl_signed_by
@@ -15,18 +15,19 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.revocation import NO_IDENTITIES, list_missing, names_revoked
 from keystore_audit.profiles import VARIANTS, implementations
-from keystore_audit.remedy import Act, Remedy, decision
-from keystore_audit.rules.registry import Context, Violation, rule
-from keystore_audit.rules.subjects import READS_LISTS_OF_CA_FILES, RevocationUse, revocation_uses
-from keystore_audit.rules.wording import (
+from keystore_audit.rules.registry import (
+    Context,
+    Violation,
     defective,
     listed,
     located,
     of_kinds,
     paths,
     quoted,
+    rule,
     sole,
 )
+from keystore_audit.rules.subjects import READS_LISTS_OF_CA_FILES, RevocationUse, revocation_uses
 from keystore_audit.text import counted, instant
 from keystore_audit.truth import Truth
 

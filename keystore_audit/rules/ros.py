@@ -14,9 +14,8 @@ from keystore_audit.model.names import ACTION_PART, ACTION_ROLES, SERVICE_ROLES,
 from keystore_audit.model.ros.action_topics import ActionPattern
 from keystore_audit.model.ros.halves import Half
 from keystore_audit.model.ros.services import Reach, Rivals
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import VERBS, Context, Violation, listed, located, more, quoted, rule
 from keystore_audit.rules.remedies import in_permissions
-from keystore_audit.rules.wording import VERBS, listed, located, more, quoted
 
 _PERMISSIONS_XSL: Final = "ros2/sros2, policy/templates/dds/permissions.xsl (the DDS topics of a service and an action)"
 _FEWER: Final = in_permissions("Write fewer expressions with several wildcards, and name each service and action")

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from enum import Enum
 from typing import Any, Final
 
-from keystore_audit.findings import Severity
+from keystore_audit.findings import Act, Severity, decision
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Enclave
@@ -18,11 +18,9 @@ from keystore_audit.keystore.smime import Signature
 from keystore_audit.model.trust.chain import path_refusal, signer_refusal
 from keystore_audit.model.trust.verdicts import document_verdict, may_sign, vouches
 from keystore_audit.profiles import VARIANTS, Profile, facts, implementations
-from keystore_audit.remedy import Act, decision
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import Context, Violation, located, of_kinds, paths, quoted, rule
 from keystore_audit.rules.remedies import sign_again
 from keystore_audit.rules.subjects import EXCHANGED, SPEC, DocumentUse, SignedUse, accepting, exchange, signed_bytes
-from keystore_audit.rules.wording import located, of_kinds, paths, quoted
 from keystore_audit.truth import Truth
 
 _SIGNED: Final = "documents-signed-by-the-permissions-ca"

@@ -9,7 +9,7 @@ from typing import Any, Final, TypeVar
 
 from msgspec import Struct
 
-from keystore_audit.findings import Location
+from keystore_audit.findings import Location, Remedy, decision
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import RevocationList
@@ -25,7 +25,6 @@ from keystore_audit.model.inventory import unmanaged_permissions
 from keystore_audit.model.trust.verdicts import Envelope, document_verdict, envelope, vouches
 from keystore_audit.model.validity import read_date
 from keystore_audit.profiles import VARIANTS, DateReading, Profile, RevocationLists, Trust
-from keystore_audit.remedy import Remedy, decision
 from keystore_audit.rules.registry import Context
 from keystore_audit.truth import Truth
 

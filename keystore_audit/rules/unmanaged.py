@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from keystore_audit.findings import Location, Severity
+from keystore_audit.findings import Location, Severity, decision
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
@@ -22,12 +22,21 @@ from keystore_audit.model.inventory import (
 )
 from keystore_audit.model.participants.admitted import Admitted, admitted
 from keystore_audit.model.trust.verdicts import envelope
-from keystore_audit.remedy import decision
 from keystore_audit.rules.files import renaming
-from keystore_audit.rules.registry import Context, Violation, rule
+from keystore_audit.rules.registry import (
+    VERBS,
+    Context,
+    Violation,
+    listed,
+    located,
+    more_like,
+    of_kinds,
+    quoted,
+    rule,
+    sentence,
+)
 from keystore_audit.rules.remedies import SIGN_AGAIN
 from keystore_audit.rules.subjects import unmanaged_uses
-from keystore_audit.rules.wording import VERBS, listed, located, more_like, of_kinds, quoted, sentence
 from keystore_audit.truth import Truth
 
 _CLAUSE: Final = "DDS-Security 1.1, 9.4.1.3 and 8.4.2.9 (a peer checks the document that it is shown); measured"

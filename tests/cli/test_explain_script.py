@@ -21,7 +21,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
-from keystore_audit.remedy import Kind
+from keystore_audit.findings import FixKind
 from keystore_audit.rules import RULES
 from tests.cli.keystores import answer
 from tools.samples.store import copy_with_modes
@@ -331,7 +331,7 @@ def test_every_mechanical_rule_has_its_script_tried() -> None:
     }  # fmt: skip
     assert {*alike.values()} <= {*CASES}
     own = {"KA101", "KA103", "KA120"}  # general otherwise, and mechanical where sros2 has a link or the .xml is there
-    assert {rule.code for rule in RULES if rule.remedy.kind is Kind.MECHANICAL} | own == {*CASES, *alike} - {"KA102"}
+    assert {rule.code for rule in RULES if rule.remedy.kind is FixKind.MECHANICAL} | own == {*CASES, *alike} - {"KA102"}
 
 
 def grown(old: Path, new: Path) -> list[tuple[str, str]]:

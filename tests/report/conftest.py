@@ -9,7 +9,17 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.assumptions import Assumption, Needed
-from keystore_audit.findings import Finding, Location, Outcomes, Result, Row, Severity, Suppression, fingerprint
+from keystore_audit.findings import (
+    Finding,
+    Location,
+    Outcomes,
+    Result,
+    Row,
+    Severity,
+    Suppression,
+    decision,
+    fingerprint,
+)
 from keystore_audit.model.question import Usability
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.result import (
@@ -20,7 +30,6 @@ from keystore_audit.properties.result import (
     PropertyResult,
     Step,
 )
-from keystore_audit.remedy import decision
 from keystore_audit.report.content import Anchor, Anchors, Checked, EnclaveEntry, Report, Verdict
 from keystore_audit.truth import Truth
 

@@ -17,10 +17,9 @@ from in_toto_attestation.v1.statement import Statement
 from junitparser import Error, Failure, JUnitXml, Skipped
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Outcome, Result, Severity
+from keystore_audit.findings import Act, FixKind, Location, Outcome, Remedy, Result, Severity, Step
 from keystore_audit.given import GivenFile
 from keystore_audit.properties import Status
-from keystore_audit.remedy import Act, Kind, Remedy, Step
 from keystore_audit.report import junit, markdown, sarif, statement
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.rules import RULES
@@ -45,7 +44,7 @@ class TestSarif:
     def test_the_message_is_whole_and_the_steps_are_carried(self, make_report: MakeReport) -> None:
         report = make_report()
         steps = (Step(text="Decide."), Step(text="Sign it.", act=Act.SIGN).at(("enclaves/a/permissions.p7s",)))
-        fix = Remedy(kind=Kind.DECISION, steps=steps)
+        fix = Remedy(kind=FixKind.DECISION, steps=steps)
         one = replace(report.findings[0], message="long " * 400, fix=fix)
         (result,) = log(replace(report, findings=(one,)))["runs"][0]["results"]
         assert one.message in result["message"]["text"]

@@ -13,11 +13,10 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from rich.cells import cell_len
 
-from keystore_audit.findings import Finding, Location, Outcome, Result, Severity
+from keystore_audit.findings import Finding, Location, Outcome, Result, Severity, decision
 from keystore_audit.model.question import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
-from keystore_audit.remedy import decision
 from keystore_audit.report import html as html_page
 from keystore_audit.report import markdown
 from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_PLACES

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from keystore_audit.errors import UsageError
-from keystore_audit.findings import MAX_PLACES, Finding, Location, Result, Severity
+from keystore_audit.findings import MAX_PLACES, Finding, Location, Result, Severity, decision
 from keystore_audit.keystore.files import Status as FileStatus
-from keystore_audit.remedy import decision
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Violation

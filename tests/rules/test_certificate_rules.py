@@ -14,14 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from keystore_audit.findings import Severity
+from keystore_audit.findings import Act, Severity
 from keystore_audit.keystore.certificate import CertificateFile
 from keystore_audit.keystore.crl import read_crl
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
-from keystore_audit.remedy import Act
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.certificate import weak_key, weak_signature_algorithm
 from keystore_audit.rules.subjects import certificate_uses

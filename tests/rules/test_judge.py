@@ -10,13 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from keystore_audit.findings import Location, Result, Severity
+from keystore_audit.findings import Location, Result, Severity, decision
 from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import Counterexample
-from keystore_audit.remedy import decision
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import MAX_MESSAGE, judge
 from keystore_audit.rules.registry import Context, Rule, Violation

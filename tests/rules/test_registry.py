@@ -8,11 +8,10 @@ from typing import Any
 
 import pytest
 
-from keystore_audit.findings import Severity
+from keystore_audit.findings import FixKind, Severity, decision
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.result import PropertyResult
-from keystore_audit.remedy import Kind, decision
 from keystore_audit.rules import BY_CODE, RULES
 from keystore_audit.rules.registry import Context, Rule, Violation, rule
 from tests.rules import (
@@ -65,7 +64,7 @@ def test_every_rule_says_what_why_and_what_to_do(one: Rule[Any]) -> None:
     assert not one.clause.endswith(".")
     assert all(step.text.endswith(".") for step in one.remedy.steps)
     assert one.remedy.text.count("`") % 2 == 0
-    assert (one.remedy.kind is Kind.MECHANICAL) <= any(step.act for step in one.remedy.steps)
+    assert (one.remedy.kind is FixKind.MECHANICAL) <= any(step.act for step in one.remedy.steps)
 
 
 def test_formal_rules_are_the_properties() -> None:

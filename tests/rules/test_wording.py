@@ -11,7 +11,7 @@ import pytest
 
 from keystore_audit import toml
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.rules.wording import defective
+from keystore_audit.rules.registry import defective
 from keystore_audit.text import counted
 from tests.cli.keystores import answer
 
