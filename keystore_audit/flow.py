@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
+from typing import Final
 
 from msgspec import Struct
 
@@ -12,13 +14,28 @@ from keystore_audit.engine.agreement import EngineAnswers, combine_claims
 from keystore_audit.engine.engines import Engines, run_engines
 from keystore_audit.engine.horizon import with_conditions
 from keystore_audit.engine.native import NativeEngine
+from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
 from keystore_audit.model.claims.claims import with_claims
+from keystore_audit.model.claims.globs import nearest
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.participants.doubt import keystore_doubts
+from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.properties.result import AssertedResult, EngineRun, EngineStatus, Status
+from keystore_audit.properties.result import (
+    AssertedResult,
+    CompromiseAnswer,
+    EngineRun,
+    EngineStatus,
+    KeyAnswer,
+    ProfileRadius,
+    Status,
+    Stolen,
+)
 from keystore_audit.settings.claims import place
 
 
@@ -117,3 +134,114 @@ def questions(question: FlowQuestion) -> tuple[Claim, ...]:
         )
         for attacker in attackers
     )
+
+
+# What a stolen key opens: `flow --from-compromised`.
+
+
+MAX_KEYS: Final = 20
+"""Authorities of one sort whose keys are tried: a CA file may hold thousands."""
+
+
+def find_blast_radius(
+    path: str | os.PathLike[str],
+    who: str,
+    given: Circumstances,
+    *,
+    include_ambient: bool = False,
+) -> CompromiseAnswer:
+    """What a key opens in the keystore at `path`.
+
+    `who`: an enclave's path, `identity-ca` or `permissions-ca`.
+    Raises errors.NothingToAudit, errors.UsageError for an enclave that is not there, and errors.BudgetExceeded where
+    there are too many names, authorities or subjects.
+    """
+    keystore = given.keystore(path)
+    profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
+    stolen = Stolen(who) if who in (Stolen.IDENTITY_CA.value, Stolen.PERMISSIONS_CA.value) else Stolen.ENCLAVE
+    if stolen is Stolen.ENCLAVE:
+        _check(who, keystore)
+    known = ground(keystore, profiles, at, accesses, include_ambient=include_ambient)
+    asking = _Asking(known, given.names)
+    doubts = (doubt.location for profile in profiles for doubt in keystore_doubts(keystore, profile, accesses))
+    return CompromiseAnswer(
+        who=who,
+        at=at,
+        include_ambient=include_ambient,
+        ground=known,
+        enclaves=len(keystore.enclaves),
+        keys=(asking.enclave(who, keystore),) if stolen is Stolen.ENCLAVE else tuple(asking.authorities(stolen)),
+        doubts=tuple(dict.fromkeys(doubts)),
+    )
+
+
+def _check(path: str, keystore: Keystore) -> None:
+    paths = [enclave.path for enclave in keystore.enclaves]
+    if path not in paths:
+        hint = nearest(path, paths)
+        raise UsageError(
+            f"{path!r} is no enclave of this keystore{hint}: expected its path, identity-ca or permissions-ca."
+        )
+
+
+class _Asking:
+    """Each system about each key."""
+
+    def __init__(self, known: Ground, profiles: Sequence[str]) -> None:
+        self._known = known
+        self._profiles = profiles
+
+    def enclave(self, path: str, keystore: Keystore) -> KeyAnswer:
+        """About the key of an enclave."""
+        found = next(enclave for enclave in keystore.enclaves if enclave.path == path)
+        place = found.certificate.file.place if found.certificate is not None else found.files.directory
+        left_out = self._known.left_out
+        return KeyAnswer(
+            stolen=Stolen.ENCLAVE,
+            name=path,
+            location=Location(place),
+            alone=self._by_profile(lambda system: radius_of_enclave(system, left_out, path)),
+            with_an_enclave=None,
+        )
+
+    def authorities(self, stolen: Stolen) -> Iterator[KeyAnswer]:
+        """About each key of an authority of this sort, as the profiles read the CA files."""
+        keys: dict[int, tuple[str, Location]] = {}
+        for system in self._known.systems:
+            for realm in system.realms:
+                for number in sorted(realm.identity_ca if stolen is Stolen.IDENTITY_CA else realm.permissions_ca):
+                    certificate = system.certificates[number]
+                    keys.setdefault(certificate.key, (certificate.label, certificate.location))
+        if len(keys) > MAX_KEYS:
+            raise BudgetExceeded(f"{len(keys)} authorities' keys are more than can be tried (limit {MAX_KEYS}).")
+        for key, (name, location) in keys.items():
+            yield self._authority(stolen, key, name, location)
+
+    def _authority(self, stolen: Stolen, key: int, name: str, location: Location) -> KeyAnswer:
+        left_out = self._known.left_out
+
+        def alone(system: System) -> BlastRadius:
+            return radius(system, left_out, holding(system, key), key)
+
+        def both(system: System) -> BlastRadius:
+            return radius(system, left_out, holding_both(system, key), key)
+
+        return KeyAnswer(
+            stolen=stolen,
+            name=name,
+            location=location,
+            alone=self._by_profile(alone),
+            with_an_enclave=self._by_profile(both) if stolen is Stolen.PERMISSIONS_CA else None,
+        )
+
+    def _by_profile(self, radius_in: Callable[[System], BlastRadius]) -> dict[str, ProfileRadius]:
+        """By profile the larger one, of the reading in which what could not be read may do anything."""
+        found: dict[str, list[BlastRadius]] = {name: [] for name in self._profiles}
+        for system in self._known.systems:  # of each kind the larger reading comes first
+            answer = radius_in(system)
+            for name in system.profiles:
+                found[name].append(answer)
+        return {
+            name: ProfileRadius(radius=answers[0], certain=all(each == answers[0] for each in answers))
+            for name, answers in found.items()
+        }

@@ -1,7 +1,8 @@
-"""Where the data folders are: schemas (XSD, JSON Schema) and Alloy modules, in every kind of installation."""
+"""What the machine has: our data folders in every kind of installation, CI, files opened without following links."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Final
 
@@ -32,3 +33,22 @@ def _folder(name: str) -> Path:
     if (tree / "pyproject.toml").is_file() and (tree / name).is_dir():
         return tree / name
     raise AuditError(f"Incomplete installation: {name!r} is neither at {installed} nor at {tree / name}.")
+
+
+def in_ci() -> bool:
+    """Whether the variable CI is set, and not to say no."""
+    return os.environ.get("CI", "").lower() not in ("", "0", "false")
+
+
+def flags(*names: str) -> int:
+    """The flags of open(2) (POSIX.1-2017) with these names, as far as this system has them (`check_system`)."""
+    return sum(getattr(os, name, 0) for name in names)
+
+
+def check_system() -> None:
+    """Raise AuditError where links would be followed: Windows has no such calls."""
+    if not hasattr(os, "O_NOFOLLOW") or os.stat not in os.supports_dir_fd:
+        raise AuditError(
+            "This system cannot open files below a directory without following links, so nothing is decided: run it "
+            "on Linux or macOS."
+        )

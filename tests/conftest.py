@@ -14,8 +14,8 @@ from typing import NoReturn
 import pytest
 from hypothesis import settings
 
-from keystore_audit.ci import in_ci
 from keystore_audit.engine.alloy.process import AnalyzerProcess
+from keystore_audit.resources import in_ci
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # Started in the background of a shell: programs that the tests interrupt would inherit that and never hear of it.

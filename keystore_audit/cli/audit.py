@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from keystore_audit import formats
-from keystore_audit.ci import in_ci
 from keystore_audit.cli import options as opt
 from keystore_audit.cli import output, places, types
 from keystore_audit.cli.program import Command
@@ -21,6 +20,7 @@ from keystore_audit.errors import AuditError, NothingToAudit, UsageError
 from keystore_audit.findings import SEVERITIES, Severity
 from keystore_audit.options import ENGINES, MAX_DAYS, options_of
 from keystore_audit.profiles import facts
+from keystore_audit.resources import in_ci
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:

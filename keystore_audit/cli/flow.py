@@ -104,7 +104,7 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
             raise click.UsageError(f"{option} says nothing about --from-compromised.")
     if given["engine"] not in ("native", "auto"):
         raise click.UsageError("--from-compromised is worked out natively: no other engine decides it.")
-    from keystore_audit.compromise import find_blast_radius
+    from keystore_audit.flow import find_blast_radius
 
     answer = find_blast_radius(
         keystore,

@@ -19,7 +19,7 @@ from keystore_audit.cli.options import use_color
 from keystore_audit.cli.types import unknown
 from keystore_audit.findings import Severity
 from keystore_audit.given import real_path
-from keystore_audit.opening import check_system, flags
+from keystore_audit.resources import check_system, flags
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:

@@ -9,11 +9,11 @@ from typing import Final
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.ci import in_ci
 from keystore_audit.engine.agreement import EngineAnswers
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
 from keystore_audit.properties.result import Answer, EngineRun, EngineStatus, Status
+from keystore_audit.resources import in_ci
 
 
 class Engines(Struct, frozen=True, kw_only=True):

@@ -14,8 +14,8 @@ from typing import Any, Final
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.identity import Identity
-from keystore_audit.opening import flags
 from keystore_audit.report.content import Report
+from keystore_audit.resources import flags
 
 Rows = Mapping[str, Sequence[tuple[Any, ...]]]
 """By table; each row has the values of its columns, in their order."""

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from keystore_audit.keystore.files import Entry, EntryKind, Status
-from keystore_audit.opening import flags
+from keystore_audit.resources import flags
 from keystore_audit.text import percent_path
 
 MAX_DEPTH: Final = 128

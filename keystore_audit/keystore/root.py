@@ -27,7 +27,7 @@ from keystore_audit.keystore.descent import (
 )
 from keystore_audit.keystore.files import Entry, EntryKind, File, Listing, Status
 from keystore_audit.keystore.traces import MAX_HASHED, look, search
-from keystore_audit.opening import check_system, flags
+from keystore_audit.resources import check_system, flags
 
 MAX_FILE_BYTES: Final = 4 * 1024 * 1024
 """Largest file that is read: a permissions document of 20,000 topics has about 2 MB; no parser gets more."""

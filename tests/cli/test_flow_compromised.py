@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.compromise import find_blast_radius
-from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.flow import FlowQuestion, find_blast_radius, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.profiles import resolve

@@ -14,11 +14,10 @@ from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.compromise import find_blast_radius
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
-from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.flow import FlowQuestion, find_blast_radius, find_flow
 from keystore_audit.keystore import unmanaged
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.compromise import find_blast_radius
+from keystore_audit.flow import find_blast_radius
 from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status

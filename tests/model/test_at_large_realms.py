@@ -9,10 +9,9 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec.structs import replace
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.compromise import find_blast_radius
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.flow import FlowQuestion, find_flow
+from keystore_audit.flow import FlowQuestion, find_blast_radius, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims.globs import Globs

@@ -15,7 +15,6 @@ from typing import Final
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.ci import in_ci
 from keystore_audit.engine.alloy import claims, install
 from keystore_audit.engine.alloy.atoms import atom_of
 from keystore_audit.engine.alloy.export import MODULE, NODES, VOCABULARY, write_nodes, write_vocabulary
@@ -38,6 +37,7 @@ from keystore_audit.properties.result import (
     Status,
     Step,
 )
+from keystore_audit.resources import in_ci
 from keystore_audit.text import instant, shorten
 
 MAIN: Final = "user_properties.als"
