@@ -233,4 +233,4 @@ def _lesser(page: Page, causes: Sequence[Cause]) -> None:
         page.put(("LOW      ", _STYLE[Severity.LOW]), f"{code} {alike[0].finding.name}{many}{where}")
     notes = dict.fromkeys(cause.finding.code for cause in causes if cause.severity is Severity.INFO)
     if notes:
-        page.labelled("notes", f"{' '.join(notes)} (-v)", indent=0, column=9)
+        page.labelled("notes", f"{' '.join(notes)} (-v)", column=9)

@@ -85,8 +85,8 @@ class Page:
 
         self._lines.append(Text(terminal(line), "bold"))
 
-    def labelled(self, label: str, *pieces: Piece | str, indent: int, column: int, style: str = "dim") -> None:
-        """Add a paragraph at `column` with `label` before its first line, at `indent`.
+    def labelled(self, label: str, *pieces: Piece | str, indent: int = 0, column: int, style: str = "dim") -> None:
+        """Add a paragraph at `column` with `label` before its first line, at `indent`, the margin unless it is told.
 
         A label that reaches into the paragraph's column has a line of its own. A narrow page moves the
         paragraph to the left, so that `MIN_TEXT` columns are left for it.

@@ -131,10 +131,10 @@ def render_text(summary: Summary, view: View = PLAIN) -> str:
     )
     page.blank()
     for path, reason in summary.unseen:
-        page.labelled("NOT SEEN", f"{shorten(path, MAX_PATH)}: {reason}", indent=0, column=12, style="bold magenta")
+        page.labelled("NOT SEEN", f"{shorten(path, MAX_PATH)}: {reason}", column=12, style="bold magenta")
     for each in summary.rows:
         if each.verdict is None:
-            page.labelled("NO REPORT", each.error, indent=0, column=12, style="bold magenta")
+            page.labelled("NO REPORT", each.error, column=12, style="bold magenta")
     _weakened(page, summary.rows)
     for verdict, style in _VERDICTS.items():
         if verdict is not Verdict.PASS or view.verbose:
@@ -151,7 +151,7 @@ def _weakened(page: Page, rows: Sequence[Row]) -> None:
     for reason, count in counts.most_common(MAX_WEAKENED):
         of = f" ({counted(count, 'keystore')})" if count < reports else ""
         said = f"Weakened gate: {shorten(reason, MAX_PATH)}{of}."
-        page.labelled("WARNING", said, indent=0, column=12, style="bold yellow")
+        page.labelled("WARNING", said, column=12, style="bold yellow")
     if len(counts) > MAX_WEAKENED:
         page.put(f"and {len(counts) - MAX_WEAKENED} more (all are in the JSON summary)", indent=12)
 
@@ -164,7 +164,7 @@ def _entries(page: Page, verdict: Verdict, style: str, rows: Sequence[Row], view
         more = f" and {len(members) - len(named):,} more" if len(named) < len(members) else ""
         codes = ", ".join(f"{code} {name}" for code, name, _severity in reasons)
         what = f"{counted(len(members), 'keystore')}" + (f": {codes}" if codes else "")
-        page.labelled(verdict.value.upper(), what, indent=0, column=12, style=style)
+        page.labelled(verdict.value.upper(), what, column=12, style=style)
         page.put(", ".join(shorten(each.path, MAX_PATH) for each in named) + more, indent=12)
 
 

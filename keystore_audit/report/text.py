@@ -107,7 +107,7 @@ def render_total(verdicts: Sequence[Verdict], missing: Sequence[NoReport], *, wi
     page = Page(width=width, color=color)
     for each in missing:
         said = f"{shorten(each.path, MAX_PATH)}: {each.reason}"
-        page.labelled("NO REPORT", said, indent=0, column=11, style="bold magenta")
+        page.labelled("NO REPORT", said, column=11, style="bold magenta")
     words = [f"{counts[verdict]} {verdict.value}" for verdict in Verdict]
     if missing:
         words.insert(0, f"{len(missing)} without a report")
@@ -148,7 +148,7 @@ def _verdict(page: Page, report: Report, causes: Sequence[Cause]) -> None:
         rules = f" (open: {some(undecided, MAX_CODES)})" if undecided else ""
         page.put(f"Something could not be decided{rules}: this is no pass, whatever the counts say.", indent=6)
     for warning in warnings(report):
-        page.labelled("WARNING", warning, indent=0, column=9, style=_WARNING_STYLE)
+        page.labelled("WARNING", warning, column=9, style=_WARNING_STYLE)
 
 
 _BECAUSE: Final = {Verdict.FAIL: "fails on", Verdict.INCOMPLETE: "undecided on"}

@@ -66,7 +66,7 @@ def put_details(page: Page, report: Report) -> None:
 def put_rows(page: Page, label: str, said: Iterable[str]) -> None:
     """Add paragraphs beside one label."""
     for number, each in enumerate(said):
-        page.labelled("" if number else label, each, indent=0, column=COLUMN, style="bold")
+        page.labelled("" if number else label, each, column=COLUMN, style="bold")
 
 
 def _title(page: Page, title: str) -> None:

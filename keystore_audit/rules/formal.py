@@ -70,7 +70,7 @@ def _words(step: Step) -> str:
     return ": ".join(word for word in told if word is not None)
 
 
-def _decided(code: str, prop: Property, severity: Severity, docstring: str, *, remedy: Remedy) -> None:
+def _decided(code: str, prop: Property, severity: Severity, docstring: str, remedy: Remedy) -> None:
     """Registers the rule of a property: it has the property's id and clause."""
     register(
         Rule(
@@ -95,7 +95,7 @@ _decided(
     Violated where the governance lets participants in that have no certificate at all: authentication is then a matter
     of good will. That the implementation demands the handshake of the others is taken for granted.
     """,
-    remedy=in_governance("Set <allow_unauthenticated_participants> to false"),
+    in_governance("Set <allow_unauthenticated_participants> to false"),
 )
 _decided(
     "KA702",
@@ -106,7 +106,7 @@ _decided(
     An enclave without such an identity never takes part, since its peers refuse the handshake; or it is there to see
     who does not. One step from a certificate of the CA file is enough, as each of them is a trust anchor.
     """,
-    remedy=issue_again("Issue the identity again under the identity CA that the enclaves carry."),
+    issue_again("Issue the identity again under the identity CA that the enclaves carry."),
 )
 _decided(
     "KA703",
@@ -117,7 +117,7 @@ _decided(
     What somebody else signed says what that somebody wants, wherever it is taken. Who had the authority's key in hand
     when it signed cannot be known.
     """,
-    remedy=sign_again("Find out who signed it."),
+    sign_again("Find out who signed it."),
 )
 _decided(
     "KA704",
@@ -128,7 +128,7 @@ _decided(
     Enclaves with one key have one set of rights, and revoking one revokes both. Copies of a key outside this keystore
     are not seen.
     """,
-    remedy=issue_again("Give each enclave a key and certificate of its own."),
+    issue_again("Give each enclave a key and certificate of its own."),
 )
 _decided(
     "KA705",
@@ -139,9 +139,7 @@ _decided(
     Such an enclave can do anything. Whether an implementation pins the signer was measured with documents signed by a
     leaf; the profiles say for which it was only read.
     """,
-    remedy=decision(
-        "Use separate authorities for identities and permissions, and implementations that pin the signer."
-    ),
+    decision("Use separate authorities for identities and permissions, and implementations that pin the signer."),
 )
 _decided(
     "KA706",
@@ -153,7 +151,7 @@ _decided(
     signer. sros2 makes keystores so, which is why this is medium; where it is more, no-enclave-grants-itself-rights
     says so.
     """,
-    remedy=SEPARATE,
+    SEPARATE,
 )
 _decided(
     "KA707",
@@ -164,7 +162,7 @@ _decided(
     Peers take whatever validly signed document an enclave presents, so that each has the rights of both, whatever its
     own document says. Subjects are compared as each implementation does.
     """,
-    remedy=decision("Give each enclave a subject of its own, and each grant a subject_name that names one enclave."),
+    decision("Give each enclave a subject of its own, and each grant a subject_name that names one enclave."),
 )
 _decided(
     "KA711",
@@ -174,7 +172,7 @@ _decided(
 
     Topics that nobody may publish are not counted. Lengths, times and addresses stay readable whatever is encrypted.
     """,
-    remedy=in_governance("Set data_protection_kind or metadata_protection_kind to ENCRYPT for the topic"),
+    in_governance("Set data_protection_kind or metadata_protection_kind to ENCRYPT for the topic"),
 )
 _decided(
     "KA712",
@@ -185,7 +183,7 @@ _decided(
     Names tell an attacker what to aim at. The handshake shows every permissions document in clear in any case, so that
     this slows a patient listener only.
     """,
-    remedy=in_governance("Set enable_discovery_protection to true and discovery_protection_kind to ENCRYPT"),
+    in_governance("Set enable_discovery_protection to true and discovery_protection_kind to ENCRYPT"),
 )
 _decided(
     "KA713",
@@ -196,7 +194,7 @@ _decided(
     Else whoever reaches the network commands the robot. Replay of recorded messages and loss of messages are not among
     what is decided.
     """,
-    remedy=in_governance("Set metadata_protection_kind or data_protection_kind to SIGN or ENCRYPT for the topic"),
+    in_governance("Set metadata_protection_kind or data_protection_kind to SIGN or ENCRYPT for the topic"),
 )
 _decided(
     "KA714",
@@ -208,7 +206,7 @@ _decided(
     submessage nor message is authenticated: an old command is taken again. The same lets an outsider forge HEARTBEAT,
     GAP and ACKNACK, which stops readers. Derived from what each kind covers; not attacked on the wire here.
     """,
-    remedy=in_governance("Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT"),
+    in_governance("Set rtps_protection_kind or metadata_protection_kind to SIGN or ENCRYPT"),
 )
 _decided(
     "KA715",
@@ -218,7 +216,7 @@ _decided(
 
     Whoever relies on liveliness to stop a robot then never learns that a controller has died.
     """,
-    remedy=in_governance("Set rtps_protection_kind to SIGN, or protect liveliness"),
+    in_governance("Set rtps_protection_kind to SIGN, or protect liveliness"),
 )
 _decided(
     "KA721",
@@ -228,9 +226,7 @@ _decided(
 
     A grant that nobody asks for protects nothing, though it reads as if it did.
     """,
-    remedy=in_governance(
-        "Set enable_join_, enable_read_ and enable_write_access_control to true wherever grants name topics"
-    ),
+    in_governance("Set enable_join_, enable_read_ and enable_write_access_control to true wherever grants name topics"),
 )
 _decided(
     "KA722",
@@ -242,7 +238,7 @@ _decided(
     enclave's hands; a granted reader's forging is readers-cannot-forge. What nodes would do is not asked: every enclave
     may be in an attacker's hands.
     """,
-    remedy=in_governance("Set enable_write_ and enable_read_access_control to true and protect the topic's metadata"),
+    in_governance("Set enable_write_ and enable_read_access_control to true and protect the topic's metadata"),
 )
 _decided(
     "KA723",
@@ -253,7 +249,7 @@ _decided(
     The keys of whole messages are in every participant's hands, so that rtps protection alone hides nothing from those
     inside.
     """,
-    remedy=in_governance("Set enable_read_access_control to true and metadata_ or data_protection_kind to ENCRYPT"),
+    in_governance("Set enable_read_access_control to true and metadata_ or data_protection_kind to ENCRYPT"),
 )
 _decided(
     "KA724",
@@ -267,7 +263,7 @@ _decided(
     {facts.NO_ORIGIN}: there the kinds below help nothing, and the enclave that forges
     must not read the topic.
     """,
-    remedy=in_governance(
+    in_governance(
         "Where a reader must not pass for the writer, use SIGN_ or ENCRYPT_WITH_ORIGIN_AUTHENTICATION as "
         "metadata_protection_kind of the topic"
     ),
@@ -281,7 +277,7 @@ _decided(
     A relay gets the keys of submessages, to pass them on, and no key of payloads: what is not encrypted for itself is
     in clear to it. {facts.RELAY_READS}, and that is told by nobody-reads-without-a-grant.
     """,
-    remedy=in_governance("Set data_protection_kind to ENCRYPT for the topic"),
+    in_governance("Set data_protection_kind to ENCRYPT for the topic"),
 )
 _decided(
     "KA731",
@@ -292,9 +288,7 @@ _decided(
     Domains keep apart only what nobody carries over. Enclaves with one key are one: each acts as the others. Domains
     that no document tells apart count as one here: a rule for all of them is rule-domain-range-open.
     """,
-    remedy=decision(
-        "Let each enclave's rules cover one domain, and make an enclave of its own for a bridge that is meant."
-    ),
+    decision("Let each enclave's rules cover one domain, and make an enclave of its own for a bridge that is meant."),
 )
 
 

@@ -11,6 +11,7 @@ from keystore_audit.findings import Act, Location, Severity, decision
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Grant
 from keystore_audit.model.claims.ability import sent
@@ -144,8 +145,10 @@ def _dated(use: PermissionsUse) -> Iterator[tuple[Grant, datetime, datetime]]:
             yield grant, start, end
 
 
-def _whose(grant: Grant) -> str:
-    return f"The grant of {quoted(grant.subject_name.text)}"
+def _of_date(use: PermissionsUse, grant: Grant, date: Text, says: str) -> Violation:
+    """A violation at a date of a grant."""
+    message = f"The grant of {quoted(grant.subject_name.text)} {says}."
+    return about(use, grant, date.line, message, key=dated(grant))
 
 
 @rule(
@@ -164,8 +167,8 @@ def grant_expired(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """
     for grant, start, end in _dated(use):
         if start <= end < context.at:
-            message = f"{_whose(grant)} expired at {instant(end)} (audited for {instant(context.at)})."
-            yield about(use, grant, grant.not_after.line, message, key=dated(grant))
+            says = f"expired at {instant(end)} (audited for {instant(context.at)})"
+            yield _of_date(use, grant, grant.not_after, says)
 
 
 @rule(
@@ -183,8 +186,8 @@ def grant_not_yet_valid(use: PermissionsUse, context: Context) -> Iterator[Viola
     """
     for grant, start, end in _dated(use):
         if context.at < start <= end:
-            message = f"{_whose(grant)} is valid from {instant(start)} on (audited for {instant(context.at)})."
-            yield about(use, grant, grant.not_before.line, message, key=dated(grant))
+            says = f"is valid from {instant(start)} on (audited for {instant(context.at)})"
+            yield _of_date(use, grant, grant.not_before, says)
 
 
 @rule(
@@ -198,11 +201,9 @@ def grant_expires_soon(use: PermissionsUse, context: Context) -> Iterator[Violat
     """The grant of the enclave ends within the notice period (--expires-within, 30 days): then nothing new starts."""
     for grant, start, end in _dated(use):
         if start <= end and context.at <= end and end - context.at <= context.expires_within:
-            message = (
-                f"{_whose(grant)} expires at {instant(end)}, in {(end - context.at).days} days (notice: "
-                f"{context.expires_within.days})."
-            )
-            yield about(use, grant, grant.not_after.line, message, key=dated(grant))
+            notice = f"(notice: {context.expires_within.days})"
+            says = f"expires at {instant(end)}, in {(end - context.at).days} days {notice}"
+            yield _of_date(use, grant, grant.not_after, says)
 
 
 @rule(
@@ -226,8 +227,8 @@ def grant_outlives_certificate(use: PermissionsUse) -> Iterator[Violation]:
     for grant, start, end in _dated(use):
         identity_ends = ends[grant.subject_name.text]
         if start <= end and end > identity_ends:
-            message = f"{_whose(grant)} is good until {instant(end)}, the identity only until {instant(identity_ends)}."
-            yield about(use, grant, grant.not_after.line, message, key=dated(grant))
+            says = f"is good until {instant(end)}, the identity only until {instant(identity_ends)}"
+            yield _of_date(use, grant, grant.not_after, says)
 
 
 @rule(
@@ -242,8 +243,8 @@ def validity_inverted(use: PermissionsUse) -> Iterator[Violation]:
     """The grant ends before it begins: it is never in force. Zones count: `Z` and `+02:00` name different instants."""
     for grant, start, end in _dated(use):
         if start > end:
-            message = f"{_whose(grant)} begins at {instant(start)} and ends before that, at {instant(end)}."
-            yield about(use, grant, grant.not_before.line, message, key=dated(grant))
+            says = f"begins at {instant(start)} and ends before that, at {instant(end)}"
+            yield _of_date(use, grant, grant.not_before, says)
 
 
 _CRASHES: Final = "whoever reads it, the enclave or a peer, crashes, and one signed file stops a robot."

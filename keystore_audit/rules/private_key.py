@@ -38,9 +38,6 @@ def authority_anew(roles: Collection[Role], text: str) -> Remedy | None:
     return decision(text, *acts) if acts else None
 
 
-"""How to replace an authority of a role whose key others have."""
-
-
 _READ_BY_GROUP: Final = 0o040
 
 
@@ -50,8 +47,14 @@ def _open_to_others(file: File, group: int | None = None) -> bool:
     return file.mode is not None and bool(file.mode & _OTHERS & ~allowed)
 
 
-def _octal(file: File) -> str:
-    return f"{(file.mode or 0) & 0o777:04o}"
+def _readable(file: File, whose: str, context: Context) -> Violation:
+    mode = f"{(file.mode or 0) & 0o777:04o}"
+    return Violation(
+        f"The private key of {whose} has mode {mode} (expected 0600): other users may read it.",
+        (Location(file.place),),
+        severity=None if context.deployed else Severity.INFO,
+        key=mode,
+    )
 
 
 @rule(
@@ -69,13 +72,7 @@ def private_key_readable_by_others(enclave: Enclave, context: Context) -> Iterat
     Directories above it, owners and access control lists are not looked at.
     """
     if enclave.key is not None and _open_to_others(enclave.key.file, context.keystore.declared.key_group):
-        file = enclave.key.file
-        yield Violation(
-            f"The private key of {enclave.path} has mode {_octal(file)} (expected 0600): other users may read it.",
-            (Location(file.place),),
-            severity=None if context.deployed else Severity.INFO,
-            key=_octal(file),
-        )
+        yield _readable(enclave.key.file, enclave.path, context)
 
 
 @rule(
@@ -248,12 +245,7 @@ def ca_key_readable_by_others(keystore: Keystore, context: Context) -> Iterator[
     """
     for file in keystore.layout.authority_keys:
         if _open_to_others(file):
-            yield Violation(
-                f"The private key of an authority has mode {_octal(file)} (expected 0600): other users may read it.",
-                (Location(file.place),),
-                severity=None if context.deployed else Severity.INFO,
-                key=_octal(file),
-            )
+            yield _readable(file, "an authority", context)
 
 
 @rule(
