@@ -62,8 +62,7 @@ ATTRIBUTES = re.split(
     """aria-hidden aria-label charset class colspan content d height href http-equiv id lang name open points rel role
     rx scope tabindex text-anchor viewBox width x x1 x2 y y1 y2""",
 )
-DOCUMENTS = {each.name: each.read_text("utf-8") for each in templated.TEMPLATES.glob("*.j2")}
-TEMPLATES = {name: source for name, source in DOCUMENTS.items() if name.endswith(".html.j2")}
+TEMPLATES = {each.name: each.read_text("utf-8") for each in templated.TEMPLATES.glob("*.html.j2")}
 
 
 class TestTemplates:
@@ -81,9 +80,10 @@ class TestTemplates:
         assert {each[:1] for each in targets if each != "data:,"} == {"#"}
 
     def test_nothing_goes_around_the_escaping(self) -> None:
-        for source in DOCUMENTS.values():
-            assert {*re.findall(r"([\w.]+)\|ours", source)} <= {"report.scope", "run.status.value"}
-            assert not re.search(r"\|\s*(safe|forceescape|escape|e|xmlattr|tojson|urlize)\b|autoescape|\braw\b", source)
+        for source in TEMPLATES.values():
+            assert not re.search(
+                r"\|\s*(ours|safe|forceescape|escape|e|xmlattr|tojson|urlize)\b|autoescape|\braw\b", source
+            )
 
     def test_the_style_sheet_cannot_end_early(self) -> None:
         sheet = (templated.TEMPLATES / "style.css").read_text("utf-8")
