@@ -42,6 +42,25 @@ def libcrypto() -> ctypes.CDLL:
     return ctypes.CDLL(ctypes.util.find_library("crypto") or lacking("libcrypto"))
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """How golden files are written."""
+    parser.addoption("--golden", action="store_true", help="write tests/golden again; then look at `git diff`")
+
+
+@pytest.fixture
+def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
+    """Compares a text, whole, with the file of this name in tests/golden; with --golden, writes it."""
+
+    def golden(name: str, text: str) -> None:
+        file = Path(__file__).parent / "golden" / name
+        if request.config.getoption("golden"):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text, "utf-8")
+        assert text == file.read_text("utf-8"), name
+
+    return golden
+
+
 def pytest_collection_finish() -> None:
     """Leave what was imported and collected out of later searches for garbage: JPype makes one after each of Java's."""
     gc.freeze()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -12,11 +13,12 @@ from typing import Any
 import click
 import pytest
 
-from keystore_audit import toml
+from keystore_audit import __version__, toml
 from keystore_audit.cli import audit as command_line
 from keystore_audit.cli.program import program as command
 from keystore_audit.cli.program import run as program
 from keystore_audit.options import Options
+from tools.freeze import answers
 from tools.samples.expectation import finding_line, with_engine
 from tools.samples.store import copy_with_modes
 
@@ -64,6 +66,7 @@ def rows(report: dict[str, Any]) -> list[str]:
 
 
 Audit = Callable[..., tuple[int, dict[str, Any]]]
+Golden = Callable[[str, str], None]
 
 
 @pytest.fixture
@@ -81,15 +84,34 @@ def run_here(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     return run_here
 
 
+FORMATS = ("html", "junit", "markdown", "sarif", "statement", "text")
+
+
+@pytest.fixture
+def beside_samples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, resident_analyzer: None) -> Path:  # noqa: ARG001
+    """An empty folder to work in, where the files that options of samples name can be found."""
+    for each in SAMPLES.iterdir():
+        if each.is_dir():
+            (tmp_path / each.name).symlink_to(each)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
 @pytest.mark.parametrize("expectation", EXPECTATIONS, ids=name)
-def test_a_sample_gives_exactly_its_findings(expectation: Path, tmp_path: Path, run_here: Audit) -> None:
-    keystore, expected = as_built(expectation, tmp_path / "keystore")
-    code, report = run_here(keystore, *with_engine(expected["options"]), "--at", expected["at"])
-    found = rows(report)
+def test_a_sample_gives_exactly_its_findings(expectation: Path, beside_samples: Path, golden: Golden) -> None:
+    """And all that commands say of it, in every format, is what it was: `tools/freeze.py` shows a difference."""
+    expected = toml.loads(expectation.read_text("utf-8"))
+    target = beside_samples / "answers"
+    answers(expectation.with_suffix(""), target, "native", FORMATS)
+    code, _line, text = (target / "audit.json").read_text("utf-8").partition("\n")
+    found = rows(json.loads(text))
     assert {"missing": sorted(set(expected["findings"]) - set(found))} == {"missing": []}
     assert {"unexpected": sorted(set(found) - set(expected["findings"]))} == {"unexpected": []}
     assert found == sorted(expected["findings"])
-    assert code == report["exit_code"] == expected["exit_code"]
+    assert int(code) == json.loads(text)["exit_code"] == expected["exit_code"]
+    said = {each.name: each.read_bytes().replace(__version__.encode(), b"VERSION") for each in target.iterdir()}
+    digests = (f"{each} {hashlib.sha256(said[each]).hexdigest()[:16]}\n" for each in sorted(said))
+    golden(f"samples/{name(expectation)}.txt", "".join(digests))
 
 
 def has_options(expectation: Path) -> bool:

@@ -29,14 +29,18 @@ from tools.samples.store import copy_with_modes  # noqa: E402
 from tools.samples.story import read_description  # noqa: E402
 
 
-def answers(sample: Path, target: Path, engine: str) -> None:
-    """Write what each command says of a copy of the sample, with its modes and at its instant; exit codes first."""
+def answers(sample: Path, target: Path, engine: str, formats: Sequence[str] = ()) -> None:
+    """Write what each command says of a copy of the sample, with its modes and at its instant; exit codes first.
+
+    `formats`: those in which the audit's report is written, too.
+    """
     about = read_description(sample)
     copy = Path("keys")
     copy_with_modes(sample, copy, int(about["key_mode"], 8))
     instant = ["--at", about["at"]]
+    written = [word for each in formats for word in ("-o", f"{each}={target / each}")]
     asked = {
-        "audit.json": ["audit", *with_engine(about["options"], engine), "-f", "json", *instant, str(copy)],
+        "audit.json": ["audit", *with_engine(about["options"], engine), "-f", "json", *written, *instant, str(copy)],
         "access.json": ["access", "-f", "json", *instant, str(copy)],
     }
     beside = sample.with_name("good")
