@@ -20,7 +20,6 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.intended.observed import Observation, observe
 from keystore_audit.model.intended.observed_needs import Usual, usual_rights
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.profiles import VARIANTS
 from keystore_audit.rules.judge import Judgement, judge
 from tests.rules.divergent import chosen
 from tests.rules.evidence import AT, allow, context, enclave, grant, keystore, permissions, rules_of
@@ -123,6 +122,3 @@ def judged(store: Keystore, *intents: Intent, names: tuple[str, ...] = (), domai
 
 def spoken(store: Keystore, *intents: Intent, **more: Any) -> tuple[Finding, ...]:
     return judged(store, *intents, **more).findings
-
-
-ALL = tuple(VARIANTS)

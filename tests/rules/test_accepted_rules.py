@@ -22,9 +22,7 @@ from keystore_audit.settings.suppressions import (
     Fate,
     FileOfUses,
     accepted,
-    accepted_by,
     check_dates,
-    first_end,
     uses,
 )
 from tests.rules.evidence import AT, DAY, absent, certificates, context, enclave, healthy, judged, keystore, pem
@@ -62,15 +60,6 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("code", CASES)
-def test_each_speaks_at_its_lines_and_leaves_the_audit_complete(code: str) -> None:
-    judgement = judged(**CASES[code])
-    (finding,) = judgement.findings
-    assert finding.code == code
-    assert [(place.path, place.line, place.beside) for place in finding.locations] == [("keystore-audit.toml", 3, True)]
-    assert not any(outcome.outcome is Result.OPEN for outcome in judgement.outcomes)
-
-
 def marked(judgement: Judgement) -> list[tuple[str, str | None, bool]]:
     return [(f.code, f.enclave, f.suppressed is not None) for f in judgement.findings if f.code in ("KA205", *CASES)]
 
@@ -84,17 +73,6 @@ def test_a_place_is_accepted_and_the_same_elsewhere_is_not() -> None:
         judgement = judged(store, acceptances=(acceptance(where=(where,)),))
         assert [code for code, _enclave, hidden in marked(judgement) if hidden] == []
         assert ("KA910", None, False) in marked(judgement)
-
-
-def test_the_accepted_stay_and_their_rule_still_fails() -> None:
-    plain = judged(expiring("/talker"))
-    judgement = judged(expiring("/talker"), acceptances=(acceptance(),))
-    assert [replace(f, suppressed=None) for f in judgement.findings] == list(plain.findings)
-    (finding,) = (f for f in judgement.findings if f.code == "KA205")
-    assert finding.suppressed is not None
-    assert (finding.suppressed.until, finding.suppressed.source) == ("2026-11-22", "keystore-audit.toml:3")
-    failed = {(o.rule, o.subject) for o in judgement.outcomes if o.outcome is Result.FAIL}
-    assert {rule for rule, _subject in failed} >= {"KA205"}
 
 
 @pytest.mark.parametrize(("days", "hidden"), [(-1, False), (0, True), (1, True)])
@@ -111,15 +89,6 @@ def test_one_that_ended_takes_nothing_from_one_that_holds() -> None:
     assert marked(judgement) == [("KA909", None, False), ("KA205", "/talker", True)]
     (mark,) = (f.suppressed for f in judgement.findings if f.suppressed)
     assert mark.source.endswith(":9")
-
-
-def test_many_of_one_file_are_one_finding_with_all_lines() -> None:
-    unused = tuple(acceptance("KA203", line=n) for n in range(1, 8))
-    (finding,) = judged(acceptances=(*unused,)).findings
-    assert [place.line for place in finding.locations] == list(range(1, 8))
-    assert "7 entries accept nothing: the first, KA203 everywhere" in finding.message
-    both = judged(acceptances=(acceptance("KA203"), acceptance("KA203", file="baseline.toml"))).findings
-    assert [f.locations[0].path for f in both] == ["baseline.toml", "keystore-audit.toml"]
 
 
 def test_nothing_accepts_what_the_audit_says_of_itself() -> None:
@@ -254,21 +223,6 @@ def test_dates_too_far_away() -> None:
     with pytest.raises(UsageError, match=r"^keystore-audit\.toml:3:1: 2027-05-21 is too far .* 2027-05-20 or sooner"):
         check_dates([far], AT)
     check_dates([far], AT, days=181)
-
-
-def test_what_is_counted_and_when_it_ends() -> None:
-    found = [finding(mark=mark) for mark in "abc"]
-    entries = [
-        acceptance(fingerprint="a" * 64, file="b.toml"),
-        acceptance(fingerprint="b" * 64, file="b.toml", until=date(2026, 12, 31)),
-        acceptance("KA206"),
-    ]
-    shown = accepted(found, uses(found, entries, AT, PROFILES))
-    assert accepted_by(shown) == ("2 findings accepted by b.toml",)
-    end = first_end(shown)
-    assert end is not None
-    assert end.isoformat() == "2026-11-23T00:00:00+00:00"
-    assert (accepted_by(found), first_end(found)) == ((), None)
 
 
 # Against a definition of its own

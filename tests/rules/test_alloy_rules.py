@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from msgspec.structs import replace
 
 from keystore_audit.findings import Location, Severity
@@ -30,17 +28,6 @@ ASSERTED = AlloyResult(
     location=Location(path="chatter.als", line=15, beside=True),
 )
 
-CASES: dict[str, dict[str, Any]] = {"KA741": {"results": (ASSERTED,)}}
-
-
-def test_a_violation_is_told_with_the_severity_and_the_place_that_its_user_gave() -> None:
-    (found,) = judged(**CASES["KA741"]).findings
-    assert (found.code, found.severity) == ("KA741", Severity.LOW)
-    assert (found.locations[0].path, found.locations[0].line) == ("chatter.als", 15)
-    assert found.message == (
-        "'chatter-nobody-else' is violated. Asserted: Nobody else. (Alloy alone.) Found: With enclave: /listener."
-    )
-
 
 def test_what_holds_is_no_finding_and_what_is_unknown_is_open_with_its_reason() -> None:
     def told(status: Status, reason: str = "") -> list[tuple[str, str]]:
@@ -52,13 +39,6 @@ def test_what_holds_is_no_finding_and_what_is_unknown_is_open_with_its_reason() 
     ((code, message),) = told(Status.UNKNOWN, "Alloy was ended")
     assert code == "KA906"
     assert message == "Undecided, since Alloy was ended: Nobody else. (Alloy alone.)"
-
-
-def test_a_violation_under_some_profiles_names_them() -> None:
-    holds = ProfileResult(status=Status.HOLDS, engines={"alloy": Status.HOLDS}, counterexample=None)
-    result = replace(ASSERTED, profiles={**ASSERTED.profiles, "fastdds-3.6": holds})
-    (found,) = judged(results=(result,)).findings
-    assert found.profiles == ("spec",)
 
 
 def test_who_accepts_it_accepts_this_text_about_this_keystore() -> None:

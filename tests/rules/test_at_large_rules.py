@@ -133,13 +133,6 @@ def test_a_grant_that_names_one_by_a_vendors_comparison_says_so(tmp_path: Path) 
             assert {place.path for place in told[0].locations} == {"enclaves/admin/arm/permissions.p7s", *NOBODYS}
 
 
-def test_the_example_names_the_certificate_with_its_line(tmp_path: Path) -> None:
-    root = written(tmp_path, HELD)
-    shared = next(finding for finding in report(root).findings if finding.code == "KA704")
-    assert "CN=/listener (public/x_ca.cert.pem, no enclave)" in shared.message
-    assert ("public/x_ca.cert.pem", 1) in {(place.path, place.line) for place in shared.locations}
-
-
 def test_a_subject_without_end_is_cut(tmp_path: Path) -> None:
     units = (x509.NameAttribute(NameOID.ORGANIZATIONAL_UNIT_NAME, f"{number:064}") for number in range(200))
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "/admin"), *units])

@@ -98,30 +98,6 @@ def test_one_change_makes_a_rule_speak(code: str) -> None:
     assert (code in opened) is (code in OPEN)
 
 
-def test_a_property_that_holds_says_nothing() -> None:
-    results = tuple(result(prop.id, spec=answer(HOLDS)) for prop in PROPERTIES)
-    judgement = judged(results=results)
-    assert judgement.findings == ()
-    formal = [o for o in judgement.outcomes if o.rule.startswith("KA7")]
-    assert [(o.subject, o.outcome) for o in formal] == [(prop.id, Result.PASS) for prop in PROPERTIES]
-
-
-def test_a_counterexample_becomes_message_and_places() -> None:
-    found = judged(**CASES["KA722"]).findings[0]
-    assert found.message == EXAMPLE.text
-    assert [(place.path, place.line) for place in found.locations] == [
-        ("enclaves/governance.p7s", 28),
-        ("enclaves/talker/cert.pem", 1),
-    ]
-    assert found.enclave == "/talker"
-    assert found.profiles == ()
-
-
-def test_a_violation_under_some_profiles_names_them() -> None:
-    mixed = result("outsiders-cannot-read", spec=answer(HOLDS), cyclonedds_11=answer(VIOLATED, example=EXAMPLE))
-    assert [(f.code, f.profiles) for f in judged(results=(mixed,)).findings] == [("KA711", ("cyclonedds-11",))]
-
-
 def test_violated_here_and_undecided_there_are_two_findings() -> None:
     mixed = result("outsiders-cannot-read", spec=answer(UNKNOWN), cyclonedds_11=answer(VIOLATED, example=EXAMPLE))
     judgement = judged(results=(mixed,))
@@ -169,13 +145,6 @@ def test_many_properties_that_are_undecided_are_counted_and_not_listed() -> None
     named = ", ".join(each.prop.id for each in many[:5])
     assert one.message == f"Undecided, since no engine gave an answer: 7 properties, {named} and 2 more."
     assert one.fingerprint != fewer.fingerprint
-
-
-def test_what_a_property_depends_on_is_named() -> None:
-    undecided = result(PROPERTIES[0].id, spec=answer(UNKNOWN))
-    found = findings("KA906", judged(results=(undecided,), doubts=(DOUBT,)))
-    assert "enclaves/talker/cert.pem" in found[0].message
-    assert found[0].locations == (DOUBT.location,)
 
 
 @pytest.mark.parametrize("required", [True, False])
@@ -246,14 +215,6 @@ def test_forwards_settle_nothing_but_determinism(reason: str, forwards: bool) ->
     (asserted,) = CASES["KA740"]["results"]
     (found,) = judged(results=(replace(asserted, profiles={"spec": answer(UNKNOWN)}, reason=reason),)).findings
     assert (found.code, "[[forward]]" in found.fix.text) == ("KA906", forwards)
-
-
-def test_an_asserted_property_has_the_severity_and_the_place_that_its_user_gave() -> None:
-    (found,) = judged(**CASES["KA740"]).findings
-    assert found.severity is Severity.LOW
-    assert (found.locations[0].path, found.locations[0].line) == ("keystore-audit.toml", 3)
-    assert "'never' is violated" in found.message
-    assert "Could pass for a permitted publisher: /a, /b, with the keys they hold." in found.message
 
 
 @pytest.mark.parametrize("status", [HOLDS, UNKNOWN])

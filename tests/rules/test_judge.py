@@ -132,33 +132,6 @@ def test_select_and_ignore_never_leave_out_the_audit_itself(
     assert [finding.code for finding in judgement.findings] == ["KA906"]
 
 
-def test_findings_are_sorted_worst_first_then_by_place() -> None:
-    rules = [
-        made("KA102", says(path="b"), says(path="a", line=9), says(path="a", line=10), says(enclave="/x", path="0")),
-        made("KA101", says(path="z", severity=Severity.CRITICAL), says(path="a", line=9)),
-    ]
-    found = [
-        (f.severity.value, f.enclave, f.locations[0].path, f.locations[0].line, f.code)
-        for f in judge(context(), rules).findings
-    ]
-    assert found == [
-        ("critical", None, "z", 1, "KA101"),
-        ("medium", None, "a", 9, "KA101"),
-        ("medium", None, "a", 9, "KA102"),
-        ("medium", None, "a", 10, "KA102"),
-        ("medium", None, "b", 1, "KA102"),
-        ("medium", "/x", "0", 1, "KA102"),
-    ]
-
-
-def test_equal_findings_get_fingerprints_of_their_own_in_the_order_of_their_lines() -> None:
-    same = [says(line=line, message=f"line {line}") for line in (30, 10, 20)]
-    first = judge(context(), [made("KA101", *same)]).findings
-    again = judge(context(), [made("KA101", *reversed(same))]).findings
-    assert first == again
-    assert len({finding.fingerprint for finding in first}) == 3
-
-
 @given(shift=st.integers(min_value=1, max_value=10_000))
 def test_fingerprints_hold_still_when_lines_move(shift: int) -> None:
     """Comments before an element change its line and nothing else."""
@@ -181,14 +154,6 @@ def test_fingerprints_hold_still_when_lines_move(shift: int) -> None:
     assert {finding.code for finding in before} == {"KA221", "KA406", "KA509", "KA510"}
     assert [finding.fingerprint for finding in before] == [finding.fingerprint for finding in after]
     assert [finding.locations[0].line for finding in before] != [finding.locations[0].line for finding in after]
-
-
-def test_a_violated_property_carries_the_fingerprints_of_its_causes() -> None:
-    violated = result("no-enclave-grants-itself-rights", cyclonedds_0_10=answer(Status.VIOLATED, example=EXAMPLE))
-    results = (replace(violated, profiles={"cyclonedds-0.10": violated.profiles["cyclonedds-0-10"]}),)
-    found = {finding.code: finding for finding in judged(one_authority(healthy()), results=results).findings}
-    assert found["KA705"].explained_by == (found["KA222"].fingerprint,)
-    assert found["KA222"].explained_by == ()
 
 
 def test_a_violated_property_is_one_finding_whatever_example_an_engine_gives() -> None:
@@ -266,10 +231,6 @@ def test_outcomes_name_each_rule_and_subject_once() -> None:
     outcomes = judged(store).outcomes
     assert len({(o.rule, o.subject) for o in outcomes}) == len(outcomes)
     assert [o.rule for o in outcomes] == sorted(o.rule for o in outcomes)
-
-
-def test_the_same_evidence_gives_the_same_judgement() -> None:
-    assert judged(one_authority(healthy())) == judged(one_authority(healthy()))
 
 
 def test_of_equal_violations_no_rest_takes_the_place_of_the_one_that_was_mended() -> None:

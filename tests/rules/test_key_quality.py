@@ -154,9 +154,6 @@ def found(*roots: Path, options: tuple[str, ...] = ()) -> list[list[dict[str, An
     return [[each for each in report["findings"] if each["code"] == "KA230"] for report in reports]
 
 
-CASES = {"KA230": KEYS}
-
-
 @pytest.mark.parametrize("what", KEYS)
 def test_a_bad_key_is_critical(what: str, tmp_path: Path) -> None:
     make, says = KEYS[what]

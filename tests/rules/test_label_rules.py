@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from msgspec.structs import replace
 
 from keystore_audit.engine.agreement import with_label_answers
@@ -78,20 +76,6 @@ def _result(claim: Claim, answer: ProfileResult) -> AssertedResult:
     )
 
 
-CASES: dict[str, dict[str, Any]] = {"KA742": {"results": (labels(HOLDS, VIOLATED),)}}
-
-
-def test_one_part_that_is_violated_is_one_finding() -> None:
-    judgement = judged(**CASES["KA742"])
-    (found,) = judgement.findings
-    assert (found.code, found.severity, found.profiles) == ("KA742", Severity.CRITICAL, ("spec",))
-    assert found.message == "What is labelled 'high' can reach what is labelled 'low': /a -> /x (topic) -> /b."
-    assert [(place.path, place.line) for place in found.locations] == [
-        ("keystore-audit.toml", 1),
-        ("enclaves/a/permissions.p7s", 9),
-    ]
-
-
 def test_labels_that_hold_say_nothing_and_undecided_ones_leave_it_open() -> None:
     assert judged(results=(labels(HOLDS, HOLDS),)).findings == ()
     assert {found.code for found in judged(results=(labels(HOLDS, UNKNOWN),)).findings} == {"KA906"}
@@ -107,12 +91,6 @@ def test_engines_that_contradict_each_other_about_one_part_are_not_outvoted() ->
     assert result.status is Status.UNKNOWN
     assert not result.engines_agree
     assert findings("KA904", judged(results=(result,)))
-
-
-def test_the_shortest_example_is_told() -> None:
-    longer = replace(EXAMPLE, text="Longer.", steps=(*EXAMPLE.steps, replace(EXAMPLE.steps[0], line=10)))
-    result = labels(replace(VIOLATED, counterexample=longer), VIOLATED)
-    assert result.profiles["spec"].counterexample is EXAMPLE
 
 
 def test_it_stays_the_same_finding_and_is_about_the_whole_keystore() -> None:

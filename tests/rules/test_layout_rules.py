@@ -10,10 +10,10 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.foreign import DeclaredFiles, Foreign
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.keystore.layout import Role
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
@@ -40,9 +40,7 @@ from tests.rules.evidence import (
     keystore,
     laid_out,
     meaning,
-    open_codes,
     pem,
-    permissions,
     private_key,
     signature,
     signed,
@@ -60,58 +58,6 @@ def without_permissions(status: Status) -> Change:
 
 def key_with(**more: object) -> Change:
     return talker(key=private_key(KEY, "/talker", **more))
-
-
-def folder(path: str, mode: int) -> File:
-    return File(path=path, resolved=None, status=Status.DIRECTORY, mode=mode, shared_group=True)
-
-
-CASES: dict[str, tuple[Change, list[str]]] = {
-    "KA101": (without_permissions(Status.MISSING), ["KA101"]),
-    "KA102": (without_permissions(Status.DANGLING), ["KA102"]),
-    "KA103": (without_permissions(Status.OUTSIDE), ["KA103"]),
-    "KA104": (laid_out(directory_links=(absent("enclaves/more", Status.OUTSIDE, "to /opt"),)), ["KA104"]),
-    "KA105": (without_permissions(Status.SPECIAL), ["KA105"]),
-    "KA106": (without_permissions(Status.TOO_LARGE), ["KA106"]),
-    "KA107": (without_permissions(Status.UNREADABLE), ["KA107"]),
-    "KA108": (key_with(file=file(KEY, None, mode=0o644)), ["KA108"]),
-    "KA109": (laid_out(authority_keys=(file("private/ca.key.pem", None),)), ["KA109"]),
-    "KA110": (talker(unsigned={Role.PERMISSIONS: file(XML, b"<dds>\n</dds>\n")}), ["KA110", "KA122"]),
-    "KA111": (talker(pkcs11={Role.KEY: file("enclaves/talker/key.p11", None)}), ["KA111"]),
-    "KA112": (laid_out(expected=("public/identity_ca.cert.pem",)), ["KA112"]),
-    "KA113": (lambda _: keystore(enclave("/front-camera")), ["KA113"]),
-    "KA114": (lambda _: keystore(enclave("/camera"), enclave("/Camera")), ["KA114"]),
-    "KA115": (laid_out(kind=LayoutKind.FLAT), ["KA115"]),
-    "KA116": (laid_out(authority_keys=(file("private/ca.key.pem", None, mode=0o604),)), ["KA109", "KA116"]),
-    "KA118": (
-        lambda store: replace(store, private_keys=(file("public/identity_ca.cert.pem", None, holds_private_key=True),)),
-        ["KA118"],
-    ),
-    "KA119": (laid_out(folders=(folder("enclaves", 0o757),)), ["KA119"]),
-    "KA120": (laid_out(authorities=(file("public/ca.cert.pem", leaves=("public/ca.cert.pem", "/keys/a")),)), ["KA120"]),
-    "KA121": (
-        lambda store: replace(store, foreign=(Foreign(file=file("maps/hall.yaml", b"hall"), top="maps"),)),
-        ["KA121"],
-    ),
-    "KA122": (laid_out(unsigned_governance=file("enclaves/governance.xml", b"<dds/>\n")), ["KA122"]),
-    "KA209": (talker(key=private_key(KEY, "somebody else's")), ["KA209"]),
-    "KA210": (key_with(key=None, defects=(defect(Kind.KEY_UNREADABLE, KEY),)), ["KA210"]),
-    "KA211": (key_with(key=None, encrypted=True), ["KA211"]),
-}
-
-OPEN = {"KA103", "KA104", "KA105", "KA106", "KA107", "KA111", "KA210"}
-
-
-@pytest.mark.parametrize("code", CASES)
-def test_one_change_makes_a_rule_speak(code: str) -> None:
-    change, expected = CASES[code]
-    assert becomes(lambda store: store) == []
-    assert becomes(change) == expected
-    assert open_codes(change(healthy())) == ({code} if code in OPEN else set())
-
-
-def test_a_directory_in_the_place_of_a_file_is_a_missing_file() -> None:
-    assert becomes(without_permissions(Status.DIRECTORY)) == ["KA101"]
 
 
 def test_a_token_stands_in_for_a_missing_file() -> None:
@@ -238,20 +184,6 @@ def test_an_enclave_that_holds_the_authoritys_key_is_always_critical() -> None:
 )
 def test_line_ends_are_no_difference(xml: bytes, expected: list[str]) -> None:
     assert becomes(talker(unsigned={Role.PERMISSIONS: file(XML, xml)})) == [*expected, "KA122"]
-
-
-def test_the_first_line_that_differs_is_named_in_both_files() -> None:
-    document = permissions(PERMISSIONS, signed=signed(PERMISSIONS, content=b"a\r\nb\r\nc\r\n"))
-    change = talker(permissions=document, unsigned={Role.PERMISSIONS: file(XML, b"a\nb\nd\n")})
-    found = findings("KA110", judged(change(healthy())))
-    assert [(place.path, place.line) for place in found[0].locations] == [(XML, 3), (PERMISSIONS, 12)]
-
-
-def test_the_shared_governance_is_compared_once() -> None:
-    change = laid_out(unsigned_governance=file("enclaves/governance.xml", b"<other/>"))
-    found = findings("KA110", judged(change(healthy())))
-    assert [finding.locations[0].path for finding in found] == ["enclaves/governance.xml"]
-    assert found[0].enclave is None
 
 
 def test_a_document_that_was_tampered_with_is_not_compared() -> None:

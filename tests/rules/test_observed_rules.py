@@ -8,18 +8,13 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Result, Severity
-from keystore_audit.intent.intent import Intent
 from keystore_audit.keystore.files import Status
-from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.decision import Decision, LocalRights
-from keystore_audit.rules import RULES
-from keystore_audit.rules.judge import judge
 from tests.rules.divergent import ruled
 from tests.rules.evidence import (
     absent,
     allow,
-    context,
     domain_rule,
     enclave,
     governance,
@@ -32,7 +27,6 @@ from tests.rules.evidence import (
 )
 from tests.rules.observed import (
     DISCOVERY,
-    FILE,
     does,
     granted,
     graph,
@@ -40,7 +34,6 @@ from tests.rules.observed import (
     launch,
     log,
     node,
-    place,
     spoken,
     uses,
     usual_rules,
@@ -51,29 +44,9 @@ CHATTER = allow(["rt/chatter"])
 P7S = "enclaves/talker/permissions.p7s"
 TALKS = graph(log("/talker"), does("/talker", "publish", "/chatter"))
 
-CASES: dict[str, tuple[Keystore, Intent, list[str]]] = {
-    "KA650": (granted(CHATTER), graph(*TALKS.rights, does("/talker", "publish", "/map")), ["KA650"]),
-    "KA651": (granted(allow(["rt/chatter", "rt/map"])), TALKS, ["KA651"]),
-    "KA652": (granted(CHATTER), graph(*TALKS.rights, log("/talcer")), ["KA652"]),
-    "KA653": (granted(CHATTER), launch(uses("/talker", "/map"), uses("/talker", "/chatter")), ["KA653"]),
-    "KA655": (
-        granted(CHATTER),
-        launch(uses("/talker", "/chatter"), variables=(variable("ROS_SECURITY_ENABLE", "TRUE"),)),
-        ["KA655"],
-    ),
-    "KA654": (granted(CHATTER), launch(uses("/talker", "/chatter"), unresolved=("a loop is not run",)), ["KA654"]),
-}
-"""A keystore, a graph or launch file, and the rules that speak."""
-
 
 def codes(findings: tuple[Finding, ...]) -> list[str]:
     return [finding.code for finding in findings]
-
-
-@pytest.mark.parametrize("code", CASES)
-def test_one_cause_makes_one_rule_speak(code: str) -> None:
-    store, intent, expected = CASES[code]
-    assert codes(spoken(store, intent)) == expected
 
 
 @pytest.mark.parametrize(
@@ -130,35 +103,6 @@ def test_a_domain_that_is_covered_and_where_one_may_do_nothing() -> None:
     elsewhere = keystore(enclave("/talker", permissions=own), enclave("/listener"))
     (finding,) = spoken(elsewhere, launch(variables=(variable("ROS_DOMAIN_ID", "0"),)))
     assert (finding.code, finding.severity) == ("KA655", Severity.MEDIUM)
-
-
-def test_nothing_is_said_where_nodes_do_what_they_may() -> None:
-    assert spoken(granted(CHATTER), TALKS) == ()
-    assert spoken(granted(CHATTER), launch(uses("/talker", "/chatter"), nodes=(node("/talker"),))) == ()
-
-
-def test_without_a_graph_the_rules_do_not_apply() -> None:
-    outcomes = judge(context(healthy()), RULES).outcomes
-    assert {each.outcome for each in outcomes if each.rule.startswith("KA65")} == {Result.NOT_APPLICABLE}
-
-
-def test_a_missing_grant_names_the_line_that_denies_and_the_one_that_needs() -> None:
-    (finding,) = spoken(*CASES["KA650"][:2])
-    assert finding.severity is Severity.HIGH
-    assert finding.enclave == "/talker"
-    assert finding.message.startswith(
-        "The node /talker publishes /map, and its enclave /talker may not: no rule matches"
-    )
-    assert [(each.path, each.line, each.beside) for each in finding.locations] == [(P7S, 50, False), (FILE, 2, True)]
-    assert finding.profiles == ()
-
-
-def test_what_every_node_does_is_one_finding_for_an_enclave() -> None:
-    store = granted(CHATTER, usual=False)
-    (finding,) = spoken(store, launch(uses("/talker", "/chatter"), nodes=(node("/talker"),)))
-    assert finding.code == "KA650"
-    assert finding.message.startswith("Every node publishes /rosout, publishes /parameter_events, answers the service ")
-    assert spoken(store, graph(does("/talker", "publish", "/chatter")))[0].code == "KA650"
 
 
 def test_a_reason_is_asked_for_once_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -261,25 +205,6 @@ def test_what_cannot_be_read_leaves_the_audit_incomplete() -> None:
 # Excess
 
 
-def test_excess_is_one_finding_for_an_enclave_with_how_much_it_uses() -> None:
-    store = granted(allow(["rt/chatter", "rt/map"], ["rt/scan", "rq/addRequest"]))
-    (finding,) = spoken(store, TALKS)
-    assert finding.severity is Severity.LOW
-    assert "publish /map (topic), subscribe to /scan (topic), subscribe to /add (service request)" in finding.message
-    assert "of the 4 names that it is granted beside the usual ones it uses 1." in finding.message
-    assert {each.path for each in finding.locations} == {P7S}
-
-
-def test_what_sros2_grants_to_every_node_is_no_excess() -> None:
-    usual = allow(
-        ["rt/parameter_events", "rq/talker/get_parametersRequest", "rr/talker/get_type_descriptionReply"],
-        ["rt/parameter_events", "rt/clock", "rr/talker/get_parametersReply", "rq/talker/get_type_descriptionRequest"],
-    )
-    assert spoken(granted(CHATTER, usual), TALKS) == ()
-    other = allow(["rq/listener/set_parametersRequest"])
-    assert codes(spoken(granted(CHATTER, other), TALKS)) == ["KA651"]
-
-
 def test_what_a_deny_rule_takes_is_no_excess() -> None:
     denied = ruled(allows=False, publish=((("rt/map",), None),))
     assert spoken(granted(denied, allow(["rt/chatter", "rt/map"])), TALKS, names=("spec",)) == ()
@@ -355,13 +280,6 @@ def test_a_launch_file_that_names_nothing_shows_no_excess() -> None:
 # Enclaves and names
 
 
-def test_an_unknown_enclave_is_named_with_the_nearest() -> None:
-    (finding,) = spoken(*CASES["KA652"][:2])
-    assert finding.severity is Severity.HIGH
-    assert finding.message == "/talcer runs in the enclave '/talcer', which is not there. Did you mean /talker?"
-    assert finding.locations == (place(1),)
-
-
 def test_one_more_node_in_an_unknown_enclave_is_another_finding() -> None:
     nodes = node("/nav", "/nav/planner"), node("/nav", "/nav/brake")
     one, two, swapped = (spoken(healthy(), launch(nodes=each)) for each in (nodes[:1], nodes, nodes[::-1]))
@@ -383,21 +301,3 @@ def test_before_foxy_the_enclave_is_the_node() -> None:
 def test_the_folder_of_one_enclave_says_nothing_of_others() -> None:
     one = laid_out(kind=LayoutKind.ENCLAVE)(granted(CHATTER))
     assert spoken(one, graph(*TALKS.rights, log("/somewhere"))) == ()
-
-
-def test_a_name_that_may_be_used_in_some_way_is_fine() -> None:
-    for rule in (allow([], ["rt/map"]), allow(["rq/mapRequest"], ["rr/mapReply"])):
-        assert spoken(granted(CHATTER, rule), launch(uses("/talker", "/map"), uses("/talker", "/chatter"))) == ()
-
-
-def test_a_name_without_right_is_one_finding_for_a_name() -> None:
-    (finding,) = spoken(granted(CHATTER), launch(uses("/talker", "/map", 3), uses("/talker", "/map", 7)))
-    assert finding.severity is Severity.HIGH
-    assert [each.line for each in finding.locations] == [3, 7]
-
-
-def test_fingerprints_hold_no_lines() -> None:
-    for store, intent, _codes in CASES.values():
-        moved = graph(*(does(r.enclave, r.action.value, r.name, line=r.location.line + 9) for r in intent.rights))
-        if intent.rights:
-            assert [f.fingerprint for f in spoken(store, intent)] == [f.fingerprint for f in spoken(store, moved)]

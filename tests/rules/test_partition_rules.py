@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from keystore_audit.findings import Finding, Severity
+from keystore_audit.findings import Finding
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Rule
 from keystore_audit.rules import BY_CODE
@@ -27,19 +27,6 @@ def spoken(store: Keystore) -> tuple[Finding, ...]:
 
 def denied(*partitions: str) -> Rule:
     return ruled(allows=False, subscribe=at(*partitions))
-
-
-EVADED = talking(denied("secret"), ruled(line=43, subscribe=at("*")))
-CASES: dict[str, tuple[Keystore, list[str]]] = {"KA637": (EVADED, ["KA637"])}
-
-
-def test_a_denial_in_a_partition_and_a_pattern_that_is_allowed() -> None:
-    (finding,) = spoken(EVADED)
-    assert (finding.code, finding.severity) == ("KA637", Severity.HIGH)
-    assert "denied in partition 'secret' and allowed in '*'" in finding.message
-    assert [place.line for place in finding.locations] == [42]
-    assert {"spec", "cyclonedds-11"} <= set(finding.profiles)
-    assert not any(name.startswith("fastdds") for name in finding.profiles), "there it denies in all"
 
 
 @pytest.mark.parametrize(

@@ -96,10 +96,6 @@ def kept(name: str, *topics: str, **replaced: str) -> Change:
     return change
 
 
-def other_authority(fleet: Fleet, root: Path) -> None:
-    (root / "old").write_bytes(fleet.document("/talker", "rt/*", signer=authority("permissionsCA")))
-
-
 def governance(fleet: Fleet, root: Path) -> None:
     (root / "test").write_bytes(signed_document(GOVERNANCE.replace(b"SIGN", b"NONE"), fleet.permissions))
 
@@ -126,35 +122,6 @@ def unpacked(place: str) -> Change:
     return lambda _fleet, root: Fleet().robot(root / place).stat()
 
 
-CASES: dict[str, tuple[Change, list[str]]] = {
-    "KA660": (kept("archive/2023/permissions.p7s", "rt/chatter", "rt/other"), ["KA660"]),
-    "KA661": (governance, ["KA661"]),
-    "KA662": (other_authority, ["KA662"]),
-    "KA663": (commented, ["KA663"]),
-    "KA665": (lambda _fleet, _root: None, ["KA665", "KA667"]),
-    "KA666": (lambda _fleet, _root: None, ["KA666"]),
-    "KA667": (lambda _fleet, _root: None, ["KA665", "KA667"]),
-    "KA668": (moved("/gripper"), ["KA661", "KA662", "KA668", "KA669"]),
-    "KA669": (unpacked("robot2"), ["KA662", "KA669"]),
-}
-"""What makes a rule speak, and all that speak then; KA665 and KA667 with --deployed, KA666 beside another robot."""
-
-
-@pytest.mark.parametrize("code", [code for code in CASES if code not in ("KA665", "KA666", "KA667")])
-def test_one_file_makes_the_rule_speak(code: str, fleet: Fleet, tmp_path: Path) -> None:
-    change, expected = CASES[code]
-    root = fleet.robot(tmp_path / "robot")
-    assert found(root) == {}
-    change(fleet, root)
-    assert sorted(found(root)) == expected
-
-
-def test_with_deployed_what_lasts_is_looked_at(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    assert sorted(found(root, deployed=True)) == CASES["KA665"][1]
-    assert "2 identities and 2 grants" in found(root, deployed=True)["KA665"].message
-
-
 # --- permissions outside enclaves
 
 
@@ -174,14 +141,6 @@ def test_an_old_document_gives_its_rights_and_an_expired_one_nothing(fleet: Flee
     kept("old", "rt/*", end="2025")(fleet, root)
     assert effective(root, "rt/other") == "deny"
     assert sorted(found(root)) == ["KA662"]
-
-
-def test_documents_that_give_nothing_more_are_counted(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    for end, said in (("2035", "A signed document outside the enclaves gives"), ("2036", "2 signed documents outside")):
-        kept(f"old{end}", "rt/chatter", end=end)(fleet, root)
-        assert found(root)["KA660"].message.startswith(said)
-    assert "the enclaves give no more than theirs do" in found(root)["KA660"].message
 
 
 def test_can_says_so(fleet: Fleet, tmp_path: Path) -> None:
@@ -244,12 +203,6 @@ def test_two_realms_judge_for_themselves(fleet: Fleet, tmp_path: Path) -> None:
     kept("old", "rt/*")(fleet, root)
     about = {f.code for f in report(root).findings if f.locations and f.locations[0].path == "old"}
     assert about == {"KA121", "KA660"}
-
-
-def test_a_grant_for_nobody_here_is_a_note(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    (root / "old").write_bytes(fleet.document("/gripper", "rt/*"))
-    assert {code: each.severity for code, each in found(root).items()} == {"KA662": Severity.INFO}
 
 
 # --- identities outside enclaves

@@ -14,27 +14,6 @@ from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules import BY_CODE, RULES
 from keystore_audit.rules.registry import Context, Rule, Violation, rule
-from tests.rules import (
-    test_accepted_rules,
-    test_alloy_rules,
-    test_anomaly_rules,
-    test_certificate_rules,
-    test_data_tags_rules,
-    test_divergence_rules,
-    test_drift_rules,
-    test_environment_rules,
-    test_formal_and_audit_rules,
-    test_governance_rules,
-    test_key_quality,
-    test_label_rules,
-    test_layout_rules,
-    test_observed_rules,
-    test_partition_rules,
-    test_permissions_rules,
-    test_provisioning_rules,
-    test_ros_rules,
-    test_signature_rules,
-)
 
 CATALOGUE = {
     "KA1": range(101, 123),
@@ -77,33 +56,6 @@ def test_causes_explain_properties_that_exist() -> None:
     known = {prop.id for prop in PROPERTIES}
     assert {name for r in RULES for name in r.explains} <= known
     assert {r.family for r in RULES if r.explains} <= {"KA1", "KA2", "KA3", "KA4", "KA5"}
-
-
-def test_every_rule_has_a_test_that_makes_it_speak() -> None:
-    tables = (
-        test_label_rules.CASES,
-        test_alloy_rules.CASES,
-        test_layout_rules.CASES,
-        test_certificate_rules.CASES,
-        test_signature_rules.CASES,
-        test_governance_rules.CASES,
-        test_permissions_rules.CASES,
-        test_provisioning_rules.CASES,
-        test_key_quality.CASES,
-        test_divergence_rules.CASES,
-        test_anomaly_rules.CASES,
-        test_drift_rules.CASES,
-        test_observed_rules.CASES,
-        test_partition_rules.CASES,
-        test_data_tags_rules.CASES,
-        test_environment_rules.CASES,
-        test_ros_rules.CASES,
-        test_formal_and_audit_rules.CASES,
-        test_accepted_rules.CASES,
-    )
-    tested = {code for table in tables for code in table}
-    # These come from the meaning: test_an_enclave_that_does_not_start_is_no_pass, test_topics_that_no_rule_matches.
-    assert {r.code for r in RULES} - tested == {"KA117", "KA418"}
 
 
 def test_no_command_is_left_out_of_a_remedy_by_mistake() -> None:

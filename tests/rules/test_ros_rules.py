@@ -10,10 +10,8 @@ from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Rule
 from keystore_audit.model.interpret import interpret
-from keystore_audit.model.matching.expression import has_wildcard
 from keystore_audit.model.names import PARAMETER_SERVICES
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.ros import patterns as usual_topics
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import chosen, ruled, views
 from tests.rules.evidence import (
@@ -68,25 +66,6 @@ def _judged(store: Keystore, *names: str) -> tuple[Finding, ...]:
     return judge(context(store, meaning=meaning, profiles=profiles), OWN).findings
 
 
-CASES: dict[str, tuple[Keystore, list[str]]] = {
-    "KA630": (two(allow(["rq/addRequest"])), ["KA630"]),
-    "KA631": (two(allow(GOALS, [*RESULTS, *STATUS[:1]])), ["KA631"]),
-    "KA632": (two(allow([SET], [SET_REPLY]), allow([SET_REPLY], [SET])), ["KA632"]),
-    "KA633": (two(allow([CHANGE], [CHANGE_REPLY]), allow([CHANGE_REPLY], [CHANGE])), ["KA633"]),
-    "KA635": (two(allow(["rt/arm/*"])), ["KA635"]),
-    "KA636": (two(allow(["rt/rosout"]), USUAL), ["KA636"]),
-    "KA634": (two(allow(["rr/addReply"], ["rq/addRequest"]), allow(["rr/addReply"], ["rq/addRequest"])), ["KA634"]),
-}
-"""A keystore in which the rule speaks."""
-
-
-@pytest.mark.parametrize("code", CASES)
-def test_one_cause_makes_one_rule_speak(code: str) -> None:
-    store, expected = CASES[code]
-    said = lacking(store) if code == "KA636" else spoken(store)
-    assert [finding.code for finding in said] == expected
-
-
 @pytest.mark.parametrize(
     "store",
     [
@@ -99,18 +78,6 @@ def test_one_cause_makes_one_rule_speak(code: str) -> None:
 )
 def test_what_is_whole_and_ones_own_is_no_finding(store: Keystore) -> None:
     assert spoken(store) == ()
-
-
-def test_a_half_says_what_is_missing_and_where() -> None:
-    (finding,) = spoken(CASES["KA630"][0])
-    assert finding.message == ("/talker may request /add in part only: it may not subscribe to /add (service reply).")
-    assert (finding.enclave, finding.locations[0].path) == ("/talker", "enclaves/talker/permissions.p7s")
-    assert finding.locations[0].line == 45
-
-
-def test_many_halves_are_one_finding() -> None:
-    (finding,) = spoken(two(allow([f"rq/s{n}Request" for n in range(40)])))
-    assert "(and /s1, /s10, /s11, /s12, /s13 and 34 more)" in finding.message
 
 
 @pytest.mark.parametrize(
@@ -310,25 +277,6 @@ def test_nodes_since_iron_describe_their_types() -> None:
     free = topic_rule("r[qr]/*", enable_read_access_control=False, enable_write_access_control=False)
     said = governance(domain_rule(free, topic_rule("*")))
     assert lacking(keystore(enclave("/talker", permissions=own, governance=said))) == (), "needs no grant"
-
-
-def test_names_are_listed_once_for_all_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1,600 nodes in one enclave took five seconds."""
-    answers = [f"rr/arm{node}/{service}Reply" for node in range(50) for service in PARAMETER_SERVICES]
-    looked_at: list[str] = []
-
-    def counted(text: str) -> bool:
-        looked_at.append(text)
-        return has_wildcard(text)
-
-    monkeypatch.setattr(usual_topics, "has_wildcard", counted)
-    store = two(allow(["rt/rosout", *answers], ["rt/parameter_events"]))
-    [found] = usual_topics.undescribed(store.enclaves[:1])
-    assert len(found.nodes) == 50
-    assert len(looked_at) < 4 * len(answers)
-    monkeypatch.setattr(usual_topics, "MAX_NODES", 7)
-    [found] = usual_topics.undescribed(store.enclaves[:1])
-    assert len(found.nodes) == 7
 
 
 def test_halves_that_are_too_hard_to_tell_are_said() -> None:
