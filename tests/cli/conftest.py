@@ -11,7 +11,10 @@ from pathlib import Path
 
 import pytest
 
-Run = Callable[..., subprocess.CompletedProcess[bytes]]
+from tests.cli.keystores import run_at
+
+Done = subprocess.CompletedProcess[bytes]
+Run = Callable[..., Done]
 
 CLEAN = {"NO_COLOR", "FORCE_COLOR", "COLUMNS", "CI", "KEYSTORE_AUDIT_ALLOY_JAR"}
 
@@ -23,12 +26,28 @@ def environment(repository: Path) -> dict[str, str]:
     return {**kept, "PYTHONPATH": str(repository)}
 
 
-@pytest.fixture(scope="session")
-def keystore_audit(environment: dict[str, str]) -> Run:
-    """Runs `keystore-audit` in a process of its own; whatever happens, no traceback comes out."""
+@pytest.fixture
+def keystore_audit() -> Run:
+    """Runs `keystore-audit` in this process, as one of its own would be; whatever happens, no traceback comes out."""
 
-    def run(*args: str | Path, env: dict[str, str] | None = None, **more: object) -> subprocess.CompletedProcess[bytes]:
-        done: subprocess.CompletedProcess[bytes] = subprocess.run(
+    def run(*args: str | Path, env: dict[str, str] | None = None, cwd: Path | None = None) -> Done:
+        kept = {name: os.environ.pop(name) for name in CLEAN & os.environ.keys()}
+        try:
+            done = run_at(cwd or Path.cwd(), *map(str, args), **(env or {}))
+        finally:
+            os.environ.update(kept)
+        assert "Traceback" not in done.stdout + done.stderr, done.stderr
+        return Done(done.args, done.returncode, done.stdout.encode(), done.stderr.encode())
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def process(environment: dict[str, str]) -> Run:
+    """The same in a process of its own."""
+
+    def run(*args: str | Path, env: dict[str, str] | None = None, **more: object) -> Done:
+        done: Done = subprocess.run(
             [sys.executable, "-m", "keystore_audit", *map(str, args)],
             capture_output="stdout" not in more,
             env={**environment, **(env or {})},

@@ -439,8 +439,8 @@ def test_batch_judges_nothing(store: Path, content: bytes, code: int, tmp_path: 
     assert answer("can", store, "--batch", tmp_path / "queries", "--at", AT)[0] == code
 
 
-def test_batch_from_standard_input(keystore_audit: Callable[..., Any]) -> None:
-    done = keystore_audit("can", TURTLESIM, "--batch", "-", "--domain", "7", input=b"/random\tpublish\trt/x\n")
+def test_batch_from_standard_input(process: Callable[..., Any]) -> None:
+    done = process("can", TURTLESIM, "--batch", "-", "--domain", "7", input=b"/random\tpublish\trt/x\n")
     assert (done.returncode, json.loads(done.stdout)["domain"]) == (0, 7)
 
 

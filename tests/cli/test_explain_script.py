@@ -9,7 +9,6 @@ import re
 import shutil
 import ssl
 import subprocess
-import sys
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -59,11 +58,10 @@ def codes(root: Path, *options: str) -> set[str]:
 
 def printed(root: Path, code: str, *options: str) -> Path:
     """The script, in a file outside the keystore."""
-    program = [sys.executable, "-m", "keystore_audit", "explain", code, "--for", str(root), *options]
-    done = subprocess.run(program, capture_output=True, check=False, timeout=60)
-    assert done.returncode == 0, done.stderr.decode()
+    exit_code, script = answer("explain", code, "--for", root, *options)
+    assert exit_code == 0, script
     file = root.with_name(f"{code}.sh")
-    file.write_bytes(done.stdout)
+    file.write_text(script, "utf-8", newline="")
     return file
 
 

@@ -25,16 +25,16 @@ AT = ("--at", "2026-11-21T12:00:00Z", "--engine", "native")
 
 
 class TestExitCodes:
-    def test_0_nothing_at_or_above_the_gate(self, keystore_audit: Any, healthy: Path) -> None:
-        done = keystore_audit(healthy, *AT)
+    def test_0_nothing_at_or_above_the_gate(self, process: Any, healthy: Path) -> None:
+        done = process(healthy, *AT)
         assert (done.returncode, done.stderr) == (0, b"")
         assert b"\nPASS  " in done.stdout
 
     def test_the_default_command_is_audit(self, keystore_audit: Any, healthy: Path) -> None:
         assert keystore_audit("audit", *AT, healthy).stdout == keystore_audit(*AT, healthy).stdout
 
-    def test_1_findings(self, keystore_audit: Any, stock: Path) -> None:
-        done = keystore_audit(stock, *AT)
+    def test_1_findings(self, process: Any, stock: Path) -> None:
+        done = process(stock, *AT)
         assert (done.returncode, done.stderr) == (1, b"")
         assert b"\nFAIL  " in done.stdout
 
@@ -187,10 +187,10 @@ class TestStreams:
         assert done.stdout == keystore_audit(stock, *AT, "-f", "json").stdout
         assert re.match(rb" +\d+\.\d{3} s  reading and verifying\n", done.stderr)
 
-    def test_an_ascii_terminal_is_no_obstacle(self, keystore_audit: Any, healthy: Path, tmp_path: Path) -> None:
+    def test_an_ascii_terminal_is_no_obstacle(self, process: Any, healthy: Path, tmp_path: Path) -> None:
         named = tmp_path / "schlüssel"
         shutil.copytree(healthy, named, symlinks=True)
-        done = keystore_audit(named, *AT, env={"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"})
+        done = process(named, *AT, env={"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"})
         assert done.returncode == 0
         assert rb"schl\xfcssel" in done.stdout
 
