@@ -214,14 +214,6 @@ def test_differences_come_first() -> None:
     assert "may also subscribe and relay /chatter" in " ".join(out[different:others].split())
 
 
-def test_groups_of_one_size_stand_in_the_order_of_their_first_profiles() -> None:
-    asked = [word for name in ("spec", "fastdds-3.2", "fastdds-3.6", "cyclonedds-11") for word in ("--profile", name)]
-    store = SAMPLES / "flows/chatter_other_domain"
-    _code, out = answer("access", store, "--at", AT, *asked, "--format", "json")
-    told = [group["profiles"] for group in json.loads(out)["groups"]]
-    assert told == [["spec", "cyclonedds-11"], ["fastdds-3.2", "fastdds-3.6"]]
-
-
 def test_what_differs_is_said_where_only_the_reasons_do() -> None:
     """Under one implementation the signer has to be the CA, under another one that it vouches for."""
     _code, out = answer("access", SAMPLES / "rules/KA301-signer-not-permissions-ca/bad", "--at", AT)

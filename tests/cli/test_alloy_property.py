@@ -59,25 +59,6 @@ def asserted(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 @pytest.mark.alloy
 @pytest.mark.xdist_group("alloy")
-def test_a_violated_property_fails_the_audit_with_names_and_lines(report: Reported) -> None:
-    code, found = report(BAD)
-    assert (code, found["verdict"]) == (1, "fail")
-    speaks = asserted(found)["chatter-only-the-talker-speaks"]
-    assert speaks["status"] == "violated"
-    assert speaks["statement"].endswith("(Alloy alone decides this.)")
-    answers = list(speaks["profiles"].values())
-    assert {tuple(answer["engines"].items()) for answer in answers} == {(("alloy", "violated"),)}
-    assert answers[0]["counterexample"]["text"] == "With speaker: /listener."
-    assert asserted(found)["chatter-somebody-listens"]["status"] == "holds"
-    (finding,) = [each for each in found["findings"] if each["code"] == "KA741"]
-    assert finding["severity"] == "critical"
-    first = finding["locations"][0]
-    assert (first["path"], first["line"]) == (ASKED, 15)
-    assert "enclaves/listener" in finding["locations"][1]["path"]
-
-
-@pytest.mark.alloy
-@pytest.mark.xdist_group("alloy")
 def test_what_holds_passes_and_the_text_says_who_decided(run: Audit) -> None:
     code, text = run(GOOD, "-v")
     assert code == 0

@@ -37,9 +37,6 @@ def keystore(tmp_path: Path) -> Path:
     return copy
 
 
-PASS = "KEYSTORE_AUDIT_PASS_IF_NOTHING_ELSE_CERTIFIED_AND_TRUTHFUL_ANNOUNCEMENTS"
-
-
 def declared(sample: Path = SAMPLE) -> list[str]:
     """The options that declare the authorities of a sample, or of a keystore, by fingerprint."""
     roles = ("identity", "permissions")
@@ -125,18 +122,6 @@ def test_it_says_with_which_arguments_launch_files_are_started(keystore: Path, t
     ]
     assert (alone["result"], told["result"]) == ("FAILED", "WARNED")
     assert ["secure:=true" in " ".join(each["keystoreAudit"]["stated"]) for each in (alone, told)] == [False, True]
-
-
-def test_every_file_is_a_subject_with_its_hash(keystore: Path) -> None:
-    said = statement(keystore)
-    files = {path.relative_to(keystore).as_posix() for path in keystore.rglob("*") if path.is_file()}
-    assert {subject["name"] for subject in said["subject"]} == {
-        name for name in files if not (keystore / name).is_symlink()
-    }
-    assert broken(keystore, said) == []
-    assert any(
-        each.startswith("KEYSTORE_AUDIT_PASS_IF_NOTHING_ELSE_CERTIFIED") for each in said["predicate"]["properties"]
-    )
 
 
 def test_a_swapped_file_breaks_it(keystore: Path) -> None:

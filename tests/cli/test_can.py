@@ -12,8 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.access import Access
-from keystore_audit.circumstances import Circumstances
 from keystore_audit.cli.program import run
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model import question as questions
@@ -30,7 +28,6 @@ TURTLESIM = SAMPLES / "healthy/turtlesim"
 ACTIONS = SAMPLES / "healthy/service_action"
 UNREADABLE = SAMPLES / "unknown/unreadable_enclave"
 DEFAULT_ALLOW = SAMPLES / "rules/KA509-default-allow/bad"
-SHARED_CA = SAMPLES / "stock/talker_listener"
 
 ALLOW, DENY, PARTLY, UNKNOWN = "allow", "deny", "partly", "unknown"
 ANSWER_KEYS = ["enclave", "operation", "name", "dds_names", "domain", "partition", "decisions", "at", "assumptions"]
@@ -87,16 +84,6 @@ def test_each_profile_answers_for_itself() -> None:
     }
     for profile, expected in (("spec", 0), ("cyclonedds", 0), ("fastdds", 1)):
         assert decisions(DEFAULT_ALLOW, "/talker", "subscribe", "/chatter", "--profile", profile)[0] == expected
-
-
-def test_what_peers_accept_is_another_question() -> None:
-    """One CA for both roles: where the signer is not pinned, an enclave signs itself any permissions."""
-    words = (SHARED_CA, "/listener", "publish", "/chatter", "--profile", "cyclonedds-0.10")
-    code, document = decisions(*words)
-    (only,) = document["decisions"].values()
-    assert (code, only["decision"], only["effective"]) == (1, DENY, ALLOW)
-    assert decisions(*words, "--effective")[0] == 0
-    assert decisions(*words, "--effective", "--expect", "deny")[0] == 1
 
 
 @pytest.mark.parametrize(
@@ -259,15 +246,6 @@ def test_the_domains_are_those_of_the_enclave_s_own_governance(tmp_path: Path) -
     assert answer("can", store, "/other", "publish", "/x", "--at", AT, "--expect", "deny")[0] == 1
 
 
-def test_where_no_participant_starts_nothing_is_allowed() -> None:
-    code, document = decisions(TURTLESIM, "/random", "publish", "/low_priority", "--domain", "7")
-    assert code == 1
-    for name, each in document["decisions"].items():
-        assert each["decision"] == each["effective"] == DENY
-        assert each["usable"] is name.startswith("fastdds")  # it starts, with no topic to use (measured on 2.9.1)
-    assert "the governance does not cover domain 7" in document["decisions"]["spec"]["reason"]
-
-
 @pytest.mark.parametrize(
     ("words", "says"),
     [
@@ -311,13 +289,6 @@ def test_a_line_that_allows_it_in_another_partition(listed: str, domain: int, sa
     _code, document = decisions(store, "/c", "publish", "/a", "--profile", "spec")
     (only,) = document["decisions"].values()
     assert only["reason"].partition(". ")[2] == says
-
-
-def test_the_topic_that_stands_in_the_way_is_named(tmp_path: Path) -> None:
-    store = keystore(tmp_path / "k", {"/c": (rule(publish=("rq/addRequest",)),)})
-    code, document = decisions(store, "/c", "request", "/add")
-    assert (code, document["dds_names"]) == (1, ["rq/addRequest", "rr/addReply"])
-    assert all(each["reason"].startswith("subscribe rr/addReply: ") for each in document["decisions"].values())
 
 
 @pytest.mark.parametrize(
@@ -455,7 +426,7 @@ QUERY = st.tuples(
 )
 
 
-@settings(max_examples=15)
+@settings(max_examples=6)
 @given(queries=st.lists(QUERY, min_size=1, max_size=3))
 def test_batch_answers_are_those_of_single_questions(
     queries: list[tuple[str, Operation, str, int, str]], tmp_path_factory: pytest.TempPathFactory
@@ -502,7 +473,7 @@ NAMES = st.lists(
 ).map(tuple)
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(rules=st.lists(st.tuples(NAMES, NAMES, st.booleans()), min_size=1, max_size=3), role=st.sampled_from(ROLES))
 def test_halves_are_what_each_dds_name_is_by_itself(
     rules: list[tuple[tuple[str, ...], tuple[str, ...], bool]],
@@ -526,6 +497,7 @@ def test_halves_are_what_each_dds_name_is_by_itself(
                 assert whole[of] == together({each[of] for each in alone})
 
 
+<<<<<<< HEAD
 @pytest.mark.parametrize(("operation", "name"), [("call", "/fibonacci"), ("request", "/add_two_ints")])
 def test_a_ros_question_is_that_about_its_dds_topics(operation: str, name: str) -> None:
     from datetime import datetime, timezone
@@ -546,6 +518,29 @@ def test_a_ros_question_is_that_about_its_dds_topics(operation: str, name: str) 
         assert (code == 0) is (single == {Truth.YES})
 
 
+||||||| parent of ccadc8ee (Tests that golden digests of samples make needless go, in all folders)
+@pytest.mark.parametrize(("operation", "name"), [("call", "/fibonacci"), ("request", "/add_two_ints")])
+def test_a_ros_question_is_that_about_its_dds_topics(operation: str, name: str) -> None:
+    from datetime import datetime, timezone
+
+    from keystore_audit.profiles import resolve
+
+    asked = [
+        Question(enclave=enclave, operation=each, topic=topic)
+        for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client")
+        for each, topic in dds_channels(operation, name)
+    ]
+    access = Access(
+        ACTIONS, asked, Circumstances(profiles=resolve(["spec"]), at=datetime(2026, 11, 21, 12, tzinfo=timezone.utc))
+    )
+    for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client"):
+        single = {access.answers(each)["spec"].decision for each in asked if each.enclave == enclave}
+        code = decisions(ACTIONS, enclave, operation, name, "--profile", "spec")[0]
+        assert (code == 0) is (single == {Ruling.ALLOW})
+
+
+=======
+>>>>>>> ccadc8ee (Tests that golden digests of samples make needless go, in all folders)
 def test_a_permissions_ca_in_a_form_that_we_do_not_read(tmp_path: Path) -> None:
     """Fast DDS starts with OpenSSL's own form of the certificate (`openssl x509 -trustout`)."""
     store = Path(shutil.copytree(TURTLESIM, tmp_path / "k", symlinks=True))

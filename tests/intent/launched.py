@@ -70,10 +70,3 @@ def names(intent: Intent) -> set[tuple[str, str, str]]:
 def unresolved(intent: Intent) -> list[tuple[int | None, str]]:
     """Line and reason of all that was not worked out."""
     return [(place.location.line, place.reason) for place in intent.unresolved]
-
-
-def all_of(intent: Intent) -> tuple[object, ...]:
-    """Everything but places: what files of every form have in common."""
-    rights = {(right.enclave, right.node, right.action, right.name) for right in intent.rights}
-    enclaves = {enclave for enclave, _place in intent.enclaves}
-    return nodes(intent), names(intent), rights, enclaves

@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.errors import UsageError
-from keystore_audit.findings import Location
 from keystore_audit.intent.graph import read_graph
-from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
+from keystore_audit.intent.intent import Intent, Origin
 from keystore_audit.intent.source import MAX_DEPTH, Value, parse_json
 from keystore_audit.keystore.defect import Malformed
 from keystore_audit.model.names import dds_channels
@@ -79,30 +78,6 @@ def test_samples_are_of_the_form(sample: Path) -> None:
     for right in intent.rights:
         assert right.location.path == str(sample)
         assert json.dumps(right.name) in lines[(right.location.line or 0) - 1]
-
-
-def test_all_that_a_node_does_is_read(tmp_path: Path) -> None:
-    intent = read(json.dumps({"schema_version": 1, "nodes": [TALKER]}, indent=1), tmp_path)
-    path = str(tmp_path / "some.graph.json")
-    node = Location(path=path, line=4)
-    assert intent.enclaves == (("/robot/talker", node),)
-    assert intent.nodes == (IntendedNode(enclave="/robot/talker", name="/robot/talker", location=node),)
-    assert intent.rights == tuple(
-        IntendedRight(
-            enclave="/robot/talker",
-            node="/robot/talker",
-            action=action,
-            name=name,
-            allow=True,
-            location=Location(path=path, line=line),
-        )
-        for action, name, line in (
-            (Action.PUBLISH, "/chatter", 10),
-            (Action.REQUEST, "/robot/add", 16),
-            (Action.EXECUTE, "/fly", 21),
-        )
-    )
-    assert (intent.names, intent.unresolved, intent.path) == ((), (), path)
 
 
 def test_a_topic_of_two_types_and_nodes_of_one_name_count_once(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from keystore_audit.intent.environment import OVERRIDE
 from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.intent.launch import MAX_ACTIONS, MAX_REMAPS, MAX_SET, read_launch
 from keystore_audit.intent.launch_elements import NAMES
-from tests.intent.launched import all_of, described, launch, names, nodes, unresolved
+from tests.intent.launched import described, launch, names, nodes, unresolved
 from tools.samples.healthy import TURTLESIM, VEHICLE
 from tools.samples.policy import Node
 
@@ -55,14 +55,6 @@ def test_variants_differ_from_the_keystore_in_what_their_names_say(
         set(),
         excess,
     )
-
-
-def test_places_are_those_of_the_elements(tmp_path: Path) -> None:
-    intent = launch(tmp_path, f"\n\n{TALKER.format(chr(10) + '<remap from=' + repr('a') + ' to=' + repr('/b') + '/>')}")
-    path = str(tmp_path / "some.launch.xml")
-    assert [(node.location.path, node.location.line) for node in intent.nodes] == [(path, 3)]
-    assert [(used.location.path, used.location.line) for used in intent.names] == [(path, 4)]
-    assert [(enclave, place.line) for enclave, place in intent.enclaves] == [("/talker", 3)]
 
 
 @pytest.mark.parametrize(
@@ -431,13 +423,6 @@ def test_a_remapping_for_a_group_is_said_and_hides_that_of_a_node(tmp_path: Path
     assert names(launch(tmp_path, f"{remap}{own}")) == {("/", "/n", "/b")}
 
 
-def test_what_is_not_read_is_said(tmp_path: Path) -> None:
-    intent = launch(tmp_path, '<log message="x"/>\n<executable cmd="ros2 run a b"/>\n<brand_new/>')
-    assert [line for line, _reason in unresolved(intent)] == [2, 3]
-    timer = launch(tmp_path, '<timer period="3"><node pkg="p" exec="e" name="n"/></timer>')
-    assert nodes(timer) == {("/", "/n")}
-
-
 def include(tmp_path: Path, file: str, inside: str, **arguments: str) -> Intent:
     (tmp_path / "sub").mkdir(exist_ok=True)
     (tmp_path / "sub" / "other.launch.xml").write_text(f"<launch>{inside}</launch>", "utf-8")
@@ -546,9 +531,3 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         read_launch(tmp_path / "launch.txt", {})
     with pytest.raises(UsageError, match="there is no such file"):
         read_launch(tmp_path / "none.launch.xml", {})
-
-
-def test_the_same_file_gives_the_same_intent() -> None:
-    first, second = (read_launch(LAUNCH / "vehicle.launch.py", {}) for _ in range(2))
-    assert first == second
-    assert all_of(first) == all_of(read_launch(LAUNCH / "vehicle.launch.yaml", {}))

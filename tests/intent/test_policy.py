@@ -190,12 +190,6 @@ def test_as_libxml2_includes_where_both_do() -> None:
         assert len(theirs) > 10
 
 
-def test_a_whole_file_and_the_draft_namespace(tmp_path: Path) -> None:
-    written(tmp_path, '<topics publish="ALLOW"><topic>x</topic></topics>', "topics.xml")
-    draft = '<xi:include xmlns:xi="http://www.w3.org/2003/XInclude" href="topics.xml"/>'
-    assert rights(read_policy(policy(tmp_path, draft))) == [("publish", "/x", True)]
-
-
 def test_include_directories(tmp_path: Path) -> None:
     """Beside the policy, or below the directory that was named; links are followed within it alone."""
     written(tmp_path, '<p><topics publish="ALLOW"><topic>x</topic></topics></p>', "common/x.xml")

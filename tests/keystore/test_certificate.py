@@ -40,20 +40,6 @@ def openssl(*arguments: str | Path, data: bytes = b"") -> str:
     return (run.stdout + run.stderr).decode()
 
 
-def test_an_sros2_leaf_and_its_authority() -> None:
-    leaf, ca = evidence(LEAF), evidence(CA)
-    assert (leaf.subject, leaf.issuer, leaf.path, leaf.line) == ("CN=/talker", "CN=sros2CA", "cert.pem", 1)
-    assert (leaf.not_before, leaf.not_after) == (START, START + timedelta(days=3650))
-    assert (leaf.key_kind, leaf.signature_algorithm) == ("EC secp256r1", "ecdsa-with-SHA256")
-    assert (leaf.is_ca, leaf.path_length, leaf.key_usage, leaf.extended_key_usage) == (False, None, None, None)
-    assert (ca.is_ca, ca.path_length, ca.unknown_critical) == (True, 1, ())
-    assert leaf.serial == LEAF.certificate.serial_number
-    assert leaf.sha256 == LEAF.certificate.fingerprint(hashes.SHA256()).hex()
-    assert leaf.issuer_der == ca.subject_der == CA.certificate.subject.public_bytes()
-    assert leaf.key != ca.key
-    assert leaf.key == evidence(certificate("/other", CA, key=LEAF.key)).key
-
-
 VARIETY = {
     "sros2 leaf": LEAF,
     "sros2 authority": CA,
@@ -247,14 +233,6 @@ def pem(der: bytes, label: str = "CERTIFICATE") -> bytes:
     return f"-----BEGIN {label}-----\n{lines}\n-----END {label}-----\n".encode()
 
 
-def test_every_certificate_is_read_in_file_order_with_its_line() -> None:
-    file = read(b"\n", LEAF.pem, b"\n\n", CA.pem)
-    assert [found.subject for found in file.certificates] == ["CN=/talker", "CN=sros2CA"]
-    assert [found.line for found in file.certificates] == [2, 4 + LEAF.pem.count(b"\n")]
-    assert file.defects == ()
-    assert file.first == file.certificates[0]
-
-
 def test_a_dump_of_openssl_before_the_block_is_no_defect() -> None:
     """As Ardent to Dashing wrote it with `openssl ca` (facts 1.3)."""
     dump = openssl("x509", "-text", data=LEAF.pem).encode()
@@ -350,19 +328,6 @@ def test_many_blocks_and_long_files_are_bounded() -> None:
     big = x509.UnrecognizedExtension(OTHER_EKU, b"\0" * 70_000)
     assert kinds(certificate("/big", CA, extensions=[(big, False)]).pem) == [Kind.CERTIFICATE_UNREADABLE]
     assert len(read(b"-----BEGIN " * 300_000).defects) < 3 * MAX_BLOCKS
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("serial", ["00", "ff", "80000001"])
-def test_serial_numbers_that_are_not_positive_are_evidence_and_no_warning(serial: str) -> None:
-    number = bytes.fromhex(serial)
-    der = certificate("/x", CA, serial=int.from_bytes(b"\x11" * len(number), "big")).certificate
-    marked = der.public_bytes(Encoding.DER).replace(
-        b"\x02" + bytes([len(number)]) + b"\x11" * len(number), b"\x02" + bytes([len(number)]) + number, 1
-    )
-    first = read(pem(marked)).first
-    assert first is not None
-    assert first.serial == int.from_bytes(number, "big", signed=True)
 
 
 EKU = x509.oid.ExtendedKeyUsageOID

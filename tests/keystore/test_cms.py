@@ -66,12 +66,6 @@ def test_the_builder_builds_what_openssl_builds() -> None:
     assert document(taken_apart(MESSAGE)[1]).defects == document(GOOD.der()).defects == ()
 
 
-def test_defects_stand_where_the_signature_begins() -> None:
-    (defect,) = document(GOOD.der() + b"\0").defects
-    assert defect.line is not None
-    assert with_signature(MESSAGE, GOOD.der()).split(b"\n")[defect.line - 1].startswith(b"MII")
-
-
 def test_the_signature_over_the_attributes_does_not_pass_for_one_over_a_text() -> None:
     """RFC 5652, 5.4, and the attack on it: signed attributes presented as the content of a message without."""
     covered = tlv(0x31, *sorted((CONTENT_TYPE, SIGNING_TIME, MESSAGE_DIGEST)))
@@ -158,18 +152,6 @@ def test_a_digest_that_the_curve_does_not_match_is_still_checked() -> None:
 
 
 # --- reading alone
-
-
-def test_what_is_read() -> None:
-    data = read_signed_data(replace(GOOD, content=tlv(0x30, oid(DATA), tlv(0xA0, tlv(4, b"text")))).der())
-    (signer,) = data.signers
-    assert data.content == b"text"
-    assert data.certificates == (CA.certificate.public_bytes(Encoding.DER),)
-    assert (signer.serial, signer.digest) == (CA.certificate.serial_number, "sha256")
-    assert signer.issuer_der == CA.certificate.issuer.public_bytes()
-    assert signer.message_digest == hashlib.sha256(ENTITY).digest()
-    assert signer.signing_time is not None
-    assert signer.signing_time.isoformat() == "2024-01-01T00:00:00+00:00"
 
 
 @pytest.mark.parametrize(

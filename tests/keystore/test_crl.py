@@ -33,16 +33,6 @@ def read(content: bytes) -> CrlFile:
     return read_crl(present(content, "crl.pem"))
 
 
-def test_a_list_with_its_parts() -> None:
-    (found,) = read(PEM).revocation_lists
-    assert (found.path, found.line, found.issuer) == ("crl.pem", 1, "CN=sros2CA")
-    assert (found.this_update, found.next_update) == (START, END)
-    assert found.revoked == {5, 2**158}
-    assert found.issuer_der == evidence(CA).subject_der
-    assert (found.signature_algorithm, found.unknown_critical) == ("ecdsa-with-SHA256", ())
-    assert read(PEM).defects == ()
-
-
 @pytest.mark.parametrize("revoked", [[], [5]])
 def test_the_dump_of_openssl_is_no_defect(revoked: list[int]) -> None:
     content = crl(CA, revoked).public_bytes(Encoding.PEM)

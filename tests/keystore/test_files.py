@@ -40,22 +40,6 @@ def read(path: Path, relative: bytes | str) -> File:
         return opened.file(relative)
 
 
-def test_a_regular_file_is_read_with_hash_and_mode(keystore: Path) -> None:
-    (keystore / "public/ca.cert.pem").chmod(0o640)
-    file = read(keystore, "public/ca.cert.pem")
-    assert file == File(
-        path="public/ca.cert.pem",
-        resolved="public/ca.cert.pem",
-        status=Status.PRESENT,
-        content=b"the certificate",
-        sha256=hashlib.sha256(b"the certificate").hexdigest(),
-        mode=0o640,
-        group=(keystore / "public/ca.cert.pem").stat().st_gid,
-        link=None,
-    )
-    assert "the certificate" not in repr(file)
-
-
 @pytest.mark.parametrize(
     ("target", "status"),
     [

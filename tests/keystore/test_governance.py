@@ -8,12 +8,10 @@ from hypothesis import strategies as st
 
 from keystore_audit.keystore import document
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.document import DomainRange
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.governance import GovernanceFile, ProtectionKind, read_governance
 from tests.keystore.builder import GOVERNANCE, Signed, authority, evidence, present, signed_document
 from tests.keystore.documents import SHARED
-from tests.keystore.messages import by_openssl
 
 CA = authority()
 TWO_RULES = b"""<?xml version="1.0" encoding="UTF-8"?>
@@ -64,28 +62,6 @@ TWO_RULES = b"""<?xml version="1.0" encoding="UTF-8"?>
 def read(content: bytes, signer: Signed = CA) -> GovernanceFile:
     message = signed_document(content, signer)
     return read_governance(present(message, "enclaves/governance.p7s"), [evidence(CA)])
-
-
-def kinds(content: bytes) -> list[Kind]:
-    return [defect.kind for defect in read(content).defects]
-
-
-def test_what_sros2_writes() -> None:
-    file = read(GOVERNANCE)
-    assert (file.defects, file.signed.defects) == ((), ())
-    assert file.governance is not None
-    (rule,) = file.governance.domain_rules
-    (topic,) = rule.topic_rules
-    assert [(ids.low, ids.high) for ids in rule.domains] == [(0, 0)]
-    assert (rule.allow_unauthenticated_participants, rule.enable_join_access_control) == (False, True)
-    assert rule.discovery_protection_kind is rule.liveliness_protection_kind is ProtectionKind.ENCRYPT
-    assert rule.rtps_protection_kind is ProtectionKind.SIGN
-    assert topic.expression.text == "*"
-    assert topic.enable_discovery_protection
-    assert topic.enable_liveliness_protection
-    assert topic.enable_read_access_control
-    assert topic.enable_write_access_control
-    assert topic.metadata_protection_kind is topic.data_protection_kind is ProtectionKind.ENCRYPT
 
 
 def test_every_element_has_its_value_and_its_line_in_the_file() -> None:
@@ -183,12 +159,6 @@ def test_domains_that_are_none(old: bytes, new: bytes, line: int) -> None:
     assert file.governance is None
 
 
-def test_the_bounds_of_a_range() -> None:
-    file = read(TWO_RULES.replace(b"<max>232</max>", b"<max>5</max>"))
-    assert file.governance is not None
-    assert file.governance.domain_rules[0].domains[1] == DomainRange(low=5, high=5, line=16)
-
-
 def test_an_empty_topic_expression_crashes_implementations() -> None:
     for empty in (b"<topic_expression></topic_expression>", b"<topic_expression/>"):
         file = read(GOVERNANCE.replace(b"<topic_expression>*</topic_expression>", empty))
@@ -219,30 +189,6 @@ def test_without_one_meaning_there_is_no_document(old: bytes, new: bytes, expect
     assert file.signed.content is not None
 
 
-def test_the_content_is_read_whoever_signed() -> None:
-    for message in (
-        by_openssl(("smime", "-text"), authority("stranger"), content=GOVERNANCE),
-        signed_document(GOVERNANCE, CA).replace(b"<id>0</id>", b"<id>1</id>"),
-    ):
-        file = read_governance(present(message), [evidence(CA)])
-        assert file.governance is not None
-        assert file.defects == ()
-
-
-def test_an_opaque_message_has_no_lines() -> None:
-    file = read_governance(present(by_openssl(("smime", "-text", "-nodetach"), CA, content=GOVERNANCE)), [])
-    assert file.governance is not None
-    (rule,) = file.governance.domain_rules
-    assert {file.governance.line, rule.line, rule.topic_rules[0].expression.line, *rule.lines.values()} == {None}
-
-
-@pytest.mark.parametrize("content", [b"", GOVERNANCE, b"\x00"])
-def test_what_is_not_signed_is_not_read(content: bytes) -> None:
-    file = read_governance(present(content), [])
-    assert (file.governance, file.defects) == (None, ())
-    assert [defect.kind for defect in file.signed.defects] == [Kind.NOT_SMIME]
-
-
 def test_a_file_that_was_not_read() -> None:
     file = read_governance(File(path="p", resolved=None, status=Status.MISSING), [])
     assert (file.governance, file.defects) == (None, ())
@@ -267,8 +213,6 @@ def test_a_document_of_more_rules_than_are_read_has_no_meaning(
 
 
 # --- anything at all
-
-MESSAGE = by_openssl(("smime", "-text"), CA, content=GOVERNANCE)
 
 
 @given(st.binary(max_size=200))

@@ -18,48 +18,9 @@ from msgspec.structs import astuple
 from keystore_audit.errors import NothingToAudit
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import Status
-from keystore_audit.keystore.issuer import Issue, issued_by
-from keystore_audit.keystore.keystore import Keystore, read_keystore
-from keystore_audit.keystore.layout import LayoutKind, Role
-from tests.keystore.builder import authority, certificate, crl, flat, signed_document, sros2
-
-
-def test_every_layout_reads_to_the_same_evidence(tmp_path: Path) -> None:
-    linked = sros2(tmp_path / "linked", ["/talker", "/ns/listener"])
-    for path, kind in (
-        (linked, LayoutKind.SROS2),
-        (sros2(tmp_path / "copied", ["/talker", "/ns/listener"], links=False), LayoutKind.SROS2),
-        (sros2(tmp_path / "split", ["/talker", "/ns/listener"], split=True), LayoutKind.SROS2),
-        (flat(tmp_path / "flat", ["talker", "ns/listener"]), LayoutKind.FLAT),
-        (flat(tmp_path / "ardent", ["talker", "ns/listener"], ardent=True), LayoutKind.ARDENT),
-    ):
-        keystore = read_keystore(path)
-        assert keystore.layout.kind is kind
-        assert [enclave.path for enclave in keystore.enclaves] == ["/ns/listener", "/talker"]
-        for enclave in keystore.enclaves:
-            assert enclave.identity_ca is not None
-            assert enclave.identity_ca.first is not None
-            assert enclave.certificate is not None
-            assert enclave.certificate.first is not None
-            assert enclave.key is not None
-            assert enclave.key.key == enclave.certificate.first.key
-            assert issued_by(enclave.certificate.first, enclave.identity_ca.first) is Issue.ISSUED
-            assert enclave.permissions_ca is not None
-            assert enclave.permissions_ca.first is not None
-            for document in (enclave.governance, enclave.permissions):
-                assert document is not None
-                (signature,) = document.signed.signatures
-                assert signature.digest_matches is True
-                assert [signer.sha256 for signer in signature.verified_by] == [enclave.permissions_ca.first.sha256]
-                assert (document.defects, document.signed.defects) == ((), ())
-            assert enclave.governance is not None
-            assert enclave.governance.governance is not None
-            assert enclave.permissions is not None
-            assert enclave.permissions.permissions is not None
-            assert len(enclave.permissions.permissions.grants) == 1
-            assert enclave.crl is None
-        assert [len(found.certificates) for found in keystore.authorities] == [1] * (2 if "split" in str(path) else 1)
-        assert all(key.key is not None for key in keystore.authority_keys)
+from keystore_audit.keystore.keystore import read_keystore
+from keystore_audit.keystore.layout import Role
+from tests.keystore.builder import authority, certificate, signed_document, sros2
 
 
 def test_what_is_shared_is_one_object(tmp_path: Path) -> None:
@@ -187,23 +148,6 @@ def test_enclaves_whose_paths_come_close_are_all_kept(tmp_path: Path) -> None:
     ]
 
 
-def test_revocation_lists_are_read(tmp_path: Path) -> None:
-    path = sros2(tmp_path / "k", ["/a", "/b"])
-    (path / "enclaves/a/crl.pem").write_bytes(crl(authority(), [7]).public_bytes(Encoding.PEM))
-    (path / "enclaves/b/crl.pem").write_bytes(b"nothing")
-    a, b = read_keystore(path).enclaves
-    assert a.crl is not None
-    assert a.crl.revocation_lists[0].revoked == {7}
-    assert b.crl is not None
-    assert [defect.kind for defect in b.crl.defects] == [Kind.CRL_UNREADABLE]
-
-
-def test_progress_counts_enclaves(tmp_path: Path) -> None:
-    told: list[tuple[int, int]] = []
-    read_keystore(sros2(tmp_path / "k", ["/a", "/b", "/c"]), progress=lambda done, total: told.append((done, total)))
-    assert told == [(1, 3), (2, 3), (3, 3)]
-
-
 def test_nothing_to_audit_passes_through(tmp_path: Path) -> None:
     with pytest.raises(NothingToAudit):
         read_keystore(tmp_path)
@@ -297,15 +241,6 @@ def test_the_digest_changes_with_every_change_and_with_nothing_else(tmp_path: Pa
     changed()
     (copy / "large").write_bytes(b"x" * (5 * 1024**2))
     changed()
-
-
-def test_two_readings_are_equal(tmp_path: Path) -> None:
-    path = sros2(tmp_path / "k", ["/b", "/a"])
-
-    def evidence(keystore: Keystore) -> str:
-        return repr(keystore)
-
-    assert evidence(read_keystore(path)) == evidence(read_keystore(path))
 
 
 def test_nothing_is_written_to_stderr_and_no_warning_leaves(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from keystore_audit.keystore import root as root_module
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.layout import Layout, LayoutKind, Role, discover
 from keystore_audit.keystore.root import Root
-from tests.keystore.builder import authority, certificate, flat, sros2
+from tests.keystore.builder import certificate, flat, sros2
 
 
 def read(path: Path) -> Layout:
@@ -29,42 +29,6 @@ def places(files: tuple[File, ...]) -> list[str]:
     return [file.path for file in files]
 
 
-def test_the_layout_of_foxy_and_later(tmp_path: Path) -> None:
-    layout = read(sros2(tmp_path / "k", ["/talker", "/listener"]))
-    assert layout.kind is LayoutKind.SROS2
-    assert paths(layout) == ["/listener", "/talker"]
-    talker = layout.enclaves[1]
-    assert talker.directory == "enclaves/talker"
-    assert set(talker.files) == set(Role)
-    resolved = {role.name: file.resolved for role, file in talker.files.items()}
-    assert resolved == {
-        "IDENTITY_CA": "public/ca.cert.pem",
-        "CERTIFICATE": "enclaves/talker/cert.pem",
-        "KEY": "enclaves/talker/key.pem",
-        "PERMISSIONS_CA": "public/ca.cert.pem",
-        "GOVERNANCE": "enclaves/governance.p7s",
-        "PERMISSIONS": "enclaves/talker/permissions.p7s",
-        "CRL": None,
-    }
-    assert talker.files[Role.CRL].status is Status.MISSING
-    assert talker.files[Role.KEY].status is Status.PRESENT
-    assert talker.files[Role.KEY].content is None
-    assert places(tuple(talker.unsigned.values())) == ["enclaves/talker/permissions.xml"]
-    assert talker.pkcs11 == {}
-    assert places(layout.authorities) == [
-        "public/ca.cert.pem",
-        "public/identity_ca.cert.pem",
-        "public/permissions_ca.cert.pem",
-    ]
-    assert places(layout.authority_keys) == ["private/ca.key.pem"]
-    assert layout.authority_keys[0].content is None
-    assert layout.governance is not None
-    assert layout.governance.path == "enclaves/governance.p7s"
-    assert layout.unsigned_governance is not None
-    assert layout.unsigned_governance.content is not None
-    assert (layout.directory_links, layout.unreadable_directories, layout.expected) == ((), (), ())
-
-
 def test_root_enclave_nested_enclaves_and_namespaces(tmp_path: Path) -> None:
     layout = read(sros2(tmp_path / "k", ["/", "/a", "/a/b", "/ns/c/d"]))
     assert paths(layout) == ["/", "/a", "/a/b", "/ns/c/d"]
@@ -76,14 +40,6 @@ def test_root_enclave_nested_enclaves_and_namespaces(tmp_path: Path) -> None:
     ]
     assert layout.enclaves[0].files[Role.GOVERNANCE].link is None
     assert Role.GOVERNANCE in layout.enclaves[0].unsigned
-
-
-def test_copies_and_split_authorities(tmp_path: Path) -> None:
-    layout = read(sros2(tmp_path / "k", ["/talker"], links=False, split=True))
-    (talker,) = layout.enclaves
-    assert talker.files[Role.IDENTITY_CA].resolved == "enclaves/talker/identity_ca.cert.pem"
-    assert talker.files[Role.IDENTITY_CA].sha256 != talker.files[Role.PERMISSIONS_CA].sha256
-    assert places(layout.authority_keys) == ["private/identity_ca.key.pem", "private/permissions_ca.key.pem"]
 
 
 def test_a_deployed_tree_without_private_lacks_nothing(tmp_path: Path) -> None:
@@ -133,17 +89,6 @@ def test_pkcs11_files_are_named_and_sealed(tmp_path: Path) -> None:
     assert set(talker.pkcs11) == {Role.KEY}
     assert talker.pkcs11[Role.KEY].status is Status.PRESENT
     assert talker.pkcs11[Role.KEY].content is None
-
-
-def test_the_flat_layout_of_crystal_to_eloquent(tmp_path: Path) -> None:
-    layout = read(flat(tmp_path / "k", ["talker", "ns/listener", "ns"]))
-    assert layout.kind is LayoutKind.FLAT
-    assert paths(layout) == ["/ns", "/ns/listener", "/talker"]
-    assert layout.enclaves[1].files[Role.IDENTITY_CA].path == "ns/listener/identity_ca.cert.pem"
-    assert places(layout.authorities) == ["ca.cert.pem"]
-    assert places(layout.authority_keys) == ["ca.key.pem"]
-    assert layout.governance is not None
-    assert layout.expected == ()
 
 
 def test_the_flat_layout_of_ardent_has_one_authority_for_both(tmp_path: Path) -> None:
@@ -198,17 +143,6 @@ def test_the_folder_enclaves_given_alone_shows_its_links_as_leaving(tmp_path: Pa
     layout = read(sros2(tmp_path / "k") / "enclaves")
     assert paths(layout) == ["/listener", "/talker"]
     assert all(e.files[Role.IDENTITY_CA].status is Status.OUTSIDE for e in layout.enclaves)
-
-
-def test_keys_of_authorities_are_found_anywhere(tmp_path: Path) -> None:
-    path = sros2(tmp_path / "k", ["/talker"], split=True)
-    (path / "enclaves/talker/ca.key.pem").write_bytes(authority().key_pem)
-    os.symlink("identity_ca.key.pem", path / "private/again.key.pem")
-    assert places(read(path).authority_keys) == [
-        "enclaves/talker/ca.key.pem",
-        "private/identity_ca.key.pem",
-        "private/permissions_ca.key.pem",
-    ]
 
 
 def test_links_that_lead_out_from_where_enclaves_may_be_are_listed(tmp_path: Path) -> None:
@@ -351,18 +285,3 @@ def test_an_enclaves_folder_that_leads_out_is_said(tmp_path: Path) -> None:
     (path / "enclaves").rename(tmp_path / "v2")
     os.symlink("../v2", path / "enclaves")
     assert "enclaves links to ../v2, outside the keystore" in nothing(path)
-
-
-def test_two_enclaves_below_each_other_keep_their_own_files(tmp_path: Path) -> None:
-    """Foxy and later look for exactly one directory; nothing is inherited from `/a` to `/a/b`."""
-    path = sros2(tmp_path / "k", ["/a", "/a/b"])
-    (path / "enclaves/a/b/permissions.p7s").unlink()
-    layout = read(path)
-    assert layout.enclaves[1].files[Role.PERMISSIONS].status is Status.MISSING
-
-
-def test_the_same_tree_gives_the_same_layout_wherever_it_stands(tmp_path: Path) -> None:
-    path = sros2(tmp_path / "k", ["/b", "/a", "/a/c"])
-    copy = tmp_path / "copy"
-    shutil.copytree(path, copy, symlinks=True)
-    assert read(path) == read(copy)

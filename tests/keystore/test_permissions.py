@@ -15,7 +15,6 @@ from keystore_audit.keystore.permissions import Operation, PermissionsFile, read
 from keystore_audit.text import terminal
 from tests.keystore.builder import authority, evidence, present, signed_document
 from tests.keystore.documents import PERMISSIONS, SHARED
-from tests.keystore.messages import by_openssl
 
 CA = authority()
 FULL = b"""<dds>
@@ -70,20 +69,6 @@ FULL = b"""<dds>
 def read(content: bytes) -> PermissionsFile:
     message = signed_document(content, CA)
     return read_permissions(present(message, "enclaves/a/permissions.p7s"), [evidence(CA)])
-
-
-def test_what_sros2_writes() -> None:
-    file = read(PERMISSIONS)
-    assert (file.defects, file.signed.defects) == ((), ())
-    assert file.permissions is not None
-    (grant,) = file.permissions.grants
-    assert (grant.name, grant.subject_name.text, grant.default_allow) == ("/talker", "CN=/talker", False)
-    assert (grant.not_before.text, grant.not_after.text) == ("2024-01-01T00:00:00", "2034-01-01T00:00:00")
-    (rule,) = grant.rules
-    assert rule.allow
-    (criterion,) = rule.criteria
-    assert (criterion.operation, criterion.partitions, criterion.data_tags) == (Operation.PUBLISH, None, False)
-    assert [topic.text for topic in criterion.topics] == ["rt/chatter"]
 
 
 def test_every_element_has_its_value_and_its_line_in_the_file() -> None:
@@ -183,11 +168,6 @@ def test_an_empty_date_is_more_than_invalid(old: bytes) -> None:
     assert Kind.EMPTY_ELEMENT not in {defect.kind for defect in read(FULL.replace(old, b"x", 1)).defects}
 
 
-def test_every_invalid_value_is_named() -> None:
-    file = read(FULL.replace(b"<id>3<", b"<id>03<").replace(b"<topic>a<", b"<topic><").replace(b"CN=/b", b""))
-    assert [defect.kind for defect in file.defects] == [Kind.VALUE_INVALID, Kind.EMPTY_TOPIC, Kind.VALUE_INVALID]
-
-
 # --- anything at all
 
 SEEN = st.characters(codec="utf-8", exclude_categories=("Cc", "Cf", "Cs", "Cn", "Co", "Zl", "Zp")).filter(
@@ -251,13 +231,6 @@ def test_no_change_of_the_content_raises(data: st.DataObject) -> None:
     removed = data.draw(st.integers(0, 40))
     file = read(FULL[:place] + inserted + FULL[place + removed :])
     assert (file.permissions is None) == any(defect.kind.opaque for defect in file.defects)
-
-
-def test_an_opaque_message_has_no_lines() -> None:
-    file = read_permissions(present(by_openssl(("smime", "-text", "-nodetach"), CA, content=FULL)), [])
-    assert file.permissions is not None
-    grant = file.permissions.grants[0]
-    assert {grant.line, grant.default_line, grant.subject_name.line, grant.rules[0].criteria[0].line} == {None}
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="no ../shared here")

@@ -254,10 +254,6 @@ def test_an_opaque_message_has_defects_without_a_line() -> None:
     assert (defect.kind, defect.line) == (Kind.XML_AMBIGUOUS, None)
 
 
-def test_no_content_no_evidence() -> None:
-    assert read_xml(signed(None)) == (None, ())
-
-
 def test_what_stands_twice_and_may_not() -> None:
     content = PERMISSIONS.replace(b"<default>DENY</default>", b"<default>DENY</default>\n<default>ALLOW</default>")
     root, _ = read(content)

@@ -11,7 +11,6 @@ from tests.keystore.builder import GOVERNANCE
 from tests.keystore.documents import (
     ARDENT_GOVERNANCE,
     CRYSTAL_PERMISSIONS,
-    EVERYTHING_ALLOWED,
     FIRST_LINE,
     PERMISSIONS,
     SHARED,
@@ -27,20 +26,6 @@ def defects(content: bytes, grammar: Grammar) -> tuple[Defect, ...]:
 
 def kinds(content: bytes, grammar: Grammar) -> set[Kind]:
     return {defect.kind for defect in defects(content, grammar)}
-
-
-@pytest.mark.parametrize(
-    ("content", "grammar"),
-    [
-        (GOVERNANCE, Grammar.GOVERNANCE),
-        (PERMISSIONS, Grammar.PERMISSIONS),
-        (EVERYTHING_ALLOWED, Grammar.PERMISSIONS),
-    ],
-)
-def test_valid(content: bytes, grammar: Grammar) -> None:
-    assert defects(content, grammar) == ()
-    other = Grammar.PERMISSIONS if grammar is Grammar.GOVERNANCE else Grammar.GOVERNANCE
-    assert kinds(content, other) == {Kind.SCHEMA_INVALID}
 
 
 @pytest.mark.parametrize(

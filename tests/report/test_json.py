@@ -76,10 +76,6 @@ def test_hostile_names_are_data(name: str, make_report: MakeReport) -> None:
     stdlib_json.dumps(document, ensure_ascii=False).encode()  # no lone surrogate is left
 
 
-def test_the_same_value_gives_the_same_bytes(make_report: MakeReport) -> None:
-    assert json.render(make_report()) == json.render(make_report())
-
-
 @pytest.mark.parametrize(
     ("moment", "written"),
     [

@@ -9,17 +9,12 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from keystore_audit import toml
 from keystore_audit.engine.alloy.user_file import read_user_files
 from keystore_audit.errors import UsageError
-from keystore_audit.findings import Severity
-from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.formal.asked import Scheduler
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from tests.model.comparing import Member, Store, criterion, domain_rule, governance, grant, permissions, rule
-from tests.schemas import schema
 from tests.settings.files import read, wrong
 from tools.samples.base import IDENTITY_CA, LISTENER, TALKER, TWO
 from tools.samples.certificates import Certificate
@@ -43,36 +38,6 @@ MOVED = '[[property]]\nname = "moved"\ndeterministic = { low = "/move_turtle" }\
 def asked(low: str, high: str = "") -> str:
     besides = f', high = "{high}"' if high else ""
     return f'[[property]]\nname = "moved"\ndeterministic = {{ low = "{low}"{besides} }}\n'
-
-
-def test_forwards_and_claims_are_read(tmp_path: Path) -> None:
-    text = f"""{FORWARD}
-[[forward]]
-enclave = "/camera"
-from = "dds:rq/addRequest"
-to = ["/a", "/b"]
-scheduler = "any"
-[[property]]
-name = "one"
-severity = "low"
-deterministic = {{ low = ["/move_turtle", "/a"], high = ["/arm/*", "/b"], include_ambient = true }}
-[[property]]
-name = "two"
-description = "Mine."
-deterministic = {{ low = "/move_turtle", high = "topic:/low_priority" }}
-"""
-    found = read(tmp_path, text).declared
-    first, second = found.forwards
-    assert (first.enclave, first.sources) == ("/multiplexer", ("rt/high_priority", "rt/low_priority"))
-    assert (first.targets, first.scheduler, first.location.line) == (("rt/move_turtle",), Scheduler.PRIORITY, 1)
-    assert (second.sources, second.targets, second.scheduler) == (("rq/addRequest",), ("rt/a", "rt/b"), Scheduler.ANY)
-    one, two = found.claims
-    assert (one.id, one.severity, one.low) == ("one", Severity.LOW, ("rt/move_turtle", "rt/a"))
-    assert (one.high, one.include_ambient) == (Globs(enclaves=("/arm/*", "/b")), True)
-    assert one.forwards == (first, second)
-    assert (two.statement, two.high, two.forwards) == ("Mine.", Globs(topics=("rt/low_priority",)), (first,))
-    assert one.meaning != two.meaning
-    assert list(schema("settings").iter_errors(toml.loads(text))) == []
 
 
 @pytest.mark.parametrize(
@@ -142,17 +107,6 @@ def test_the_turtlesim_is_decided(tmp_path: Path, text: str, expected: str) -> N
     assert found.exit_code == {"holds": 0, "violated": 1}[expected]
 
 
-def test_two_runs_are_told_in_names(tmp_path: Path) -> None:
-    found = report(tmp_path, TURTLESIM, FORWARD.replace('priority"\n', 'any"\n') + MOVED)
-    said = message(found, "KA740")
-    assert "round 1: /keyboard sends A on /high_priority and /random sends B on /low_priority" in said
-    assert "in one run /multiplexer forwards A from /high_priority to /move_turtle" in said
-    finding = next(each for each in found.findings if each.code == "KA740")
-    paths = [(each.path.rpartition("/")[2], each.message) for each in finding.locations]
-    assert paths[0] == ("keystore-audit.toml", "asserted here")
-    assert [path for path, _said in paths[1:]] == ["permissions.p7s"] * 3
-
-
 def test_an_id_is_given_once(tmp_path: Path) -> None:
     labels = '[lattice]\nlevels = ["low", "high"]\n'
     labels += '[[label]]\nlabel = "low"\nenclaves = "/a"\n[[label]]\nlabel = "high"\nenclaves = "/b"\n'
@@ -164,12 +118,6 @@ def test_an_id_is_given_once(tmp_path: Path) -> None:
     settings = read(tmp_path, FORWARD + MOVED.replace("moved", "own-moved"))
     with pytest.raises(UsageError, match="'own-moved', is taken at"):
         read_user_files((file,), settings.asserted)
-
-
-def test_unreachability_is_named_where_it_decides(tmp_path: Path) -> None:
-    found = report(tmp_path, TURTLESIM, asked("/high_priority", "/random"))
-    statement = next(each.prop.statement for each in found.properties if each.prop.id == "moved")
-    assert "No declared forward leads there" in statement
 
 
 @pytest.mark.parametrize(
