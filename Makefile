@@ -7,7 +7,7 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 COMPILE := $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.10 --generate-hashes \
            --extra alloy --custom-compile-command "make lock" --upgrade
 
-.PHONY: audit test system lint types format samples bench lock wheel clean
+.PHONY: audit test test-long system lint types format samples bench lock wheel clean
 .DELETE_ON_ERROR:
 
 audit: .venv/audit.stamp  ## audit KEYSTORE with both engines
@@ -17,6 +17,10 @@ audit: .venv/audit.stamp  ## audit KEYSTORE with both engines
 test: system lint types  ## everything that CI asks
 	$(BIN)/keystore-audit engine install
 	$(BIN)/pytest -n 2 --dist loadgroup
+
+test-long: .venv/dev.stamp  ## the same tests with five times as much chance; CI does not run it
+	$(BIN)/keystore-audit engine install
+	KEYSTORE_AUDIT_TESTS=1 $(BIN)/pytest -n 2 --dist loadgroup
 
 system:  ## the Debian packages that the tests need
 	@sh requirements/system.sh test $(PYTHON)

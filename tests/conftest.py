@@ -16,6 +16,7 @@ from hypothesis import settings
 
 from keystore_audit.engine.alloy.process import AnalyzerProcess
 from keystore_audit.resources import in_ci
+from tests.amount import tried
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # Started in the background of a shell: programs that the tests interrupt would inherit that and never hear of it.
@@ -25,7 +26,7 @@ IN_CI = in_ci()
 
 # No deadline: on two busy cores a pause says nothing about the code. CI repeats the same examples every time, so
 # that a red run is the change's fault; elsewhere each run looks at new ones.
-settings.register_profile("local", deadline=None, print_blob=True)
+settings.register_profile("local", deadline=None, print_blob=True, max_examples=tried(100, 25))
 settings.register_profile("ci", parent=settings.get_profile("local"), derandomize=True)
 settings.load_profile("ci" if IN_CI else "local")
 

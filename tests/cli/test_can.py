@@ -497,50 +497,6 @@ def test_halves_are_what_each_dds_name_is_by_itself(
                 assert whole[of] == together({each[of] for each in alone})
 
 
-<<<<<<< HEAD
-@pytest.mark.parametrize(("operation", "name"), [("call", "/fibonacci"), ("request", "/add_two_ints")])
-def test_a_ros_question_is_that_about_its_dds_topics(operation: str, name: str) -> None:
-    from datetime import datetime, timezone
-
-    from keystore_audit.profiles import resolve
-
-    asked = [
-        Question(enclave=enclave, operation=each, topic=topic)
-        for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client")
-        for each, topic in dds_channels(operation, name)
-    ]
-    access = Access(
-        ACTIONS, asked, Circumstances(profiles=resolve(["spec"]), at=datetime(2026, 11, 21, 12, tzinfo=timezone.utc))
-    )
-    for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client"):
-        single = {access.answers(each)["spec"].decision for each in asked if each.enclave == enclave}
-        code = decisions(ACTIONS, enclave, operation, name, "--profile", "spec")[0]
-        assert (code == 0) is (single == {Truth.YES})
-
-
-||||||| parent of ccadc8ee (Tests that golden digests of samples make needless go, in all folders)
-@pytest.mark.parametrize(("operation", "name"), [("call", "/fibonacci"), ("request", "/add_two_ints")])
-def test_a_ros_question_is_that_about_its_dds_topics(operation: str, name: str) -> None:
-    from datetime import datetime, timezone
-
-    from keystore_audit.profiles import resolve
-
-    asked = [
-        Question(enclave=enclave, operation=each, topic=topic)
-        for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client")
-        for each, topic in dds_channels(operation, name)
-    ]
-    access = Access(
-        ACTIONS, asked, Circumstances(profiles=resolve(["spec"]), at=datetime(2026, 11, 21, 12, tzinfo=timezone.utc))
-    )
-    for enclave in ("/fibonacci/client", "/fibonacci/server", "/add_two_ints/client"):
-        single = {access.answers(each)["spec"].decision for each in asked if each.enclave == enclave}
-        code = decisions(ACTIONS, enclave, operation, name, "--profile", "spec")[0]
-        assert (code == 0) is (single == {Ruling.ALLOW})
-
-
-=======
->>>>>>> ccadc8ee (Tests that golden digests of samples make needless go, in all folders)
 def test_a_permissions_ca_in_a_form_that_we_do_not_read(tmp_path: Path) -> None:
     """Fast DDS starts with OpenSSL's own form of the certificate (`openssl x509 -trustout`)."""
     store = Path(shutil.copytree(TURTLESIM, tmp_path / "k", symlinks=True))

@@ -13,6 +13,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.formal.asked import ClaimKind
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Answer, Status
+from tests.amount import tried
 from tests.engine.alloy.flow_builders import at, claim
 from tests.engine.alloy_batch import (
     as_expected,
@@ -26,8 +27,8 @@ from tests.engine.alloy_batch import (
 from tests.engine.flows_by_hand import ByHand, violated
 from tests.engine.systems import LISTENER, TALKER, healthy, lively, random_system, with_claims
 
-SYSTEMS = 500
-"""Every mistake of native_mutants.py shows in them. Their seeds are fixed; `long_run` looks at the next ones."""
+SYSTEMS = tried(500)
+"""Every mistake of native_mutants.py shows in them. Their seeds are fixed."""
 
 CLAIMS = 2
 """About each system."""
@@ -70,7 +71,7 @@ def disagreements(seeds: Iterable[int]) -> tuple[list[object], Counter[tuple[obj
 def test_native_and_alloy_agree_on_random_systems() -> None:
     differing, tally = disagreements(range(SYSTEMS))
     assert differing == []
-    for each, least in (*((prop.id, 15) for prop in PROPERTIES), *((kind, 10) for kind in ClaimKind)):
+    for each, least in (*((prop.id, tried(15)) for prop in PROPERTIES), *((kind, tried(10)) for kind in ClaimKind)):
         assert min(tally[each, True], tally[each, False]) >= least, f"a lopsided test: {tally}"
 
 

@@ -16,11 +16,12 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID, PROPERTIES, Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
+from tests.amount import tried
 from tests.engine.alloy_batch import compare_batch, outcomes, shipped
 from tests.engine.systems import healthy
 from tests.engine.test_agreement import holding, some_system
 
-SEEDS = range(60)
+SEEDS = range(tried(60))
 
 
 def less(seed: int) -> System:

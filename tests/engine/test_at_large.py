@@ -14,6 +14,7 @@ from keystore_audit.engine.alloy.merging import merge
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.model.formal.system import ParticipantKind, System
 from keystore_audit.properties import Status
+from tests.amount import tried
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.systems import IDENTITY_CA, Builder, healthy, healthy_builder, random_system
 from tests.engine.test_agreement import holding, some_system
@@ -94,7 +95,7 @@ def large(system: System, seed: int) -> System:
 @pytest.mark.alloy
 @pytest.mark.xdist_group("alloy")
 def test_the_engines_agree_on_them() -> None:
-    systems = [*(system for system, _broken in CASES.values()), *(large(some_system(n), n) for n in range(16))]
+    systems = [*(system for system, _broken in CASES.values()), *(large(some_system(n), n) for n in range(tried(16)))]
     native = [NativeEngine([system]).answers[0] for system in systems]
     assert list(compare_batch(systems, [holding(answers) for answers in native])) == [[]] * len(systems)
     assert len({answers[name].status for answers in native for name in (KEY, SUBJECT)}) == 2
@@ -102,7 +103,7 @@ def test_the_engines_agree_on_them() -> None:
 
 def test_what_is_left_out_for_the_analyzer_changes_no_answer() -> None:
     twins = [{"key": 7 + number} for number in range(9)]
-    for system in (with_some(*twins), *(large(random_system(seed), seed) for seed in range(60))):
+    for system in (with_some(*twins), *(large(random_system(seed), seed) for seed in range(tried(60)))):
         answers, smaller = (NativeEngine([each]).answers[0] for each in (system, merge(system).system))
         assert {name: each.status for name, each in answers.items()} == {n: each.status for n, each in smaller.items()}
     assert len(merge(with_some(*twins)).system.enclaves) < len(with_some(*twins).enclaves)

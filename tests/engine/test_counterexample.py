@@ -20,6 +20,7 @@ from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID, PROPERTIES
 from keystore_audit.properties.result import Counterexample, Role, Status, Step
+from tests.amount import tried
 from tests.engine.alloy.flow_builders import THIRD, at, chain, claim, shut_out, weak
 from tests.engine.systems import (
     CHATTER,
@@ -203,7 +204,7 @@ def test_a_grant_behind_one_out_of_date_is_shown_where_that_one_is_passed_over(s
     assert [right.location for right in found] == [b.rules[-1].location] * skips
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(tried(40)))
 def test_any_witness_can_be_told(seed: int) -> None:
     """Even one that no engine would give: an explanation must never be what ends an audit."""
     system = random_system(seed)
@@ -276,7 +277,7 @@ def test_two_whom_different_peers_let_into_one_domain() -> None:
 def test_every_hop_is_explained() -> None:
     """By a line for each end, whoever attacks and however many realms there are."""
     told = 0
-    for seed in range(240):
+    for seed in range(tried(240)):
         system = with_claims(random_system(seed), seed, 6)
         for asked, answer in ((each, NativeEngine([system]).answers[0][each.id]) for each in system.claims):
             for hop in answer.path:
@@ -285,7 +286,7 @@ def test_every_hop_is_explained() -> None:
                 )
                 assert len(hop_ways(system, asked, hop)) == ends, (seed, asked.id, hop)
                 told += 1
-    assert told > 100
+    assert told > tried(100)
 
 
 @pytest.mark.parametrize(("kinds", "needs"), [({}, False), (dict.fromkeys(("rtps", "metadata", "data"), NONE), True)])
@@ -302,7 +303,7 @@ def test_a_way_that_needs_no_attack_is_told_so_whoever_is_asked_about(
 
 def test_what_is_told_to_need_no_attack_needs_none() -> None:
     told = 0
-    for seed in range(240):
+    for seed in range(tried(240)):
         system = with_claims(random_system(seed), seed, 6)
         for asked in system.claims:
             answer = NativeEngine([system]).answers[0][asked.id]
@@ -311,7 +312,7 @@ def test_what_is_told_to_need_no_attack_needs_none() -> None:
                 alone = replace(system, claims=(honest,))
                 assert NativeEngine([alone]).answers[0][honest.id].status is Status.VIOLATED, (seed, asked.id)
                 told += asked.attacker is not Attacker.HONEST
-    assert told > 20
+    assert told > tried(20)
 
 
 def test_of_many_witnesses_the_plainest_is_told() -> None:

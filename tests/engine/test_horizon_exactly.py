@@ -17,6 +17,7 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from keystore_audit.settings.settings import read_settings
+from tests.amount import tried
 from tests.cli.keystores import write_enclave
 from tests.keystore.builder import GOVERNANCE, PrivateKey, Signed, _write, authority, certificate, crl, signed_document
 from tests.model import comparing
@@ -120,7 +121,7 @@ def probes(chance: random.Random, until: datetime | None) -> list[datetime]:
     return chance.sample(before[-6:], min(3, len(before))) + chance.sample(before, min(2, len(before)))
 
 
-@pytest.mark.parametrize("start", range(0, 60, 10))
+@pytest.mark.parametrize("start", range(0, tried(60), 10))
 def test_nothing_changes_before_safe_until(start: int, tmp_path: Path) -> None:
     """Who starts, and what each property is, under profiles and in zones at random."""
     settings_file = tmp_path / "keystore-audit.toml"

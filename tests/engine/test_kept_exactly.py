@@ -10,10 +10,11 @@ from keystore_audit.engine.kept import KeptFlows, Stage
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System
+from tests.amount import tried
 from tests.engine.flows_by_hand import OUTSIDER, ByHand, Flow
 from tests.engine.systems import GOVERNANCE, INSTANTS, PERMISSIONS_CA, healthy_builder
 
-SEEDS = 400
+SEEDS = tried(400)
 HOPS = 1, 2, 3  # topics beside `rt/chatter` and the rest
 
 
@@ -118,4 +119,4 @@ def test_flows_over_time_are_those_that_enumeration_finds() -> None:
                 check(system, asked, found)
                 assert kept.takes_time(asked) is not expected[1], (seed, asked)
                 alone, together = alone + expected[1], together + (not expected[1])
-    assert min(alone, together) > 50, (alone, together)
+    assert min(alone, together) > tried(50), (alone, together)

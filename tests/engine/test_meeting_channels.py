@@ -22,14 +22,15 @@ from keystore_audit.model.formal.system import GrantAtom, RuleAtom, System
 from keystore_audit.model.semantics import ReadRule, read_grant, read_rules
 from keystore_audit.profiles import VARIANTS, Access
 from keystore_audit.properties import Role, Status
+from tests.amount import tried
 from tests.engine.alloy.cloning import system_with_twins
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.systems import CHATTER, LISTENER, TALKER, healthy_builder, lively, random_system, with_claims
 
-SYSTEMS = 180
+SYSTEMS = tried(180)
 """Random systems that are decided natively; the seeds are fixed."""
 
-ASKED = 16
+ASKED = tried(16)
 """Of these, systems that the Analyzer is asked about."""
 
 
@@ -96,8 +97,8 @@ def test_smaller_systems_have_the_same_answers_and_what_meets_matters() -> None:
         assert statuses(few) == found, seed
         mattered += found != statuses(replace(system, meets=()))
         smaller += bool(few.meets) and len(few.channels) < len(system.channels)
-    assert mattered >= 15
-    assert smaller >= 30
+    assert mattered >= tried(15)
+    assert smaller >= tried(30)
 
 
 @pytest.mark.alloy
@@ -215,7 +216,7 @@ def meet(one: str, other: str) -> bool:
     return one == other or fnmatch.fnmatchcase(one, other) or fnmatch.fnmatchcase(other, one)
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(tried(60)))
 def test_writer_and_reader_meet_where_some_partitions_of_theirs_do(seed: int) -> None:
     """Against every endpoint in a short partition, plain or a pattern, under one implementation's reading."""
     chance = random.Random(seed)

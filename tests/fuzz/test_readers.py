@@ -25,6 +25,7 @@ from keystore_audit.keystore.xsd import Grammar
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report import json as json_report
+from tests.amount import tried
 from tests.fuzz.targets import MAX_STEPS, READERS
 from tests.steps import steps
 from tests.strategies.credentials import pem_files
@@ -83,7 +84,7 @@ def _keystore(path: Path) -> Keystore | None:
         return None
 
 
-@settings(max_examples=200, suppress_health_check=list(HealthCheck))
+@settings(max_examples=tried(200), suppress_health_check=list(HealthCheck))
 @given(trees())
 def test_tree(tree: Mapping[bytes, Entry]) -> None:
     with _directory() as root:
@@ -146,7 +147,7 @@ def _changes(draw: st.DrawFn) -> tuple[str, bytes]:
     return name, draw(st.one_of(edited(st.just(own)), KINDS[name]()))
 
 
-@settings(max_examples=60, suppress_health_check=list(HealthCheck))
+@settings(max_examples=tried(60), suppress_health_check=list(HealthCheck))
 @given(_changes())
 def test_audit(change: tuple[str, bytes]) -> None:
     """One file of a healthy keystore changed: the audit ends with a report, and no rule of it crashes."""

@@ -102,30 +102,6 @@ def test_unsigned_text_is_found_at_its_line(title: str) -> None:
 # --- who signed
 
 
-<<<<<<< HEAD
-def test_a_document_signed_by_an_enclave_names_the_enclave() -> None:
-    """CVE-2023-24010: `openssl smime -verify` and the run times before the fix take it."""
-    read_document = document(by_openssl(("smime", "-text"), LEAF), CA, LEAF)
-    (signature,) = read_document.signatures
-    assert [c.subject for c in signature.named] == [c.subject for c in signature.verified_by] == ["CN=/talker"]
-    assert read_document.content == CRLF_GOVERNANCE
-    assert document_verdict(read_document, TRUSTED, PINNED) is Truth.NO
-    assert document_verdict(read_document, TRUSTED, CHAINED) is Truth.YES
-
-
-||||||| parent of ccadc8ee (Tests that golden digests of samples make needless go, in all folders)
-def test_a_document_signed_by_an_enclave_names_the_enclave() -> None:
-    """CVE-2023-24010: `openssl smime -verify` and the run times before the fix take it."""
-    read_document = document(by_openssl(("smime", "-text"), LEAF), CA, LEAF)
-    (signature,) = read_document.signatures
-    assert [c.subject for c in signature.named] == [c.subject for c in signature.verified_by] == ["CN=/talker"]
-    assert read_document.content == CRLF_GOVERNANCE
-    assert document_verdict(read_document, TRUSTED, PINNED) is Acceptance.REFUSED
-    assert document_verdict(read_document, TRUSTED, CHAINED) is Acceptance.ACCEPTED
-
-
-=======
->>>>>>> ccadc8ee (Tests that golden digests of samples make needless go, in all folders)
 def test_a_signer_that_only_the_message_knows_is_found_in_it() -> None:
     message = by_openssl(("smime", "-text"), LEAF)
     read_document = document(message, CA)

@@ -175,22 +175,6 @@ def test_a_message_is_found_whatever_it_is_called(name: str, tmp_path: Path) -> 
     assert stray.document.permissions.grants[0].rules[0].criteria[0].topics[0].text == "rt/old"
 
 
-<<<<<<< HEAD
-def test_a_stock_keystore_has_none(tmp_path: Path) -> None:
-    for root in (sros2(tmp_path / "linked"), sros2(tmp_path / "copied", links=False), flat(tmp_path / "flat")):
-        keystore = read_keystore(root)
-        assert (keystore.unmanaged, keystore.foreign, keystore.unread_foreign) == ((), (), ())
-
-
-||||||| parent of ccadc8ee (Tests that golden digests of samples make needless go, in all folders)
-def test_a_stock_keystore_has_none(tmp_path: Path) -> None:
-    for root in (sros2(tmp_path / "linked"), sros2(tmp_path / "copied", links=False), flat(tmp_path / "flat")):
-        keystore = read_keystore(root)
-        assert (keystore.strays, keystore.foreign, keystore.unread_foreign) == ((), (), ())
-
-
-=======
->>>>>>> ccadc8ee (Tests that golden digests of samples make needless go, in all folders)
 def test_copies_count_once_and_those_of_an_enclaves_document_not_at_all(tmp_path: Path) -> None:
     root = sros2(tmp_path / "keystore")
     message = signed_document(DOCUMENT, authority_of(root))

@@ -12,9 +12,10 @@ from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.ros.action_topics import STATUS, action_patterns, taken_in
 from keystore_audit.model.ros.classes import Affix, classify_ros_names
 from keystore_audit.profiles import Matcher
+from tests.amount import tried
 from tests.rules.evidence import allow, enclave, grant, permissions
 
-EXAMPLES = settings(max_examples=300, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+EXAMPLES = settings(max_examples=tried(300), deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 FEEDBACK = Affix("rt", "/_action/feedback")
 
 _PARTS = ("rt", "r", "/", "a", "_", "?", "??", "*", "[a-m]", "[!a]", "/_action/", "status", "feedback", "s", "k", "tus")

@@ -23,6 +23,7 @@ from keystore_audit.model.matching.atoms import classify
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.names import is_ros_dds_name
 from keystore_audit.profiles import Matcher
+from tests.amount import tried
 from tests.rules.divergent import chosen, views
 from tests.rules.evidence import (
     allow,
@@ -35,7 +36,7 @@ from tests.rules.evidence import (
     topic_rule,
 )
 
-EXAMPLES = settings(max_examples=150, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+EXAMPLES = settings(max_examples=tried(150), deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 NAMES = tuple("".join(name) for length in (1, 2, 3) for name in product("abc", repeat=length))
 DOMAINS = (0, 1, 2)
 

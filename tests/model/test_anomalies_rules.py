@@ -18,6 +18,7 @@ from keystore_audit.model.anomalies.anomaly import AnomalyKind, Effort, Point, R
 from keystore_audit.model.anomalies.rules import Own, rule_anomalies
 from keystore_audit.model.semantics import ReadRule, read_rules
 from keystore_audit.profiles import VARIANTS, Matcher
+from tests.amount import tried
 from tests.rules.divergent import ruled
 from tests.rules.evidence import grant
 
@@ -203,7 +204,7 @@ def found_in(rules: Sequence[ReadRule], *, default: bool) -> list[RuleAnomaly]:
     )
 
 
-@settings(max_examples=120, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=tried(120), deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(
     st.lists(_RULES, min_size=1, max_size=4),
     st.sampled_from((False, False, True)),

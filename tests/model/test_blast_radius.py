@@ -22,6 +22,7 @@ from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.stolen_key import authorities, holding, holding_both, radius, radius_of_enclave
 from keystore_audit.profiles import resolve
+from tests.amount import tried
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
@@ -55,7 +56,7 @@ def no_flow(attacker: Attacker, source: int, target: int, left_out: frozenset[in
     )
 
 
-@pytest.mark.parametrize("start", range(0, 120, 40))
+@pytest.mark.parametrize("start", range(0, tried(120, 40), 40))
 def test_every_enclave_reaches_whom_its_flows_reach(start: int) -> None:
     reached = 0
     for seed in range(start, start + 40):
@@ -73,7 +74,7 @@ def test_every_enclave_reaches_whom_its_flows_reach(start: int) -> None:
     assert reached > 30
 
 
-@pytest.mark.parametrize("start", range(0, 200, 100))
+@pytest.mark.parametrize("start", range(0, tried(200, 100), 100))
 def test_rights_are_those_of_all_that_have_the_key(start: int) -> None:
     for seed in range(start, start + 100):
         system = random_system(seed)
@@ -213,7 +214,7 @@ def test_a_key_of_two_enclaves_passes_for_the_other() -> None:
 def test_keys_of_authorities_open_what_the_keys_below_them_open() -> None:
     """On systems by chance: an identity authority's holder is as strong as each enclave that it vouches for."""
     seen = 0
-    for seed in range(150):
+    for seed in range(tried(150, 50)):
         system = random_system(seed)
         if system.has_doubt:
             continue
@@ -236,7 +237,7 @@ def test_keys_of_authorities_open_what_the_keys_below_them_open() -> None:
 
 
 def test_everything_of_the_holder_is_new_and_the_rest_stays() -> None:
-    for seed in range(60):
+    for seed in range(tried(60, 20)):
         system = random_system(seed)
         for certificate in range(len(system.certificates)):
             held = holding_both(system, system.certificates[certificate].key)

@@ -18,6 +18,7 @@ from keystore_audit.model.domains import contains, covered, domain_classes
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.semantics import Area, Region, read_rules
 from keystore_audit.profiles import VARIANTS, Access, Matcher
+from tests.amount import tried
 
 START = datetime(2020, 1, 1, tzinfo=timezone.utc)
 END = datetime(2030, 1, 1, tzinfo=timezone.utc)
@@ -79,7 +80,7 @@ def holds(matcher: Matcher, region: Region, topic: str, partition: str) -> bool:
     )
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", range(tried(60)))
 def test_every_name_has_a_channel_that_says_what_the_rules_say(seed: int) -> None:
     source = random.Random(seed)
     accesses = [profile.access for profile in source.sample(list(VARIANTS.values()), 2)]
@@ -109,7 +110,7 @@ def test_every_name_has_a_channel_that_says_what_the_rules_say(seed: int) -> Non
     assert met <= set(known)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(tried(20)))
 def test_points_say_of_themselves_what_the_rules_say(seed: int) -> None:
     source = random.Random(seed)
     access = source.choice(list(VARIANTS.values())).access

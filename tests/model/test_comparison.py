@@ -12,6 +12,7 @@ from keystore_audit.findings import Location
 from keystore_audit.model.comparison.change import Direction, FailOn, Layer
 from keystore_audit.profiles import ALIASES
 from keystore_audit.report.diff_text import consequence, sentence
+from tests.amount import tried
 from tests.model.comparing import (
     Store,
     authority,
@@ -39,7 +40,7 @@ def test_a_single_change_is_told_once_where_it_was_made(case: Case, tmp_path: Pa
     assert not found.unknown
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(tried(20)))
 def test_two_changes_at_once_are_turned_round_too(seed: int, tmp_path: Path) -> None:
     """From one changed keystore to another that is changed elsewhere; `compared` looks at both ways."""
     one, other = random.Random(seed).sample(CASES, 2)

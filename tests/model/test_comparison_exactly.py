@@ -20,6 +20,7 @@ from msgspec.structs import replace
 
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.comparison.change import Change, Comparison, Direction
+from tests.amount import tried
 from tests.model.comparing import (
     Member,
     Store,
@@ -180,7 +181,7 @@ def witnesses(change: Change) -> Iterator[tuple[str, str, int]]:
 
 
 @given(old=documents, new=documents)
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=tried(80), deadline=None, derandomize=True)
 def test_rights_change_where_single_decisions_do(old: str, new: str) -> None:
     found = compare_stores(*(BASE.member("/a", permissions=document) for document in (old, new)))
     before, after = Permissions(old), Permissions(new)
@@ -201,7 +202,7 @@ def test_rights_change_where_single_decisions_do(old: str, new: str) -> None:
 
 
 @given(old=governances, new=governances)
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=tried(80), deadline=None, derandomize=True)
 def test_protection_changes_where_single_rows_do(old: str, new: str) -> None:
     found = compare_stores(*(replace(BASE, governance=document) for document in (old, new)))
     before, after = Governance(old), Governance(new)

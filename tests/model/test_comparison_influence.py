@@ -15,6 +15,7 @@ from keystore_audit.model.comparison.change import Comparison, Direction, Influe
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.flow import Lane
 from keystore_audit.model.formal.influence import Influence
+from tests.amount import tried
 from tests.model.comparing import Member, Store, compared, criterion, grant, permissions, rule
 from tests.model.test_comparison_exactly import Permissions
 
@@ -28,7 +29,7 @@ lanes = st.lists(st.builds(lambda puts, gets: Lane(puts=puts, gets=gets), sets, 
 
 
 @given(several=lanes)
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=tried(300), deadline=None, derandomize=True)
 def test_everybody_is_reached_whom_a_way_of_hops_reaches(several: list[Lane]) -> None:
     everybody = range(PARTICIPANTS)
     reached = [[any(lane.puts[e] & lane.gets[f] for lane in several) for f in everybody] for e in everybody]
@@ -94,7 +95,7 @@ def told(found: Comparison, direction: Direction) -> Iterator[Influenced]:
 
 
 @given(old=stores, new=stores)
-@settings(max_examples=60, deadline=None, derandomize=True, phases=SHORTLY)
+@settings(max_examples=tried(60), deadline=None, derandomize=True, phases=SHORTLY)
 def test_pairs_are_gained_and_lost_where_ways_are(old: dict[str, list[str]], new: dict[str, list[str]]) -> None:
     stores_of = keystore(old), keystore(new)
     found = compare_stores(*stores_of)

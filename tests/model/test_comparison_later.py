@@ -13,6 +13,7 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison.change import Comparison, FailOn
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.profiles import resolve
+from tests.amount import tried
 from tests.model.comparing import AT, Store, compared, criterion, grant, permissions, rule
 from tests.model.single_changes import BASE, LISTENER
 
@@ -74,7 +75,7 @@ def test_the_same_signed_again_is_silent(tmp_path: Path) -> None:
     assert told(compared(WIDER, again, tmp_path)) == [("signed-again", "info")]
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", range(tried(30)))
 def test_a_right_that_comes_one_day_is_told_today(seed: int, tmp_path: Path) -> None:
     """Whatever a comparison at a later instant finds gained is a change now; it fails if there was never such a right.
 

@@ -19,6 +19,7 @@ from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.intended.drift_rights import MAX_RIGHTS
+from tests.amount import tried
 from tests.model.drifting import Listed, allowed, compared, listed_in, matches, only, policy_of, sole, store
 from tests.rules.divergent import ruled
 from tests.rules.evidence import (
@@ -190,7 +191,7 @@ def as_policy(rights: Sequence[tuple[str, str, bool]]) -> Policy:
     return Policy(path="a.policy.xml", version="0.2.0", files=(), profiles=(profiles,))
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=tried(150), deadline=None, derandomize=True)
 @given(rights=some_rights, rules=some_rules)
 def test_all_and_only_what_differs_by_name_is_found(rights: list[tuple[str, str, bool]], rules: list[Listed]) -> None:
     meant = as_sros2(rights)
@@ -235,7 +236,7 @@ def decides(
     return any(matches(text, partition) for text in partitions)
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=tried(100), deadline=None, derandomize=True)
 @given(rights=some_rights, rules=listings)
 def test_partitions_too_by_name(
     rights: list[tuple[str, str, bool]],

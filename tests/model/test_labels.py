@@ -25,6 +25,7 @@ from keystore_audit.model.claims.stated import (
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Status
+from tests.amount import tried
 from tests.engine.systems import random_system
 from tests.engine.test_flows import OUTSIDER, Definitions
 
@@ -183,7 +184,7 @@ def chance(seed: int, attacker: Attacker) -> tuple[System, Labelling]:
 
 
 @pytest.mark.parametrize("attacker", [Attacker.HONEST, Attacker.RELAYS])
-@pytest.mark.parametrize("start", range(0, 240, 80))
+@pytest.mark.parametrize("start", range(0, tried(240, 80), 80))
 def test_claims_say_what_labels_say(start: int, attacker: Attacker) -> None:
     told = {True: 0, False: 0}
     for seed in range(start, start + 80):
@@ -196,7 +197,7 @@ def test_claims_say_what_labels_say(start: int, attacker: Attacker) -> None:
 
 def test_an_attacking_source_is_everything_with_the_label() -> None:
     found = 0
-    for seed in range(160):
+    for seed in range(tried(160, 60)):
         system, given = chance(seed, Attacker.SOURCE)
         plain = [one for one in given.labelled if one.enclaves]
         apart = labelling(
@@ -214,7 +215,7 @@ def test_an_attacking_source_is_everything_with_the_label() -> None:
 def test_with_labels_on_everything_every_violation_is_of_one_right() -> None:
     """Bell and LaPadula: no read up, no write down; what is transitive is more only where something has no label."""
     told = {True: 0, False: 0}
-    for seed in range(200):
+    for seed in range(tried(200, 60)):
         system = random_system(seed)
         draw = random.Random(f"everything {seed}")
         lattice = LATTICES[seed % len(LATTICES)]

@@ -16,6 +16,7 @@ from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation, Rule
 from keystore_audit.model.intended.observed_needs import EnclavePolicy, least_policy, needs, usual_channels
 from keystore_audit.model.names import dds_channels, dds_expressions
+from tests.amount import tried
 from tests.rules.evidence import allow, domain_rule, enclave, governance, grant, keystore, permissions
 from tests.rules.observed import DISCOVERY, does, graph, log, observed
 
@@ -58,7 +59,7 @@ def seen(actions: Sequence[tuple[Action, str]]) -> Intent:
     return graph(log("/talker"), *(does("/talker", action.value, name) for action, name in actions))
 
 
-@settings(derandomize=True, deadline=None, max_examples=120)
+@settings(derandomize=True, deadline=None, max_examples=tried(120))
 @given(own=st.lists(rules, max_size=4), actions=st.lists(acts, max_size=4, unique=True))
 def test_missing_is_what_one_by_one_is_denied(own: list[Rule], actions: list[tuple[Action, str]]) -> None:
     found = observed(store(own), seen(actions), names=("spec",))
@@ -78,7 +79,7 @@ def test_missing_is_what_one_by_one_is_denied(own: list[Rule], actions: list[tup
         assert each.profiles == ("spec",)
 
 
-@settings(derandomize=True, deadline=None, max_examples=120)
+@settings(derandomize=True, deadline=None, max_examples=tried(120))
 @given(own=st.lists(rules, max_size=4), actions=st.lists(acts, max_size=4, unique=True))
 def test_excess_is_what_one_by_one_is_granted_and_not_used(own: list[Rule], actions: list[tuple[Action, str]]) -> None:
     found = observed(store(own), seen(actions), names=("spec",))
@@ -116,7 +117,7 @@ names_or_wildcards = st.sampled_from([*NAMES, "/a*", "/*"])
 said = st.tuples(st.sampled_from(Action), names_or_wildcards, st.booleans())
 
 
-@settings(derandomize=True, deadline=None, max_examples=150)
+@settings(derandomize=True, deadline=None, max_examples=tried(150))
 @given(entries=st.lists(said, max_size=6, unique=True))
 def test_the_least_policy_means_what_the_policy_means(entries: list[tuple[Action, str, bool]]) -> None:
     """sros2 denies first, then allows: name by name, over all that the names make and some more."""

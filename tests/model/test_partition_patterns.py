@@ -15,6 +15,7 @@ from keystore_audit.model.matching import patterns as partition_patterns
 from keystore_audit.model.matching.patterns import Patterns, meetings
 from keystore_audit.model.semantics import Area, Region
 from keystore_audit.profiles import Matcher
+from tests.amount import tried
 
 EXPRESSIONS = [
     *("a", "b", "ab", "abb", "*", "?", "??", "a*", "*b", "a?", "?b", "[ab]", "[!a]", "[!a]*", "[ab*]", "[a?]b", "aa*"),
@@ -31,7 +32,7 @@ ESCAPED = [f"\\{one}{tail}" for one in "abc*" for tail in ("", "a", "b", "c", "*
 NAMES = ["".join(letters) for n in range(5) for letters in itertools.product("abc", repeat=n)]
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(tried(40)))
 def test_classes_meet_if_a_pattern_in_one_matches_a_name_in_the_other(seed: int) -> None:
     """Nothing that meets is missed, and for all that is found there is a pattern and what it matches."""
     patterns = Patterns()
@@ -58,7 +59,7 @@ def test_classes_meet_if_a_pattern_in_one_matches_a_name_in_the_other(seed: int)
     assert pairs <= known
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(tried(20)))
 def test_what_a_class_meets_does_not_hang_on_which_others_are_asked_about(seed: int) -> None:
     """Nor on what was asked before about the same expressions in another order."""
     random_ = random.Random(seed)

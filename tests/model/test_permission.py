@@ -13,6 +13,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import ChannelAtom, DomainAtom, GrantAtom, RuleAtom, System
+from tests.amount import tried
 
 START = datetime(2026, 1, 1, tzinfo=timezone.utc)
 HERE = Location(path="permissions.p7s", line=1)
@@ -80,7 +81,7 @@ def decision(system: System, grant: int, operation: Operation, channel: int) -> 
     return system.grants[grant].default_allow
 
 
-@pytest.mark.parametrize("seed", range(200))
+@pytest.mark.parametrize("seed", range(tried(200)))
 def test_allowed_is_the_first_match(seed: int) -> None:
     system = small_system(seed)
     permissions = Permissions(system)
@@ -90,7 +91,7 @@ def test_allowed_is_the_first_match(seed: int) -> None:
             assert set(members(permissions.allowed(grant, operation))) == expected
 
 
-@pytest.mark.parametrize("seed", range(200))
+@pytest.mark.parametrize("seed", range(tried(200)))
 def test_chosen_is_the_first_grant_in_force_of_each_document(seed: int) -> None:
     system = small_system(seed)
     permissions = Permissions(system)

@@ -13,6 +13,7 @@ from keystore_audit.intent.intent import is_ros_name
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.ros.classes import Affix, classify_ros_names
 from keystore_audit.profiles import Matcher
+from tests.amount import tried
 
 REQUEST, REPLY, FEEDBACK = Affix("rq", "Request"), Affix("rr", "Reply"), Affix("rt", "/_action/feedback")
 AFFIXES = (REQUEST, REPLY, FEEDBACK)
@@ -29,7 +30,7 @@ _TEXTS = st.one_of(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=tried(150), deadline=None)
 @given(texts=st.lists(_TEXTS, max_size=5), matcher=st.sampled_from(tuple(Matcher)))
 def test_every_name_is_in_exactly_one_class(texts: list[str], matcher: Matcher) -> None:
     patterns = [parse(text, matcher) for text in texts]

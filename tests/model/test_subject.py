@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.model.subjects.comparison import matching, names, printed, same_meaning
 from keystore_audit.profiles import SubjectComparison
+from tests.amount import tried
 from tests.keystore.builder import certificate, evidence
 
 KINDS = (NameOID.COMMON_NAME, NameOID.ORGANIZATION_NAME, NameOID.ORGANIZATIONAL_UNIT_NAME)
@@ -34,7 +35,7 @@ TEXTS = st.lists(st.tuples(ATTRIBUTES, st.sampled_from([*VALUES, "", '"/a"', "\\
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=tried(300))
 @given(texts=st.lists(TEXTS, max_size=6), comparison=st.sampled_from(SubjectComparison))
 def test_many_at_once_are_as_one_by_one(texts: list[str], comparison: SubjectComparison) -> None:
     found = matching(texts, IDENTITIES, comparison)

@@ -15,6 +15,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineOutOfScale
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.properties import Answer, Status
+from tests.amount import tried
 from tests.engine.alloy.flow_builders import THIRD, at, chain, claim
 from tests.engine.alloy.flow_mutants import MUTANTS
 from tests.engine.alloy.flow_questions import questions
@@ -120,7 +121,7 @@ def test_an_ability_must_last_until_the_date(analyzer: Engine) -> None:
 
 def test_a_system_at_a_later_moment_is_what_the_native_engine_says_of_that_moment() -> None:
     """Statuses of all properties at every moment, with the moment made an instant of the facts or taken as a number."""
-    for seed in range(150):
+    for seed in range(tried(150)):
         system = with_claims(random_system(seed), seed)
         system = replace(system, claims=tuple(replace(each, until=None) for each in system.claims))
         for moment in range(2 * system.now, 2 * len(system.instants)):

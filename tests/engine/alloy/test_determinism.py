@@ -30,6 +30,7 @@ from keystore_audit.errors import EngineFailed, EngineTimeout
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.asked import Behaviour, DeterminismAtom, Differs, Scheduler
 from keystore_audit.properties.result import Answer, Round, Status
+from tests.amount import tried
 from tests.engine.alloy_batch import outcomes
 from tests.engine.behaviours import behaviour, deterministic, multiplexer, next_runs, random_behaviour
 from tests.engine.systems import healthy
@@ -135,7 +136,7 @@ def test_the_engines_decide_examples(name: str, analyzer: Engine) -> None:
         assert len(in_process.rounds) == len(native.rounds)
 
 
-@pytest.mark.parametrize("block", range(6))
+@pytest.mark.parametrize("block", range(tried(6, 2)))
 def test_the_engines_agree_on_random_behaviours(block: int, tmp_path: Path) -> None:
     kinds: Counter[tuple[bool, ...]] = Counter()
     for seed in range(20 * block, 20 * block + 20):
@@ -150,7 +151,7 @@ def test_the_engines_agree_on_random_behaviours(block: int, tmp_path: Path) -> N
     assert kinds[True, True]
 
 
-@pytest.mark.parametrize("seed", range(1000, 1010))
+@pytest.mark.parametrize("seed", range(1000, 1000 + tried(10)))
 def test_more_rounds_show_no_more(seed: int, tmp_path: Path) -> None:
     asked = random_behaviour(seed)
     if not natively(asked)[CERTAIN]:
@@ -159,7 +160,7 @@ def test_more_rounds_show_no_more(seed: int, tmp_path: Path) -> None:
 
 def test_the_native_engine_agrees_with_plain_runs() -> None:
     """Every pair of states by hand, for 300 random behaviours."""
-    for seed in range(2000, 2300):
+    for seed in range(2000, 2000 + tried(300)):
         asked = random_behaviour(seed)
         for perhaps in (False, True):
             found = explore(asked, perhaps=perhaps)
@@ -169,7 +170,7 @@ def test_the_native_engine_agrees_with_plain_runs() -> None:
 
 
 def test_two_values_are_enough() -> None:
-    for seed in range(3000, 3040):
+    for seed in range(3000, 3000 + tried(40)):
         asked = random_behaviour(seed)
         if len(asked.slots) <= 2:
             free = asked.free(perhaps=True)

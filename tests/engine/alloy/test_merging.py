@@ -16,14 +16,15 @@ from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import Answer
+from tests.amount import tried
 from tests.engine.alloy.cloning import system_with_twins
 from tests.engine.alloy_batch import decide_batch, decide_claims
 from tests.engine.systems import CHATTER, TALKER, healthy_builder
 
-SYSTEMS = 240
+SYSTEMS = tried(240, 120)
 """Random systems that are decided natively; the seeds are fixed."""
 
-ASKED = 8
+ASKED = tried(8, 3)
 """Of these, systems that the Analyzer is asked about as they are, and merged."""
 
 
@@ -158,7 +159,7 @@ def test_the_test_sees_an_enclave_too_few(start: int, monkeypatch: pytest.Monkey
 def test_exchanging_two_twins_exchanges_what_they_can_do_and_changes_nothing_else() -> None:
     """What the argument rests on, enclave by enclave and channel by channel, as the native engine works it out."""
     exchanged = 0
-    for seed in range(300):
+    for seed in range(tried(300)):
         system = system_with_twins(seed)
         said = twins.mentions(system)
         assert said is not None
@@ -173,7 +174,7 @@ def test_exchanging_two_twins_exchanges_what_they_can_do_and_changes_nothing_els
                 pairs = [(channel, theirs[found._owned(first, channel)]) for channel in own_channels[first]]
                 assert len(pairs) == len(theirs), seed
                 assert moved(able, (first, last), pairs) == able, seed
-    assert exchanged >= 150
+    assert exchanged >= tried(150)
 
 
 Abilities = dict[tuple[int, int, str], frozenset[int]]

@@ -11,12 +11,13 @@ from msgspec.structs import replace
 from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.facts import MODULES, module_texts, with_one_realm
 from keystore_audit.model.formal.system import System
+from tests.amount import tried
 from tests.engine.alloy_batch import as_expected, asking, outcomes, shipped, unlike, values, whole_world
 from tests.engine.systems import lively, random_system, with_claims
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 
-SYSTEMS = 12
+SYSTEMS = tried(12, 4)
 """Random systems of one realm; the seeds are fixed."""
 
 

@@ -16,12 +16,13 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineFailed
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Status
+from tests.amount import tried
 from tests.engine.alloy_batch import outcomes, shipped
 from tests.engine.systems import healthy, lively, random_system, stock, with_claims
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 
-SYSTEMS = 12
+SYSTEMS = tried(12, 4)
 """Random systems with claims; the seeds are fixed."""
 
 

@@ -15,6 +15,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Severity
 from keystore_audit.given import GivenFile
 from keystore_audit.intent.source import Source
+from tests.amount import tried
 from tests.engine.alloy_batch import start_jvm
 
 HEAD = "module asked\nopen keystore_audit\n"
@@ -176,7 +177,7 @@ PIECES = (
 
 @pytest.mark.alloy
 @pytest.mark.xdist_group("alloy")
-@settings(max_examples=150, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=tried(150), derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
 @example(pieces=["/**/", "fact { no none }", "/* */", "run A {} for 0"])
 @example(pieces=["--", "\r", "fact { no none }", "\n", "run A {} for 0"])
 @example(pieces=["/*/", "run A {} for 0", "/*", "*/", "fact{}", "/**", "*/"])

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from keystore_audit.model.validity import BEGINNING, Dated, counts_at, read_date
 from keystore_audit.profiles import DateReading
 from keystore_audit.truth import Truth
+from tests.amount import tried
 from tests.oracles.dates.clock import EPOCH, MALFORMED, ClockedPlugin, clocked, seconds
 from tests.oracles.dates.texts import TEXTS, almost, near
 from tests.oracles.xml.parsers import require_measured_versions
@@ -83,7 +84,7 @@ def test_each_form_is_read_as_the_vendor_does(
     assert sum(read) >= 35
 
 
-@settings(max_examples=60)
+@settings(max_examples=tried(60))
 @given(text=near(NOW, 40))
 @pytest.mark.parametrize(("vendor", "zone"), ASKED)
 def test_dates_near_the_present(
@@ -92,7 +93,7 @@ def test_dates_near_the_present(
     agree(plugins[vendor, zone], vendor, zone, text)
 
 
-@settings(max_examples=200)
+@settings(max_examples=tried(200))
 @given(text=almost())
 @pytest.mark.parametrize(("vendor", "zone"), [("fastdds", "Europe/Berlin"), ("cyclone", "UTC")])
 def test_what_is_almost_a_date(
@@ -101,7 +102,7 @@ def test_what_is_almost_a_date(
     agree(plugins[vendor, zone], vendor, zone, text)
 
 
-@settings(max_examples=100)
+@settings(max_examples=tried(100))
 @given(
     text=st.datetimes(datetime(1971, 1, 1), datetime(2261, 1, 1)).map(lambda moment: f"{moment:%Y-%m-%dT%H:%M:%S}"),
     zone=st.sampled_from(ZONES),

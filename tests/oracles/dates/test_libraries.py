@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from keystore_audit.model.validity import mktime, read_date
 from keystore_audit.profiles import DateReading
+from tests.amount import tried
 from tests.conftest import lacking
 from tests.oracles.dates.clock import EPOCH, seconds
 from tests.oracles.dates.texts import TEXTS, almost, near
@@ -63,7 +64,7 @@ def libc_mktime(libc: ctypes.CDLL, local: datetime, zone: str) -> datetime:
     return EPOCH + timedelta(seconds=libc.mktime(ctypes.byref(BrokenDownTime(*date, 0, 0, 0))))
 
 
-@settings(max_examples=3000)
+@settings(max_examples=tried(3000))
 @given(
     local=st.one_of(
         st.datetimes(datetime(2026, 1, 1), datetime(2030, 1, 1)),
@@ -93,7 +94,7 @@ def test_every_half_hour_of_a_year(libc: ctypes.CDLL, zone: str) -> None:
     assert wrong == []
 
 
-@settings(max_examples=1500)
+@settings(max_examples=tried(1500))
 @given(instant=st.datetimes(datetime(2026, 1, 1), datetime(2035, 1, 1)), zone=st.sampled_from(ZONES))
 def test_the_clock_of_opendds(libc: ctypes.CDLL, instant: datetime, zone: str) -> None:
     """mktime(gmtime(t)), as its source has it, comes to the date at the second that we name, and not before."""
@@ -118,7 +119,7 @@ def parse_xml_date(oracle: Callable[[str], str]) -> Callable[[str], int]:
     return lambda text: int(function(text.encode()))
 
 
-@settings(max_examples=4000)
+@settings(max_examples=tried(4000))
 @given(
     text=st.one_of(near(NOW, 40), near(datetime(2262, 4, 11, 23, 47, 16), 1), near(datetime(1970, 1, 1), 1), almost())
 )

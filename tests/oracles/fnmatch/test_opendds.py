@@ -8,6 +8,7 @@ import pytest
 
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.profiles import Matcher
+from tests.amount import tried
 from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
 from tests.oracles.fnmatch.corpus import BRACKET_NAMES, meant, pattern_set
 from tests.oracles.fnmatch.libraries import ask, ask_all
@@ -18,19 +19,19 @@ from tests.oracles.fnmatch.libraries import ask, ask_all
 def test_no_name_lies_outside_of_the_classes(seed: int) -> None:
     random_ = random.Random(seed)
     checked = 0
-    while checked < 150_000:
+    while checked < tried(150_000):
         checked += assert_classes_are_exact(pattern_set(random_, Matcher.SINGLE_TRY), ask_all)
 
 
 def test_every_text_that_is_defined_matches_as_in_ace() -> None:
     random_ = random.Random(0)
     matched = 0
-    for _ in range(2_000):
+    for _ in range(tried(2_000)):
         pattern = meant(random_, Matcher.SINGLE_TRY)
         column = ask(pattern, BRACKET_NAMES)
         assert [pattern.matches(name) for name in BRACKET_NAMES] == column, pattern.text
         matched += sum(column)
-    assert matched > 5_000
+    assert matched > tried(5_000)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 
 from keystore_audit.model.matching.expression import Pattern, parse
 from keystore_audit.profiles import Matcher
+from tests.amount import tried
 from tests.oracles.fnmatch.brute_force import assert_classes_are_exact
 from tests.oracles.fnmatch.corpus import BRACKET_NAMES, meant, pattern_set, short_names
 from tests.oracles.fnmatch.libraries import Column, ask
@@ -25,8 +26,8 @@ PLAIN_NAMES = [*short_names("ab/]", 3), *short_names("-^!:.", 2), "abcab", "a1"]
 @pytest.mark.parametrize(
     ("vendor", "matcher", "names", "pairs"),
     [
-        ("cyclone", Matcher.SIMPLE_BRACKETS, BRACKET_NAMES, 100_000),
-        ("fastdds", Matcher.POSIX_NOESCAPE, PLAIN_NAMES, 20_000),
+        ("cyclone", Matcher.SIMPLE_BRACKETS, BRACKET_NAMES, tried(100_000)),
+        ("fastdds", Matcher.POSIX_NOESCAPE, PLAIN_NAMES, tried(20_000)),
     ],
 )
 def test_every_text_matches_as_in_the_plugin(
@@ -55,7 +56,7 @@ def test_classes_of_four_matchers_at_once_are_exact(plugins: dict[str, Plugin]) 
 
     random_ = random.Random(0)
     checked = 0
-    while checked < 100_000:
+    while checked < tried(100_000):
         checked += assert_classes_are_exact(pattern_set(random_, *Matcher), ask_all)
 
 

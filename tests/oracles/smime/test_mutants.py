@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from keystore_audit.truth import Truth
+from tests.amount import tried
 from tests.keystore.messages import with_signature
 from tests.oracles.smime.comparison import compare
 from tests.oracles.smime.der import attribute, tlv
@@ -17,7 +18,7 @@ from tests.oracles.smime.oracle import Oracle, running
 from tests.oracles.smime.signed_data import CA, CONTENT_TYPE, MESSAGE, MESSAGE_DIGEST, changed
 from tests.oracles.smime.stricter import listed
 
-MUTATIONS = 5000
+MUTATIONS = tried(5_000)
 """For each seed; four seeds take 50 s of processor time. More of them: docs/testing.md."""
 
 
@@ -45,7 +46,7 @@ def test_values_of_signed_attributes(answers: Oracle) -> None:
     """Every tag with contents of all kinds, signed by the authority: OpenSSL decodes the value, we only look at it."""
     rng = random.Random(1)
     seen: Counter[tuple[Truth, bool]] = Counter()
-    for _ in range(1000):
+    for _ in range(tried(1_000)):
         tag = rng.choice((*range(0x1F), *range(0x20, 0x3F), 0x80, 0xA0, 0x65))
         value = tlv(tag, bytes(rng.choices((0, 1, 4, 0x7F, 0x80, 0x81, 0xFF), k=rng.randrange(5))))
         der = changed(attributes=(CONTENT_TYPE, MESSAGE_DIGEST, attribute("1.2.3.4", value))).der()
@@ -53,6 +54,6 @@ def test_values_of_signed_attributes(answers: Oracle) -> None:
         assert comparison.contradictions() == [], value.hex()
         assert comparison.stricter() <= listed().keys(), value.hex()
         seen[comparison.pinned, comparison.answer.pinned is not None] += 1
-    assert seen[Truth.YES, True] > 250
-    assert seen[Truth.UNKNOWN, False] > 250
-    assert seen[Truth.UNKNOWN, True] < 200
+    assert seen[Truth.YES, True] > tried(250)
+    assert seen[Truth.UNKNOWN, False] > tried(250)
+    assert seen[Truth.UNKNOWN, True] < tried(200)

@@ -22,6 +22,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.model.subjects.attributes import oneline
 from keystore_audit.model.subjects.comparison import names, printed, same_meaning
 from keystore_audit.profiles import SubjectComparison
+from tests.amount import tried
 from tests.keystore.builder import certificate, evidence
 from tests.keystore.documents import PERMISSIONS
 from tests.oracles.xml.ours import DocumentKind
@@ -86,7 +87,7 @@ PATHS = st.lists(st.sampled_from(["a", "b", "c", "robot"]), min_size=1, max_size
 )
 
 
-@settings(max_examples=150)
+@settings(max_examples=tried(150))
 @given(path=PATHS, other=PATHS, vendor=st.sampled_from(sorted(MEASURED)))
 def test_paths_of_the_same_parts(plugins: dict[str, Plugin], path: str, other: str, vendor: str) -> None:
     identity = evidence(plugins[vendor].take(path))

@@ -22,12 +22,6 @@ class Comparison(Struct, kw_only=True):
     abstained: dict[tuple[str, str], str] = field(default_factory=dict)
     deviating: dict[tuple[str, str], str] = field(default_factory=dict)
 
-    def __str__(self) -> str:
-        lines = [f"{vendor}: {count} answers agree" for vendor, count in sorted(self.agreed.items())]
-        lines += [f"{vendor}, {title}: unknown, {why}" for (vendor, title), why in self.abstained.items()]
-        lines += [f"{vendor}, {title}: DEVIATES, {what}" for (vendor, title), what in self.deviating.items()]
-        return "\n".join(lines)
-
     def add(self, recipe: Recipe, vendor: str, verdict: Verdict, answer: Answer) -> None:
         """Compare the participant, and the endpoints where one starts."""
         place = (vendor, recipe.title)

@@ -1,7 +1,7 @@
 """What an enclave may do by its own implementation: ours beside the real Cyclone DDS 0.10.2 and Fast DDS 2.9.1.
 
-989 recipes that probe every row of the semantics tables, and 1,000 keystores with random rules (`long_run` asks for
-10,000). Where we do not know, the recipe stands in local_abstentions.json with our reason.
+989 recipes that probe every row of the semantics tables, and up to 1,000 keystores with random rules. Where we do not
+know, the recipe stands in local_abstentions.json with our reason.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.amount import tried
 from tests.oracles.vendors.enclave import Answer, Vendor, vendors
 from tests.oracles.vendors.local_answers import ABSTENTIONS, MEASURED, abstentions, written
 from tests.oracles.vendors.local_comparison import Comparison, compare
@@ -58,7 +59,7 @@ def test_where_we_do_not_know_is_listed(recipes: tuple[dict[str, dict[str, Answe
 
 def test_ours_agree_on_random_keystores(asked: dict[str, Vendor], tmp_path: Path) -> None:
     comparison = Comparison()
-    compare(asked, map(keystore, range(1000)), tmp_path, comparison)
+    compare(asked, map(keystore, range(tried(1_000))), tmp_path, comparison)
     assert comparison.deviating == {}
     assert comparison.abstained == {}
-    assert min(comparison.agreed.values()) >= 5000
+    assert min(comparison.agreed.values()) >= tried(5_000)

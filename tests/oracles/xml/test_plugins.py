@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from keystore_audit.keystore import xsd
 from keystore_audit.keystore.governance import Governance
 from keystore_audit.keystore.permissions import Permissions
+from tests.amount import tried
 from tests.keystore.builder import Signed, signed_document, sros2
 from tests.oracles.xml import ours, policy
 from tests.oracles.xml.corpus import DOCUMENTS, kind_of
@@ -143,7 +144,7 @@ def assert_decided_as_written(plugins: dict[str, Plugin], document: bytes) -> bo
     return True
 
 
-@settings(max_examples=700)
+@settings(max_examples=tried(700))
 @given(document=st.one_of(policy.permissions(), policy.governance()))
 def test_competing_rules_are_decided_as_written(plugins: dict[str, Plugin], document: bytes) -> None:
     if not assert_decided_as_written(plugins, document):
@@ -153,7 +154,7 @@ def test_competing_rules_are_decided_as_written(plugins: dict[str, Plugin], docu
 def test_no_change_makes_a_plugin_decide_otherwise(plugins: dict[str, Plugin]) -> None:
     asked: list[bool] = []
 
-    @settings(max_examples=900)
+    @settings(max_examples=tried(900))
     @given(document=documents())
     def search(document: bytes) -> None:
         asked.append(assert_decided_as_written(plugins, document))

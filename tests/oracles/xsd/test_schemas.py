@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from keystore_audit import toml
 from keystore_audit.keystore.xsd import Grammar
 from keystore_audit.resources import schemas
+from tests.amount import tried
 from tests.keystore.builder import GOVERNANCE
 from tests.keystore.documents import ARDENT_GOVERNANCE, CRYSTAL_PERMISSIONS, EVERYTHING_ALLOWED
 from tests.oracles.xsd.grammar import is_valid
@@ -116,7 +117,7 @@ def test_the_grammar_of_the_specification_is_valid(grammar: Grammar, version: st
     ours, explains = libxml2(own_path(grammar, version)), explaining(own_path(grammar, version))
     other = libxml2(own_path(next(each for each in Grammar if each is not grammar), version))
 
-    @settings(max_examples=60)
+    @settings(max_examples=tried(60))
     @given(valid(grammar, version))
     def accepted(tree: Tree) -> None:
         root = tree.element()
@@ -159,7 +160,7 @@ def test_two_validators_and_the_tables_agree(grammar: Grammar, version: str) -> 
     ours, theirs = libxml2(own_path(grammar, version)), explaining(own_path(grammar, version))
     verdicts: list[bool] = []
 
-    @settings(max_examples=200)
+    @settings(max_examples=tried(200))
     @given(changed(grammar, version))
     def agree(tree: Tree) -> None:
         verdicts.append(ours(tree.element()))
@@ -177,7 +178,7 @@ def test_the_published_schemas_say_the_same(grammar: Grammar) -> None:
     theirs = {name: libxml2(SHARED / name) for name in PUBLISHED[grammar]}
     verdicts: list[bool] = []
 
-    @settings(max_examples=400)
+    @settings(max_examples=tried(400))
     @given(documents(grammar))
     def agree(tree: Tree) -> None:
         verdicts.append(ours(tree.element()))
