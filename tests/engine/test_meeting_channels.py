@@ -27,10 +27,10 @@ from tests.engine.alloy.cloning import system_with_twins
 from tests.engine.alloy_batch import compare_batch
 from tests.engine.systems import CHATTER, LISTENER, TALKER, healthy_builder, lively, random_system, with_claims
 
-SYSTEMS = tried(180)
+SYSTEMS = tried(180, 90)
 """Random systems that are decided natively; the seeds are fixed."""
 
-ASKED = tried(16)
+ASKED = tried(16, 4)
 """Of these, systems that the Analyzer is asked about."""
 
 
