@@ -263,40 +263,39 @@ class Flow:
 
     def gets(self) -> set[int]:
         """Who gets a sample of a channel of the source."""
-        found = set()
-        for c in self.claim.source.channels:
-            for f in self.hand.enclaves:
-                as_whom = self.hand.acts_as(f) if self.relays else {f}
-                alone = {c for g in as_whom if self.relays for c in self.hand.system.enclaves[g].reads_alone}
-                if (
-                    any(c in self.reads(guise, self.member(guise)) for guise in as_whom)
-                    or c in alone
-                    or (
-                        self.relays
-                        and any(
-                            c in self.hand.in_clear(realm) or c in self.hand.powers(guise, realm).learns()
-                            for guise in as_whom
-                            for realm in self.realms
-                        )
-                    )
-                ):
-                    found.add(f)
-            if not self.able and any(c in self.hand.in_clear(realm) for realm in self.realms):
-                found.add(OUTSIDER)
-        return found
+        return set[int]().union(*map(self.getters, self.claim.source.channels))
+
+    def getters(self, c: int) -> set[int]:
+        """Who gets a sample of this channel."""
+        found, clear = set(), any(c in self.hand.in_clear(realm) for realm in self.realms)
+        for f in self.hand.enclaves:
+            as_whom = self.hand.acts_as(f) if self.relays else {f}
+            if any(c in self.reads(guise, self.member(guise)) for guise in as_whom) or (
+                self.relays
+                and (
+                    clear
+                    or any(c in self.hand.system.enclaves[guise].reads_alone for guise in as_whom)
+                    or any(c in self.hand.powers(guise, realm).learns() for guise in as_whom for realm in self.realms)
+                )
+            ):
+                found.add(f)
+        return found | {OUTSIDER} if clear and not self.able else found
 
     def puts(self, holder: int) -> bool:
         """Whether it puts a sample on a channel of the target."""
+        return bool(self.put(holder) & self.claim.target.channels)
+
+    def put(self, holder: int) -> set[int]:
+        """Channels on which it puts samples."""
+        found = set[int]()
         for realm in self.realms:
-            reached = self.imposes(holder, realm)
+            found |= self.imposes(holder, realm)
             if self.relays and holder != OUTSIDER:
                 for guise in self.hand.acts_as(holder):
-                    reached |= self.hand.system.enclaves[guise].writes_alone
+                    found |= self.hand.system.enclaves[guise].writes_alone
             if holder != OUTSIDER and not (self.able and realm != self.member(holder)):
-                reached |= self.writes(holder, realm)
-            if reached & self.claim.target.channels:
-                return True
-        return False
+                found |= self.writes(holder, realm)
+        return found
 
     def shortest(self) -> int | None:
         """The number of hops of a shortest flow, getting and putting included; None where there is none."""

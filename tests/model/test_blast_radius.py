@@ -23,6 +23,7 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.stolen_key import authorities, holding, holding_both, radius, radius_of_enclave
 from keystore_audit.profiles import resolve
 from tests.amount import tried
+from tests.engine.flows_by_hand import ByHand, Flow
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
@@ -35,7 +36,6 @@ from tests.engine.systems import (
     random_system,
     stock,
 )
-from tests.engine.test_flows import Definitions
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
 FLOWS = Path(__file__).resolve().parents[2] / "sample_keystores/flows"
@@ -62,13 +62,15 @@ def test_every_enclave_reaches_whom_its_flows_reach(start: int) -> None:
     for seed in range(start, start + 40):
         system = random_system(seed)
         left_out = frozenset(range(0, len(system.channels), 3)) if seed % 2 else frozenset()
-        radii, know = Radii(system, sum(1 << channel for channel in left_out)), Definitions(system)
-        for enclave in know.everybody:
+        radii, know = Radii(system, sum(1 << channel for channel in left_out)), ByHand(system)
+        for enclave in know.enclaves:
             acting = know.acts_as(enclave)
             for attacker, found in ((Attacker.RELAYS, radii.reached), (Attacker.SOURCE, radii.reached_alone)):
                 told = {*members(found(enclave))} - acting
-                others = [other for other in know.everybody if other not in acting]
-                flows = {o for o in others if know.shortest(no_flow(attacker, enclave, o, left_out)) is not None}
+                others = [other for other in know.enclaves if other not in acting]
+                flows = {
+                    o for o in others if Flow(know, no_flow(attacker, enclave, o, left_out)).shortest() is not None
+                }
                 assert told == flows, (seed, enclave, attacker)
                 reached += len(flows)
     assert reached > 30
@@ -78,14 +80,14 @@ def test_every_enclave_reaches_whom_its_flows_reach(start: int) -> None:
 def test_rights_are_those_of_all_that_have_the_key(start: int) -> None:
     for seed in range(start, start + 100):
         system = random_system(seed)
-        radii, know = Radii(system, 0), Definitions(system)
-        for enclave in know.everybody:
-            every = [(e, realm) for e in know.acts_as(enclave) for realm in know.realms]
-            written = {c for e, realm in every for c in know.able("may_write", e, realm)}
-            forged = {c for e, realm in every for c in know.able("forges", e, realm)}
-            forged = forged.union(*map(know.injectable, know.realms)) - written
-            read = {c for e, r in every for what in ("may_read", "overhears") for c in know.able(what, e, r)}
-            read = read.union(*map(know.readable, know.realms))
+        radii, know = Radii(system, 0), ByHand(system)
+        for enclave in know.enclaves:
+            every = [(e, realm) for e in know.acts_as(enclave) for realm in range(len(system.realms))]
+            written = {c for e, realm in every for c in know.powers(e, realm).writes}
+            forged = {c for e, realm in every for c in know.powers(e, realm).forges}
+            forged = forged.union(*map(know.unguarded, range(len(system.realms)))) - written
+            read = {c for e, realm in every for c in know.powers(e, realm).learns()}
+            read = read.union(*map(know.in_clear, range(len(system.realms))))
             told = radii.of(enclave)
             assert ({*members(told.written)}, {*members(told.forged)}, {*members(told.read)}) == (written, forged, read)
             assert told.passes_for == {system.enclaves[e].label for e in know.acts_as(enclave) - {enclave}}
@@ -218,8 +220,8 @@ def test_keys_of_authorities_open_what_the_keys_below_them_open() -> None:
         system = random_system(seed)
         if system.has_doubt:
             continue
-        know = Definitions(system)
-        for realm in know.realms:
+        know = ByHand(system)
+        for realm in range(len(system.realms)):
             for authority in sorted(system.realms[realm].identity_ca):
                 if not system.certificates[authority].authority:
                     continue
@@ -227,13 +229,13 @@ def test_keys_of_authorities_open_what_the_keys_below_them_open() -> None:
                 for number, enclave in enumerate(system.enclaves):
                     if enclave.identity is None or authority not in system.certificates[enclave.identity].issuers:
                         continue
-                    view = know.view[realm]
+                    view = know.views[realm]
                     if not view.authenticated(number) or view.self_granting(number):
                         continue
-                    assert know.able("may_write", number, realm) <= {*members(found.written)}, seed
-                    assert know.able("may_read", number, realm) <= {*members(found.read)}, seed
+                    assert know.powers(number, realm).writes <= {*members(found.written)}, seed
+                    assert know.powers(number, realm).reads <= {*members(found.read)}, seed
                     seen += 1
-    assert seen > 100
+    assert seen > tried(100)
 
 
 def test_everything_of_the_holder_is_new_and_the_rest_stays() -> None:
