@@ -33,8 +33,6 @@ from keystore_audit.model.participants import unmanaged as participants
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
-from tests.engine.alloy_batch import compare_batch
-from tests.engine.test_agreement import holding
 from tests.keystore.builder import Signed, certificate
 from tests.model.comparing import (
     AT,
@@ -60,7 +58,6 @@ STORE = Store(
     members={"/listener": LISTENER, "/motor": MOTOR, "/talker": TALKER},
     strays={"old.p7s": permissions(grant("/admin", ADMIN_RULE))},
 )
-EVERY = tuple(profile.name for profile in resolve(()))
 Files = Mapping[str, bytes]
 
 
@@ -235,25 +232,6 @@ def decided_by_the_letter(root: Path, asked: Claim) -> Status:
     systems = understood(root, (asked,))
     answers = zip(systems, NativeEngine(systems).answers, strict=True)
     return next(each["x"].status for system, each in answers if "spec" in system.profiles)
-
-
-@pytest.mark.alloy
-@pytest.mark.xdist_group("alloy")
-def test_both_engines_say_so(tmp_path: Path) -> None:
-    """Of each claim the answer flips with one file."""
-    heard = claim(ClaimKind.NO_FLOW, Globs(topics=("rt/chatter",)), Globs(enclaves=("/talker",)))
-    moved = claim(ClaimKind.NO_FLOW, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",)))
-    claims = tuple(replace(each, id=name) for name, each in (("heard", heard), ("moved", moved)))
-    for name, files, violated in (
-        ("none", NOBODYS, set()),
-        ("held", HELD, {"heard"}),
-        ("lying-about", LYING_ABOUT, {"moved"}),
-    ):
-        systems = understood(written(tmp_path / name, files), claims)[:2]
-        native = NativeEngine(systems).answers
-        assert list(compare_batch(systems, [holding(answers) for answers in native])) == [[]] * len(systems)
-        for ours in native:
-            assert {each.id for each in claims if ours[each.id].status is Status.VIOLATED} == violated
 
 
 def test_it_publishes_though_another_alone_may(tmp_path: Path) -> None:

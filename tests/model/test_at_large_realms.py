@@ -14,9 +14,8 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.flow import FlowQuestion, find_blast_radius, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.comparison.compare import compare
-from keystore_audit.model.formal.asked import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.model.formal.rights import EffectiveRights
 from keystore_audit.model.participants import unmanaged
 from keystore_audit.model.tables.overview import issuance
@@ -24,8 +23,6 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
-from tests.engine.alloy_batch import compare_batch
-from tests.engine.test_agreement import holding
 from tests.keystore.builder import Signed, certificate, crl, signed_document
 from tests.model.comparing import (
     AT,
@@ -49,7 +46,6 @@ from tests.model.test_at_large import (
     STORE,
     Files,
     added,
-    claim,
     identity,
     understood,
     written,
@@ -370,20 +366,3 @@ def test_one_without_a_single_meaning_may_say_anything(tmp_path: Path) -> None:
         assert ways(root) == {expected}
         unread = [each for each in audit(root, Options(at=AT, engine="native")).findings if each.code == "KA663"]
         assert bool(unread) is (expected is UNKNOWN)
-
-
-@pytest.mark.alloy
-@pytest.mark.xdist_group("alloy")
-def test_both_engines_say_so(tmp_path: Path) -> None:
-    asked = replace(
-        claim(ClaimKind.NO_FLOW, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",))), attacker=Attacker.HONEST
-    )
-    systems = []
-    copied = passing_on(), {"backup/key.pem": identity("/admin", "/admin").key_pem}
-    others = ((store, LYING_ABOUT) for store in (WITHOUT_TALKER, apart(FIVE), apart(BOTH)))
-    for number, (store, files) in enumerate((*others, copied)):
-        found = understood(written(tmp_path / str(number), files, store), (asked,))
-        systems.append(next(system for system in found if "spec" in system.profiles))
-    native = NativeEngine(systems).answers
-    assert list(compare_batch(systems, [holding(answers) for answers in native])) == [[]] * len(systems)
-    assert [answers["x"].status for answers in native] == [VIOLATED, HOLDS, VIOLATED, VIOLATED]

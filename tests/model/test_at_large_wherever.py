@@ -17,18 +17,14 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.native import NativeEngine
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.root import MAX_FILE_BYTES
-from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.formal.asked import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
-from tests.engine.alloy_batch import compare_batch
-from tests.engine.test_agreement import holding
 from tests.model.comparing import AT, authority
-from tests.model.test_at_large import ADMIN, Files, added, claim, identity, understood, written
+from tests.model.test_at_large import ADMIN, Files, added, identity, understood, written
 
 KEY = load_pem_private_key(ADMIN.key_pem, None)
 DER = ADMIN.certificate.public_bytes(Encoding.DER)
@@ -241,16 +237,3 @@ def test_a_second_certificate_of_a_key_that_could_not_be_read(tmp_path: Path) ->
         (root / "enclaves/talker/key.pem").unlink()
         question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.SOURCE,))
         assert find_flow(root, question, Circumstances(profiles=resolve(()), at=AT)).status is status
-
-
-@pytest.mark.alloy
-@pytest.mark.xdist_group("alloy")
-def test_both_engines_say_so(tmp_path: Path) -> None:
-    """In one reading of the two there is a way."""
-    asked = claim(ClaimKind.NO_FLOW, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",)))
-    root = written(tmp_path, {"backup/cert.pem": ADMIN.pem, "backup/key.pem": LOCKED})
-    may = next(each for each in understood(root, (asked,)) if each.may)
-    must = next(each for each in understood(root, (asked,)) if not each.may)
-    native = NativeEngine((may, must)).answers
-    assert [answers["x"].status for answers in native] == [Status.VIOLATED, Status.HOLDS]
-    assert list(compare_batch((may, must), [holding(answers) for answers in native])) == [[], []]

@@ -9,7 +9,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import pytest
 
@@ -19,11 +19,6 @@ from keystore_audit.model.matching.expression import Pattern, parse
 from keystore_audit.profiles import Matcher
 from tests.steps import steps
 
-Fnmatch = Callable[[str, str, Matcher], bool]
-
-LETTERS = "ab/]"
-SHORT_NAMES = ["".join(name) for length in range(1, 6) for name in itertools.product(LETTERS, repeat=length)]
-PARTS = ["a", "b", "/", "]", "*", "*", "?", "[ab]", "[!a]", "[]a]", "[a-c]", "[!a-b/]", "\\a", "\\", "[[:alpha:]]"]
 ROS = re.compile(
     r"ros_discovery_info|r[ts](/[A-Za-z_][A-Za-z_0-9]*)+"
     r"|rq(/[A-Za-z_][A-Za-z_0-9]*)*/[A-Za-z_][A-Za-z_0-9]*Request|rr(/[A-Za-z_][A-Za-z_0-9]*)*/[A-Za-z_][A-Za-z_0-9]*Reply"
@@ -38,33 +33,6 @@ def by_members(texts: Sequence[str], **options: object) -> dict[tuple[str, ...],
     """The classes by the texts that match them."""
     classes = classify(patterns_of(texts), **options)  # type: ignore[arg-type]
     return {tuple(texts[number] for number in sorted(found.members)): found for found in classes}
-
-
-def random_texts(random_: random.Random) -> list[str]:
-    texts = ["".join(random_.choices(PARTS, k=random_.randint(0, 5))) for _ in range(random_.randint(1, 6))]
-    return texts + random_.sample(SHORT_NAMES[:340], random_.randint(0, 4))  # literals, which wildcards may cover
-
-
-@pytest.mark.parametrize("matcher", [Matcher.POSIX, Matcher.POSIX_NOESCAPE])
-@pytest.mark.parametrize("seed", range(4))
-def test_classes_are_those_of_brute_force(libc_fnmatch: Fnmatch, matcher: Matcher, seed: int) -> None:
-    """1,364 names for each of 200 sets of expressions: 272,800 checks of a name's class against libc's answer."""
-    random_ = random.Random(seed)
-    for _ in range(25):
-        texts = random_texts(random_)
-        patterns = patterns_of(texts, matcher)
-        classes = classify(patterns)
-        members = {found.members for found in classes}
-        assert len(members) == len(classes), texts
-        asked = [(number, text) for number, text in enumerate(texts) if patterns[number].malformed is None]
-        numbers = {number for number, _ in asked}
-        for found in classes:
-            if found.witness.isascii():
-                said = {number for number, text in asked if libc_fnmatch(text, found.witness, matcher)}
-                assert said == found.members & numbers, (texts, found)
-        known = {found & numbers for found in members}
-        for name in SHORT_NAMES:
-            assert {n for n, text in asked if libc_fnmatch(text, name, matcher)} in known, (texts, name)
 
 
 ROS_PARTS = ["rt/", "rq/", "rr/", "rs/", "a", "b1", "/", "_", "*", "*", "?", "Request", "Reply", "Re", "[!r]", "[a-z]"]

@@ -8,20 +8,16 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.claims.globs import Globs
-from keystore_audit.model.formal.asked import Attacker, ClaimKind
+from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.model.inventory import documents_of, unmanaged_identities
 from keystore_audit.model.participants import unmanaged
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
-from tests.engine.alloy_batch import compare_batch
-from tests.engine.test_agreement import holding
 from tests.model.comparing import AT, Member, Store, criterion, domain_rule, governance, grant, permissions, rule
-from tests.model.test_at_large import ADMIN, LYING_ABOUT, STORE, added, claim, identity, understood, written
+from tests.model.test_at_large import ADMIN, LYING_ABOUT, STORE, added, identity, understood, written
 
 FAR = "<id>7</id>"
 
@@ -94,22 +90,6 @@ def test_each_way_to_start_is_a_folder_of_its_own(tmp_path: Path) -> None:
     who = unmanaged.Unmanaged(keystore, numbers, documents_of(keystore), resolve(("spec",)), AT)
     folders = {folder.files.directory for _number, _files, folder in who.holders}
     assert len(folders) == len(who.holders) == len(who.hosts) == len(store.members) + 2
-
-
-@pytest.mark.alloy
-@pytest.mark.xdist_group("alloy")
-def test_both_engines_say_so(tmp_path: Path) -> None:
-    asked = replace(
-        claim(ClaimKind.NO_FLOW, Globs(enclaves=("/talker",)), Globs(enclaves=("/motor",))), attacker=Attacker.SOURCE
-    )
-    for domains, ways in ((FAR, 1), ("<id>0</id>", 2)):
-        systems = understood(written(tmp_path / str(ways), LYING_ABOUT, at_large(domains)), (asked,))
-        some = [next(s for s in systems if name in s.profiles) for name in ("fastdds-3.6", "cyclonedds-11")]
-        some = list({id(system): system for system in some}.values())
-        native = NativeEngine(some).answers
-        assert list(compare_batch(some, [holding(answers) for answers in native])) == [[]] * len(some)
-        assert (Status.HOLDS in [ours["x"].status for ours in native]) is (ways == 1)
-        assert native[0]["x"].status is Status.VIOLATED
 
 
 def test_too_many_ways_to_start_are_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
