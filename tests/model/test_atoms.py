@@ -17,6 +17,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.matching.atoms import TopicClass, classify
 from keystore_audit.model.matching.expression import Pattern, parse
 from keystore_audit.profiles import Matcher
+from tests.amount import tried
 from tests.steps import steps
 
 ROS = re.compile(
@@ -194,9 +195,9 @@ def test_known_families(texts: list[str], count: int) -> None:
     [
         [f"rt/*/w_{i}/*" for i in range(15)],
         ["*a" + "?" * 20],
-        [f"*[!{chr(0x4E00 + i)}]?{chr(0x5E00 + i)}*" for i in range(3000)],
-        [f"*{chr(0x4E00 + i)}*{chr(0x5E00 + i)}" for i in range(2000)],
-        [f"{'?' * (i % 50)}{chr(97 + i % 26)}*{i}*" for i in range(3000)],
+        [f"*[!{chr(0x4E00 + i)}]?{chr(0x5E00 + i)}*" for i in range(tried(3_000))],
+        [f"*{chr(0x4E00 + i)}*{chr(0x5E00 + i)}" for i in range(tried(2_000))],
+        [f"{'?' * (i % 50)}{chr(97 + i % 26)}*{i}*" for i in range(tried(3_000))],
     ],
     ids=["infixes", "memory of a window", "many sets", "many characters", "all at once"],
 )
@@ -256,7 +257,7 @@ def keystore_like(size: int, wildcards: int) -> list[str]:
     return list(distinct)
 
 
-@pytest.mark.parametrize(("size", "wildcards"), [(1_000, 16), (5_000, 50)])
+@pytest.mark.parametrize(("size", "wildcards"), [(tried(5_000, 1_000), tried(50, 16))])
 def test_keystore_of_thousands_of_expressions_is_classified_at_once(size: int, wildcards: int) -> None:
     patterns = patterns_of(keystore_like(size, wildcards))
     classes = classify(patterns)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from keystore_audit.model.comparison.change import Comparison, FailOn
+from tests.amount import tried
 from tests.model.comparing import (
     Member,
     Store,
@@ -122,7 +123,7 @@ def _rights(found: Comparison) -> set[tuple[str, str | None]]:
     return {(each.direction.value, each.operation) for each in found.changes if each.kind in kinds}
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=tried(25, 5), deadline=None, derandomize=True)
 @given(several, several)
 def test_a_right_in_the_document_of_another_is_told_as_one_in_its_own(before: list[str], after: list[str]) -> None:
     def own(listed: Sequence[str]) -> Store:

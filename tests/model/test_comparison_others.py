@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from keystore_audit.model.comparison.change import Change, Comparison, FailOn
 from keystore_audit.report.diff_text import sentence
+from tests.amount import tried
 from tests.model.comparing import Member, Store, compared, criterion, domain_rule, governance, grant, permissions, rule
 from tests.model.single_changes import BASE, LISTENER, TALKER, talker
 from tests.model.test_comparison_exactly import rules
@@ -137,7 +138,7 @@ def _shape(change: Change) -> tuple[object, ...]:
     return change.direction, change.operation, change.names, change.profiles, change.varies
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=tried(25, 5), deadline=None, derandomize=True)
 @given(several, defaults, several, defaults)
 def test_as_if_it_were_an_enclave(before: list[str], first: str, after: list[str], second: str) -> None:
     """What changes for a holder from elsewhere is what would for an enclave with the grant for its own document."""

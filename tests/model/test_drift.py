@@ -82,7 +82,7 @@ def test_each_topic_more_or_less_is_found(file: Path, documents: list[Path]) -> 
     for path, (first, *others) in rules.items():
         for operation in ("publish", "subscribe"):
             topics = first.topics(operation)
-            for topic in dict.fromkeys(topics):
+            for topic in [*dict.fromkeys(topics)][: tried(len(topics), 3)]:
                 fewer = first._replace(**{operation: tuple(each for each in topics if each != topic)})
                 assert differs(policy, path, [fewer, *others]) == ({(operation, topic)}, set())
             more = first._replace(**{operation: (*topics, "rt/added/by_hand")})

@@ -21,6 +21,7 @@ from keystore_audit.model.ros.halves import Half, halves
 from keystore_audit.model.ros.holders import is_surely_whole
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import VARIANTS, Matcher
+from tests.amount import tried
 from tests.rules.divergent import ruled
 from tests.rules.evidence import AT, allow, domain_rule, enclave, governance, grant, keystore, permissions, topic_rule
 
@@ -103,7 +104,7 @@ _RULES = st.lists(
 )
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=tried(25, 5), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     rules=_RULES,
     default=st.sampled_from((False, False, True)),

@@ -15,6 +15,7 @@ from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.ros.patterns import RosPatterns
 from keystore_audit.profiles import Matcher
+from tests.amount import tried
 from tests.rules.divergent import chosen, views
 from tests.rules.evidence import AT, allow, enclave, grant, keystore, permissions
 
@@ -71,7 +72,7 @@ def listed(rules: Drawn, topic: str) -> bool:
     return any(allows and topic in texts for allows, texts in rules)
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=tried(15, 5), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(drawn=st.lists(_RULES, min_size=2, max_size=3))
 @example(  # the first node that comes to mind is the caller's own, /b; there is /b/a beside it
     drawn=[
