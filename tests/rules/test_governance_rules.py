@@ -52,6 +52,11 @@ def kinds(rtps: ProtectionKind, metadata: ProtectionKind, data: ProtectionKind, 
     return governed(domain_rule(topic, rtps_protection_kind=rtps, **more))
 
 
+def test_signing_hides_nothing_in_discovery() -> None:
+    signed = ProtectionKind.SIGN_WITH_ORIGIN_AUTHENTICATION
+    assert becomes(kinds(signed, ENCRYPT, ENCRYPT, discovery_protection_kind=SIGN)) == ["KA408", "KA409"]
+
+
 def unread(kind: Kind) -> Change:
     return governed(governance=None, defects=(defect(kind, P7S),))
 
