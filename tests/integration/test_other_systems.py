@@ -41,7 +41,9 @@ def test_every_module_loads(repository: Path) -> None:
         "[__import__(name) for name in found if not name.endswith('__main__')]\nprint(len(found))"
     )
     assert done.stderr == ""
-    assert int(done.stdout) == len(list((repository / "keystore_audit").rglob("*.py"))) - 1, "all but the package itself"
+    assert int(done.stdout) == len(list((repository / "keystore_audit").rglob("*.py"))) - 1, (
+        "all but the package itself"
+    )
 
 
 PROGRAM = "runpy.run_module('keystore_audit', run_name='__main__')"
