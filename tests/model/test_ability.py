@@ -103,18 +103,6 @@ def test_it_lasts_until_something_ends(ending: Store, tmp_path: Path) -> None:
     assert holds(STORE, tmp_path / "nothing", until=AFTER)
 
 
-@pytest.mark.parametrize(("profile", "lasts"), [("spec", True), ("cyclonedds", False)])
-def test_an_end_that_is_not_included_any_more(profile: str, lasts: bool, tmp_path: Path) -> None:
-    """Cyclone DDS counts no grant at its not_after itself."""
-    ending = STORE.member("/f", permissions=LISTENER.permissions.replace("2034-01-01", "2027-03-01"))
-    assert holds(ending, tmp_path / "k", until=ENDS, profiles=(profile,)) is lasts
-
-
-def test_a_private_key_of_another_certificate(tmp_path: Path) -> None:
-    """Cyclone DDS starts with it, and never talks."""
-    assert not holds(STORE.member("/f", private_key="another"), tmp_path / "k", profiles=("cyclonedds-0.10",))
-
-
 @pytest.mark.parametrize(
     ("profile", "blanks", "expected"),
     [("fastdds-2.9", 59_000, True), ("fastdds-2.9", 62_000, False), ("cyclonedds-0.10", 62_000, True)],
@@ -154,22 +142,6 @@ def rights(topic: str, partitions: tuple[str, ...] = (), by: str = governance())
     return Store(members=members, governance=by)
 
 
-@pytest.mark.parametrize(
-    ("partitions", "expected"), [((), True), (("",), True), (("p",), False), (("p", ""), True), (("*",), True)]
-)
-def test_nodes_of_ros_2_are_in_the_default_partition(
-    partitions: tuple[str, ...], expected: bool, tmp_path: Path
-) -> None:
-    assert holds(rights("rt/a", partitions), tmp_path / "k", profiles=("spec", "fastdds", "cyclonedds")) is expected
-
-
-@pytest.mark.parametrize(("topic", "expected"), [("rt/a", True), ("rt/a[*]", False), ("rt/a*", True)])
-def test_a_topic_that_no_cyclonedds_creates(topic: str, expected: bool, tmp_path: Path) -> None:
-    """The one name that `rt/a[*]` matches holds an asterisk."""
-    assert holds(rights(topic), tmp_path / "k", profiles=("cyclonedds-11",)) is expected
-    assert holds(rights(topic), tmp_path / "s", profiles=("spec",))
-
-
 def test_starting_is_asked_in_the_domain_of_the_path(tmp_path: Path) -> None:
     """OpenDDS starts in 9 alone, where neither has a right; without join access control in 0 it starts there too."""
     nine = domain_rule("<id>9</id>", enable_join_access_control="false")
@@ -192,24 +164,6 @@ def parted(by: str, own: str = "<id>9</id>", **dates: str) -> Store:
 
 
 BOTH = governance(domain_rule("<id>0</id><id>9</id>"))
-OPEN = topic_rule("rt/open", enable_read_access_control="false") + topic_rule()
-
-
-@pytest.mark.parametrize(
-    ("profile", "by", "expected"),
-    [
-        ("spec", BOTH, True),
-        ("fastdds-3.6", BOTH, False),
-        ("fastdds-2.6.4", BOTH, False),
-        ("cyclonedds-11", BOTH, True),
-        ("cyclonedds-11", governance(domain_rule(topics=OPEN), domain_rule("<id>9</id>")), False),
-        ("spec", governance(domain_rule(topics=OPEN), domain_rule("<id>9</id>")), True),
-    ],
-)
-def test_one_that_starts_where_the_other_may_be(profile: str, by: str, expected: bool, tmp_path: Path) -> None:
-    """Fast DDS wants an allow rule of any domain, Cyclone DDS a topic without access control: /f is in 0 too."""
-    assert apart(parted(by), tmp_path / "k", profile) is expected
-    assert not apart(parted(by, own="<id>0</id>"), tmp_path / "same", profile)
 
 
 @pytest.mark.parametrize("profile", ["spec", "cyclonedds-11"])
@@ -223,10 +177,6 @@ def test_members_of_one_domain_who_trust_different_authorities(
     signed = signed_document(second.encode(), ONE)
     files = {"enclaves/f/permissions_ca.cert.pem": ONE.pem, "enclaves/f/governance.p7s": signed}
     assert apart(replace(store, files=files), tmp_path, profile) is expected
-
-
-def test_a_domain_that_no_governance_covers_is_none_to_start_in(tmp_path: Path) -> None:
-    assert apart(parted(governance(domain_rule("<id>9</id>"))), tmp_path / "k", "cyclonedds-11")
 
 
 @pytest.mark.parametrize("ends", [AFTER, datetime(2027, 4, 1, tzinfo=timezone.utc)], ids=["goes on", "is over"])

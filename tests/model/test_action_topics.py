@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -32,13 +31,6 @@ def test_an_action_is_found_where_there_is_one(expression: str) -> None:
         assert pattern.matches(FEEDBACK.topic(name)) or pattern.matches(STATUS.topic(name))
 
 
-@pytest.mark.parametrize("length", [1, 17, 18, 19, 20, 21, 400])
-def test_question_marks_take_in_an_action_once_they_are_enough(length: int) -> None:
-    """`rt/a/_action/status` has 19 characters."""
-    assert (taken_in("?" * length) is not None) is (length >= 19)
-    assert taken_in("?" * length, lambda: False) == taken_in("?" * length)
-
-
 def _found(*texts: str, others: tuple[str, ...] = ()) -> list[tuple[str, int, str, str | None]]:
     """Of an enclave that may publish on `texts`, where another one publishes on `others`."""
     own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(texts)))
@@ -47,13 +39,6 @@ def _found(*texts: str, others: tuple[str, ...] = ()) -> list[tuple[str, int, st
     patterns = [each for each in action_patterns(both) if each.enclave == "/talker"]
     assert all(each.operation is Operation.PUBLISH for each in patterns)
     return [(each.expression, each.count, each.action, each.owner) for each in patterns]
-
-
-def test_the_first_action_of_another_enclave_is_the_example() -> None:
-    served = ("rt/z/_action/status", "rt/arm/move/_action/status", "rt/arm/grip/_action/status")
-    assert _found("rt/arm/*", others=served) == [("rt/arm/*", 1, "/arm/move", "/server")]
-    assert _found("rt/?/_action/*", "rt/arm/g*", others=served) == [("rt/arm/g*", 1, "/arm/grip", "/server")]
-    assert _found("rt/leg/*", others=served) == [("rt/leg/*", 1, "/leg/a", None)]
 
 
 def test_what_costs_too_much_is_left_out_and_known_actions_are_not() -> None:

@@ -18,7 +18,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort, name_classes
 from keystore_audit.model.anomalies.find import anomalies
-from keystore_audit.model.anomalies.grants import are_ros_names, foreign, void
+from keystore_audit.model.anomalies.grants import are_ros_names, foreign
 from keystore_audit.model.matching.atoms import classify
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.names import is_ros_dds_name
@@ -74,15 +74,6 @@ def test_the_quick_way_gives_the_classes_of_the_automaton(texts: list[str]) -> N
     assert len(literal_only) == len(set(literal_only))
 
 
-def test_nested_namespaces_need_no_automaton() -> None:
-    texts = [f"rt/robot{n}/*" for n in range(150)] + ["rt/*", *(f"rt/robot{n}/arm/*" for n in range(40))]
-    effort = Effort.of(1)
-    found = name_classes(texts, Matcher.POSIX, effort)
-    assert effort == Effort.of(1)
-    assert len(found) == 191
-    assert all(is_ros_dds_name(each.witness) for each in found)
-
-
 # Expressions
 
 
@@ -110,22 +101,6 @@ def test_expressions_without_a_name_of_ros_are_found(texts: list[str]) -> None:
             assert any(each.ros and each.members and is_ros_dds_name(each.witness) for each in classes)
     if are_ros_names(texts):
         assert all(is_ros_dds_name(text) for text in texts)
-
-
-@pytest.mark.parametrize(
-    ("text", "by_posix", "by_cyclonedds"),
-    [
-        ("rt/[z-a]", True, True),  # Cyclone DDS reads the bracket alone, which no ROS 2 name has
-        ("rt/a[", True, True),
-        ("rt/[b-ab]", False, False),
-        ("rt/[a-z]", False, False),
-        ("rt/a", False, False),
-        ("chatter", False, False),  # a name, though none of ROS 2
-    ],
-)
-def test_expressions_about_nothing(text: str, by_posix: bool, by_cyclonedds: bool) -> None:
-    assert (void([text], [Matcher.POSIX], Effort.of(1)) == {text}) is by_posix
-    assert (void([text], [Matcher.SIMPLE_BRACKETS], Effort.of(1)) == {text}) is by_cyclonedds
 
 
 # Governance

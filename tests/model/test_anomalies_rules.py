@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from datetime import datetime, timezone
 from functools import cache, lru_cache
 from itertools import product
 from typing import NamedTuple
 
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -26,7 +24,6 @@ NAMES = tuple("".join(name) for length in (1, 2, 3) for name in product("abc", r
 PARTITIONS = ("", "p", "q", "pq")
 DOMAINS = (0, 1, 2)
 OPERATIONS = (Operation.PUBLISH, Operation.SUBSCRIBE)
-SOME_DAY = datetime(2026, 11, 21, tzinfo=timezone.utc)
 POINTS = tuple(Point(*each) for each in product(OPERATIONS, NAMES, PARTITIONS, DOMAINS))
 """Few enough to ask each rule about each; every class of names that the drawn expressions can make is among them."""
 
@@ -219,27 +216,3 @@ def test_anomalies_are_found_exactly(drawn, default, profile) -> None:  # type: 
     assert dead == brute.expressions()
     pairs = {(e.kind, e.rule, e.operation, e.expression, e.other, e.other_expression) for e in found if e.kind in PAIRS}
     assert pairs == brute.pairs()
-
-
-@pytest.mark.parametrize(
-    ("topic", "found"), [("a", {(AnomalyKind.UNREACHABLE, 1)}), ("b", {(AnomalyKind.SAME_AS_DEFAULT, 0)})]
-)
-def test_a_denial_changes_something_where_a_later_rule_allows_the_same(
-    topic: str, found: set[tuple[AnomalyKind, int]]
-) -> None:
-    """Without it the allow rule would decide, which never does as it stands."""
-    rules = read(
-        [(allow, ((0, 0),), [(("a" if not allow else topic,), None)], []) for allow in (False, True)], default=False
-    )
-    assert {(each.kind, each.rule) for each in found_in(rules, default=False)} == found
-
-
-@pytest.mark.parametrize(("domains", "redundant"), [(((0, 2),), True), (((0, 0),), False)])
-def test_a_rule_changes_something_where_no_other_lets_its_holder_join(
-    domains: tuple[tuple[int, int], ...], redundant: bool
-) -> None:
-    """What it allows in domains 1 and 2 is denied before; but by it alone they may be joined."""
-    only_a = [(("a",), None)]
-    drawn = [(False, ((1, 2),), only_a, []), (True, ((0, 2),), only_a, []), (True, domains, [(("a*",), None)], [])]
-    found = found_in(read(drawn, default=False), default=False)
-    assert ((AnomalyKind.REDUNDANT, 1) in {(each.kind, each.rule) for each in found}) is redundant

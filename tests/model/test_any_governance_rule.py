@@ -83,19 +83,6 @@ def test_opendds_starts_by_a_later_domain_rule(joining: str, expected: bool, tmp
 
 
 @pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("cyclonedds-11", False)])
-@pytest.mark.parametrize("dates", [{"end": "2021-01-01T00:00:00"}, {"start": "2033-01-01T00:00:00"}])
-def test_opendds_lets_a_grant_out_of_date_join(
-    profile: str, expected: bool, dates: dict[str, str], tmp_path: Path
-) -> None:
-    """Its dates bind endpoints alone, and those without access control are not asked for a grant."""
-    own = permissions(grant("/e", rule(criterion("publish", "rt/other")), **dates))
-    for name, topics, writes in (("loose", topic_rule(**OFF), expected), ("strict", topic_rule(), False)):
-        asked = Asked(governance(domain_rule(topics=topics)), tmp_path / name, profile, own)
-        assert (asked.conceded, asked.allowed) == (writes, name == "loose")
-        assert asked.starts is (expected and name == "loose"), "OpenDDS starts where some topic has none"
-
-
-@pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("cyclonedds-11", False)])
 def test_no_partition_is_in_any_list_of_an_allow_rule_and_in_none_of_a_deny_rule(
     profile: str, expected: bool, tmp_path: Path
 ) -> None:
@@ -124,22 +111,3 @@ def test_a_later_domain_rule_adds_topics(profile: str, expected: bool, tmp_path:
     without = Asked(governance(first, domain_rule("<id>5</id>")), tmp_path / "apart", profile, own)
     assert not without.allowed
     assert not without.conceded
-
-
-@pytest.mark.parametrize(
-    ("layer", "profile", "expected"),
-    [
-        ("metadata", "opendds", True),
-        ("metadata", "spec", False),
-        ("metadata", "cyclonedds-11", False),
-        ("rtps", "spec", True),
-        ("rtps", "cyclonedds-11", True),
-    ],
-)
-def test_no_origin_is_authenticated(layer: str, profile: str, expected: bool, tmp_path: Path) -> None:
-    """By OpenDDS (its guide, Implementation Status), or by messages: whoever reads a topic makes samples of it."""
-    kinds = {f"{layer}_protection_kind": "ENCRYPT_WITH_ORIGIN_AUTHENTICATION"}
-    topics, rest = (topic_rule(**kinds), {}) if layer == "metadata" else (topic_rule(), kinds)
-    own = permissions(grant("/e", rule(criterion("subscribe", "rt/a"))))
-    asked = Asked(governance(domain_rule(topics=topics, **rest)), tmp_path / "k", profile, own)
-    assert bool(RealmView(asked.system, 0, Permissions(asked.system)).abilities(0).forges & asked.zero) is expected

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
 from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
@@ -25,10 +23,9 @@ from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.named import NamedPlace
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
-from keystore_audit.model.formal.attacker import realm_views
 from keystore_audit.model.formal.system import Participant, System
 from keystore_audit.model.interpret import interpret
-from keystore_audit.model.inventory import documents_of, unmanaged_identities
+from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants import unmanaged as participants
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import resolve
@@ -46,7 +43,6 @@ from tests.model.comparing import (
     key,
     permissions,
     rule,
-    topic_rule,
 )
 
 IDENTITY = authority("identityCA")
@@ -107,22 +103,6 @@ def statuses(**changed: Status) -> dict[Attacker, Status]:
     }
 
 
-def test_what_it_is_called_and_where(tmp_path: Path) -> None:
-    for system in understood(written(tmp_path, {**HELD, **LYING_ABOUT})):
-        assert [(each.label, each.location) for each in added(system)] == [
-            ("CN=/admin (backup/cert.pem, no enclave)", Location(path="backup/cert.pem", line=1)),
-            ("CN=/listener (public/x_ca.cert.pem, no enclave)", Location(path="public/x_ca.cert.pem", line=1)),
-        ]
-        assert [each.realm for each in system.enclaves] == [0] * 5
-
-
-def test_they_are_looked_for_once(tmp_path: Path) -> None:
-    keystore = read_keystore(written(tmp_path, {**HELD, **LYING_ABOUT}))
-    found = unmanaged_identities(keystore, AT)
-    assert [each.certificate.subject for each in found] == ["CN=/admin", "CN=/listener"]
-    assert unmanaged_identities(keystore, AT) is found
-
-
 @pytest.mark.parametrize(
     ("files", "count"),
     [
@@ -152,46 +132,11 @@ def test_one_that_is_revoked_is_let_in_by_nobody(tmp_path: Path) -> None:
         assert {len(added(system)) for system in systems if "spec" in system.profiles} == {1 - number}
 
 
-@pytest.mark.parametrize("serials", [(), (77,)])
-def test_an_authority_that_a_message_brings_along_serves_its_signer_though_it_is_let_in_nowhere(
-    serials: tuple[int, ...], tmp_path: Path
-) -> None:
-    """It has the key of an enclave. Of a chain of signers nobody asks for revocation."""
-    one = authority("oneCA")
-    between = identity("between", "/talker", one, ca=True, serial=77)
-    signer = certificate("signer", between)
-    message = (
-        pkcs7.PKCS7SignatureBuilder()
-        .set_data(LISTENER.permissions.encode())
-        .add_signer(signer.certificate, signer.key, hashes.SHA256())  # type: ignore[arg-type]
-        .add_certificate(between.certificate)
-        .sign(Encoding.SMIME, [pkcs7.PKCS7Options.Text, pkcs7.PKCS7Options.DetachedSignature])
-    )
-    store = replace(STORE, identity=(one,), permissions=(one,), strays={}, revoked=serials)
-    systems = understood(written(tmp_path, {"enclaves/listener/permissions.p7s": message}, store))
-    (system,) = (each for each in systems if "cyclonedds-0.10" in each.profiles)
-    assert len(added(system)) == 1 - len(serials)
-    (view,) = realm_views(system)
-    assert system.enclaves[0].permissions in view.accepted
-
-
 def test_a_second_certificate_of_a_key_is_a_way(tmp_path: Path) -> None:
     """Whoever has /talker can read as /listener; the flow needs an attack."""
     without, with_it = written(tmp_path / "a", {}), written(tmp_path / "b", HELD)
     assert flows(without, "topic:/chatter", "/talker") == statuses()
     assert flows(with_it, "topic:/chatter", "/talker") == statuses(relays=Status.VIOLATED)
-
-
-@pytest.mark.parametrize("role", ["identity", "permissions"])
-def test_a_leaf_in_a_ca_file_is_an_identity_too(role: str, tmp_path: Path) -> None:
-    """It vouches for nobody; where permissions are signed by the first alone, it signs nothing."""
-    again = identity("/admin", "/talker")
-    ca = IDENTITY if role == "identity" else authority("permissionsCA")
-    for behind, expected in (((), Status.HOLDS), ((again,), Status.VIOLATED)):
-        store = replace(STORE, **{role: (ca, *behind)})  # type: ignore[arg-type]
-        root = written(tmp_path / str(len(behind)), {}, store)
-        question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.SOURCE,))
-        assert find_flow(root, question, Circumstances(profiles=resolve(("cyclonedds-11",)), at=AT)).status is expected
 
 
 def test_an_identity_whose_key_lies_about_is_a_way(tmp_path: Path) -> None:
@@ -232,30 +177,6 @@ def decided_by_the_letter(root: Path, asked: Claim) -> Status:
     systems = understood(root, (asked,))
     answers = zip(systems, NativeEngine(systems).answers, strict=True)
     return next(each["x"].status for system, each in answers if "spec" in system.profiles)
-
-
-def test_it_publishes_though_another_alone_may(tmp_path: Path) -> None:
-    """With /talker's subject and /listener's key; a certificate of /talker's that was renewed is no stranger's."""
-    asked = claim(ClaimKind.ONLY_PUBLISH, Globs(enclaves=("/talker",)), Globs(topics=("rt/chatter",)))
-    everybody = claim(ClaimKind.ONLY_PUBLISH, Globs(enclaves=("/*",)), Globs(topics=("rt/chatter",)))
-    for of, expected in (("/talker", Status.HOLDS), ("/listener", Status.VIOLATED)):
-        root = written(tmp_path / of.strip("/"), {"public/x_ca.cert.pem": identity("/talker", of, serial=9).pem})
-        assert decided(root, asked) == decided(root, everybody) == {expected}
-
-
-@pytest.mark.parametrize("controlled", ["true", "false"])
-def test_one_that_no_document_names_does_what_nobody_asks_a_grant_for(controlled: str, tmp_path: Path) -> None:
-    """Fast DDS asks everybody for some grant."""
-    topics = topic_rule(enable_read_access_control="false", enable_write_access_control="false")
-    rules = domain_rule(topics=topics, enable_join_access_control=controlled)
-    ghost = identity("/ghost", "ghost")
-    files = {"backup/cert.pem": ghost.pem, "backup/key.pem": ghost.key_pem}
-    for system in understood(written(tmp_path, files, replace(STORE, governance=governance(rules)))):
-        [(number, one)] = [(n, each) for n, each in enumerate(system.enclaves) if each.unmanaged]
-        able = realm_views(system)[0].abilities(number)
-        let_in = controlled == "false" and not system.requires_grant
-        assert bool(able.may_read) == bool(able.may_write) == let_in
-        assert not one.reads_alone | one.writes_alone
 
 
 def test_nothing_that_must_be_possible_rests_on_it(tmp_path: Path) -> None:
@@ -336,36 +257,6 @@ def test_what_was_not_read_may_be_anybody(tmp_path: Path, monkeypatch: pytest.Mo
     )
     assert answer.status is Status.UNKNOWN
     assert answer.doubts == (Location(path="backup/cert.pem"),)
-
-
-def test_realms(tmp_path: Path) -> None:
-    """Every one that lets it in, whether or not an enclave has its key: nobody knows with which files it is started."""
-    own = governance(domain_rule(rtps_protection_kind="ENCRYPT"))
-    store = replace(STORE, members={**STORE.members, "/talker": replace(TALKER, governance=own)})
-    for system in understood(written(tmp_path, {**HELD, **LYING_ABOUT}, store)):
-        assert len(system.realms) == 2
-        for name in ("listener", "admin"):
-            assert sorted(each.realm for each in added(system) if name in each.label) == [0, 1]
-
-
-@pytest.mark.parametrize("of", ["admin", "/talker", "/motor", "/third"])
-@pytest.mark.parametrize(("names", "status"), [("/admin", Status.VIOLATED), ("/nobody", Status.HOLDS)])
-def test_a_key_that_an_enclave_has_too_takes_no_flow_away(of: str, names: str, status: Status, tmp_path: Path) -> None:
-    """/third, in a domain of its own, has a governance of its own: whoever has its key needs no part of that."""
-    third = Member(
-        permissions=permissions(grant("/third", rule(criterion("publish", "rt/else"), domains="<id>5</id>"))),
-        governance=governance(domain_rule("<id>5</id>")),
-        serial=104,
-    )
-    store = replace(
-        STORE,
-        members={**STORE.members, "/third": third},
-        strays={"old.p7s": permissions(grant(names, ADMIN_RULE))},
-    )
-    admin = identity("/admin", of)
-    root = written(tmp_path, {"backup/cert.pem": admin.pem, "backup/key.pem": admin.key_pem}, store)
-    found = flows(root, "/talker", "/motor")
-    assert {found[Attacker.HONEST], found[Attacker.SOURCE]} == {status}
 
 
 def test_too_many_are_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

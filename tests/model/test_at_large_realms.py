@@ -9,21 +9,15 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec.structs import replace
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.flow import FlowQuestion, find_blast_radius, find_flow
-from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.comparison.compare import compare
+from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.model.formal.asked import Attacker
-from keystore_audit.model.formal.rights import EffectiveRights
 from keystore_audit.model.participants import unmanaged
-from keystore_audit.model.tables.overview import issuance
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
-from tests.keystore.builder import Signed, certificate, crl, signed_document
+from tests.keystore.builder import certificate, crl
 from tests.model.comparing import (
     AT,
     Member,
@@ -39,14 +33,11 @@ from tests.model.comparing import (
 )
 from tests.model.test_at_large import (
     ADMIN,
-    IDENTITY,
     LYING_ABOUT,
     MOTOR,
     NOBODYS,
     STORE,
     Files,
-    added,
-    identity,
     understood,
     written,
 )
@@ -97,13 +88,6 @@ def test_who_has_no_list_need_not_take_all_that_lie_there(tmp_path: Path) -> Non
         assert ways(written(tmp_path / str(number), files, store), profiles=("cyclonedds-11",)) == {VIOLATED}
 
 
-def test_nobody_is_added_where_nobody_was_revoked(tmp_path: Path) -> None:
-    for number, (store, realms) in enumerate(((STORE, 1), (replace(STORE, revoked=(999,)), 1), (WITHOUT_TALKER, 2))):
-        systems = understood(written(tmp_path / str(number), LYING_ABOUT, store))
-        for system in (each for each in systems if "spec" in each.profiles):
-            assert len(system.realms) == len(added(system)) == realms
-
-
 def apart(domains: str | None = None) -> Store:
     """/motor is in domain 5 alone, /talker in domain 0. `domains`: those of a governance that lies there."""
     reads = rule(criterion("subscribe", "rt/motor"), domains=FIVE)
@@ -134,18 +118,6 @@ def passing_on() -> Store:
     return replace(STORE, members={**STORE.members, "/admin": admin}, strays={})
 
 
-def test_a_certificate_that_was_renewed_is_no_part_of_its_enclaves_realm_alone(tmp_path: Path) -> None:
-    """/admin, in a domain of its own, would pass on what /talker says if it were started with /talker's governance."""
-    store = passing_on()
-    again = {"backup/cert.pem": identity("/admin", "/admin", serial=105).pem}
-    assert ways(written(tmp_path / "a", {}, store), profiles=("spec",)) == {HOLDS}
-    assert ways(written(tmp_path / "b", again, store), profiles=("spec",)) == {VIOLATED}
-    for system in understood(tmp_path / "b"):
-        assert len(added(system)) == 1
-        answers = NativeEngine([system]).answers[0]
-        assert answers["no-identity-serves-two-enclaves"].status is HOLDS, "it is one identity"
-
-
 @pytest.mark.parametrize(
     ("place", "expected"),
     [("backup/key.pem", VIOLATED), ("backup/README", VIOLATED), ("enclaves/motor/notes", VIOLATED), (None, HOLDS)],
@@ -164,49 +136,7 @@ def test_whoever_has_a_copy_of_an_enclaves_key_is_in_no_realm_of_it_alone(
     assert not {"KA668", "KA704", "KA707"} & {each.code for each in findings}
 
 
-def test_a_copy_of_a_key_adds_nobody_to_the_realm_of_its_enclave(tmp_path: Path) -> None:
-    root = written(tmp_path, {})
-    (root / "key.pem").write_bytes((root / "enclaves/motor/key.pem").read_bytes())
-    assert [added(system) for system in understood(root)] == [[]] * len(understood(root))
-
-
 SECOND, THIRD = authority("second"), authority("third")
-
-
-def in_pem(*authorities: Signed) -> bytes:
-    return b"".join(each.pem for each in authorities)
-
-
-@pytest.mark.parametrize(
-    ("profile", "talkers", "motors", "expected"),
-    [
-        ("spec", (SECOND, IDENTITY), (IDENTITY,), VIOLATED),  # the authorities of one, the governance of the other
-        ("spec", (SECOND, IDENTITY), (THIRD, IDENTITY), VIOLATED),  # the authorities of both
-        ("spec", (SECOND, IDENTITY), (THIRD,), HOLDS),  # /motor does not take it
-        ("cyclonedds-11", (SECOND, IDENTITY), (THIRD, IDENTITY), HOLDS),  # it reads the first certificate
-    ],
-)
-def test_whom_it_trusts_is_its_own_affair(
-    profile: str, talkers: tuple[Signed, ...], motors: tuple[Signed, ...], expected: Status, tmp_path: Path
-) -> None:
-    """/talker is in domain 5, /motor takes part in both and reads in domain 0."""
-    members = {
-        "/talker": Member(
-            permissions=permissions(grant("/talker", rule(criterion("publish", "rt/chatter"), domains=FIVE))),
-            governance=governance(domain_rule(FIVE)),
-            issuer=SECOND,
-            serial=101,
-        ),
-        "/motor": replace(MOTOR, governance=governance(domain_rule(BOTH)), issuer=motors[0]),
-    }
-    there = rule(criterion("subscribe", "rt/chatter"), domains=FIVE), rule(criterion("publish", "rt/motor"))
-    store = Store(members=members, strays={"old.p7s": permissions(grant("/admin", *there))})
-    trusted = {
-        "enclaves/talker/identity_ca.cert.pem": in_pem(*talkers),
-        "enclaves/motor/identity_ca.cert.pem": in_pem(*motors),
-    }
-    assert ways(written(tmp_path / "a", {**trusted, **LYING_ABOUT}, store), profiles=(profile,)) == {expected}
-    assert ways(written(tmp_path / "b", {**trusted, **NOBODYS}, store), profiles=(profile,)) == {HOLDS}
 
 
 def test_more_authorities_than_can_be_trusted_together_are_no_answer(
@@ -218,44 +148,6 @@ def test_more_authorities_than_can_be_trusted_together_are_no_answer(
     assert understood(written(tmp_path / "b", {**trusted, **NOBODYS}, store))
     with pytest.raises(BudgetExceeded, match="may trust all 2 authorities"):
         understood(written(tmp_path / "a", {**trusted, **LYING_ABOUT}, store))
-
-
-def test_implementations_that_read_all_authorities_together_differently_are_told_apart(tmp_path: Path) -> None:
-    """Each enclave trusts one authority, which all read alike; whoever trusts both has a file of two."""
-    store = replace(STORE, members={**STORE.members, "/motor": replace(MOTOR, issuer=SECOND)})
-    trusted = {"enclaves/motor/identity_ca.cert.pem": SECOND.pem}
-    trusting: dict[str, set[int]] = {}
-    for name, files in (("a", LYING_ABOUT), ("b", NOBODYS)):
-        for system in understood(written(tmp_path / name, {**trusted, **files}, store)):
-            for profile in system.profiles:
-                trusting.setdefault(f"{name} {profile}", set()).update(len(each.identity_ca) for each in system.realms)
-    assert trusting["a spec"] == trusting["a fastdds-3.6"] == {1, 2}
-    assert trusting["a cyclonedds-11"] == trusting["b spec"] == trusting["b cyclonedds-11"] == {1}
-
-
-@pytest.mark.parametrize(
-    ("profile", "signer", "expected"),
-    [
-        ("fastdds-3.6", SECOND, VIOLATED),
-        ("fastdds-3.6", THIRD, HOLDS),  # an authority that nobody has
-        ("cyclonedds-11", SECOND, HOLDS),  # it reads the first certificate
-    ],
-)
-def test_whose_governance_it_takes_is_its_own_affair(
-    profile: str, signer: Signed, expected: Status, tmp_path: Path
-) -> None:
-    """/talker is in domain 5, /motor in 0; /other has a permissions CA of its own, which signed one for both."""
-    both = signed_document(governance(domain_rule(BOTH)).encode(), signer)
-    files = {"enclaves/other/permissions_ca.cert.pem": SECOND.pem, "docs/governance.p7s": both}
-    sends = rule(criterion("publish", "rt/chatter"), domains=FIVE)
-    talker = Member(
-        permissions=permissions(grant("/talker", sends)), governance=governance(domain_rule(FIVE)), serial=1
-    )
-    store = replace(STORE, members={**STORE.members, "/talker": talker, "/other": replace(MOTOR, serial=109)})
-    there = rule(criterion("subscribe", "rt/chatter"), domains=FIVE), rule(criterion("publish", "rt/motor"))
-    store = replace(store, strays={"old.p7s": permissions(grant("/admin", *there))})
-    assert ways(written(tmp_path / "a", {**files, **LYING_ABOUT}, store), profiles=(profile,)) == {expected}
-    assert ways(written(tmp_path / "b", {**files, **NOBODYS}, store), profiles=(profile,)) == {HOLDS}
 
 
 @pytest.mark.parametrize("unread", ["cut", "link"])
@@ -299,63 +191,6 @@ def test_what_it_says_is_no_fault_of_the_enclaves(text: str, tmp_path: Path) -> 
         root = written(tmp_path / name, LYING_ABOUT, replace(STORE, strays={**STORE.strays, **strays}))
         told.append({each.code for each in audit(root, Options(at=AT, engine="native")).findings})
     assert told[1] - told[0] == {"KA661"}
-
-
-def test_what_it_says_gives_enclaves_no_rights_with_enclaves(tmp_path: Path) -> None:
-    """No peer of theirs applies it."""
-    told = []
-    for name, strays in (("a", {}), ("b", {"governance.p7s": WEAK})):
-        root = written(tmp_path / name, LYING_ABOUT, replace(STORE, strays={**STORE.strays, **strays}))
-        rights = EffectiveRights(understood(root))
-        channels = [rights.accepted("/motor", profile, operation).may for profile in BY_LIST for operation in Operation]
-        told.append([each.bit_count() for each in channels])
-    assert told[0] == told[1]
-    assert any(told[0]), "it has some"
-
-
-def test_nor_is_it_one_that_governs_them(tmp_path: Path) -> None:
-    """Where none that they carry is taken, all holds for want of anything to protect."""
-    strays = {**STORE.strays, "governance.p7s": WEAK}
-    foreign = replace(STORE, governance_signer=authority("a stranger"), strays=strays)
-    told = audit(written(tmp_path, LYING_ABOUT, foreign), Options(at=AT, engine="native")).checked.not_checked
-    assert sum("no enclave carries a governance that its peers accept" in each for each in told) == 1
-
-
-def test_what_comes_with_it_is_what_whoever_starts_with_it_can(tmp_path: Path) -> None:
-    """Its names are told apart, and no right changes that enclaves have with each other."""
-    old = read_keystore(written(tmp_path / "a", LYING_ABOUT))
-    for name, text in (("b", WEAK), ("c", NARROW)):
-        store = replace(STORE, strays={**STORE.strays, "governance.p7s": text})
-        found = compare(old, read_keystore(written(tmp_path / name, LYING_ABOUT, store)), resolve(()), AT)
-        kinds = {change.kind for change in found.changes}
-        assert "governance-at-large" in kinds <= {"governance-at-large", "influence"}
-
-
-def test_whoever_signed_it_is_among_those_that_are_told(tmp_path: Path) -> None:
-    """Certificates are told by their numbers in systems, which have its signer too."""
-    signer = certificate("signer", STORE.permissions[0])
-    files = {**LYING_ABOUT, "a.p7s": signed_document(WEAK.encode(), signer)}
-    root = written(tmp_path, files)
-    found = issuance(read_keystore(root), understood(root)[0])
-    signed = {each.subject: each.signed for each in found.certificates}
-    assert signed["CN=signer"] == ("a.p7s",)
-    assert "enclaves/motor/governance.p7s" in signed["CN=permissionsCA"]
-
-
-def test_its_names_are_told_apart_where_a_key_is_lost(tmp_path: Path) -> None:
-    """Whoever starts with it takes from anybody what it names."""
-    reads = rule(criterion("subscribe", "rt/x*"), criterion("publish", "rt/motor"))
-    loose = topic_rule("rt/xy", enable_write_access_control="false")
-    reached = []
-    for name, rules in (("a", topic_rule()), ("b", loose + topic_rule())):
-        strays = {
-            "old.p7s": permissions(grant("/admin", reads)),
-            "governance.p7s": governance(domain_rule(topics=rules)),
-        }
-        root = written(tmp_path / name, LYING_ABOUT, replace(STORE, strays=strays))
-        (answer,) = find_blast_radius(root, "/talker", Circumstances(profiles=resolve(("spec",)), at=AT)).keys
-        reached.append(set().union(*(each.radius.reached for each in answer.alone.values())))
-    assert reached == [{"/listener"}, {"/listener", "/motor"}]
 
 
 def test_one_without_a_single_meaning_may_say_anything(tmp_path: Path) -> None:

@@ -190,15 +190,6 @@ def test_its_key_may_stand_in_that_of_an_enclave(key: bytes, tmp_path: Path) -> 
     assert [each.key for each in read_keystore(root).identities.found] == ["enclaves/talker/key.pem"]
 
 
-def test_locked_keys_are_of_authorities_where_those_belong(tmp_path: Path) -> None:
-    """However many: which key it is need not be known, and a verdict then rests on that."""
-    files = {"backup/cert.pem": ADMIN.pem, "private/a.key.pem": LOCKED, "private/b.key.pem": LOCKED + b"# b\n"}
-    root = written(tmp_path / "a", files)
-    assert way(root) is Status.HOLDS
-    assert [each.place for each in read_keystore(root).unread_foreign] == ["private/a.key.pem", "private/b.key.pem"]
-    assert way(written(tmp_path / "b", {**files, "backup/ca.key.pem": LOCKED})) is Status.UNKNOWN
-
-
 @pytest.mark.parametrize(
     "files",
     [
@@ -227,13 +218,3 @@ def test_what_is_too_much_to_look_at_may_be_one(limit: str, tmp_path: Path, monk
     assert way(root) is Status.HOLDS
     monkeypatch.setattr(f"keystore_audit.keystore.{limit}", 1)
     assert way(root) is Status.UNKNOWN
-
-
-def test_a_second_certificate_of_a_key_that_could_not_be_read(tmp_path: Path) -> None:
-    """The enclave has its key all the same."""
-    again = {"backup/cert.pem": identity("/admin", "/talker").pem}
-    for name, files, status in (("a", {}, Status.HOLDS), ("b", again, Status.VIOLATED)):
-        root = written(tmp_path / name, files)
-        (root / "enclaves/talker/key.pem").unlink()
-        question = FlowQuestion(source="/talker", target="/motor", attackers=(Attacker.SOURCE,))
-        assert find_flow(root, question, Circumstances(profiles=resolve(()), at=AT)).status is status

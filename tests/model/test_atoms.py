@@ -101,50 +101,9 @@ def test_ros_is_decided_exactly(text: str, ros: bool) -> None:
     assert by_members([text])[(text,)].ros is ros
 
 
-def test_class_of_names_that_nothing_matches_is_there_when_it_exists() -> None:
-    assert set(by_members(["rt/a"])) == {(), ("rt/a",)}
-    assert set(by_members(["*"])) == {("*",)}
-    assert set(by_members([])) == {()}
-    assert set(by_members(["?*"])) == {("?*",)}
-    # Every name has one character, or two and more.
-    assert set(by_members(["?", "??*"])) == {("?",), ("??*",)}
-
-
-def test_finite_wildcard_that_literals_cover_has_no_class_of_its_own() -> None:
-    covered = by_members(["rt/robot[12]", "rt/robot1", "rt/robot2"])
-    assert set(covered) == {(), ("rt/robot[12]", "rt/robot1"), ("rt/robot[12]", "rt/robot2")}
-    partly = by_members(["rt/robot[1-3]", "rt/robot1", "rt/robot2"])
-    assert partly[("rt/robot[1-3]",)].witness == "rt/robot3"
-    assert not partly[("rt/robot[1-3]",)].infinite
-    assert by_members(["rt/*", "rt/a", "rt/b"])[("rt/*",)].infinite
-
-
-def test_residual_class_without_ros_name_of_its_own_is_dds_only() -> None:
-    """The one ROS name that `rt/[a.]` matches is a literal beside it."""
-    classes = by_members(["rt/[a.]", "rt/a"])
-    assert classes[("rt/[a.]",)] == TopicClass(members=frozenset({0}), witness="rt/.", ros=False, infinite=False)
-    assert classes[("rt/[a.]", "rt/a")].ros
-
-
 def test_expression_that_matches_nothing_is_in_no_class() -> None:
     for text in ("", "[z-a]", "a\\", "a\0b"):
         assert set(by_members([text])) == {()}
-
-
-def test_equal_expressions_go_together() -> None:
-    assert set(by_members(["rt/a", "rt/[a]", "rt/*", "rt/**", "rt/*"])) == {
-        (),
-        ("rt/a", "rt/[a]", "rt/*", "rt/**", "rt/*"),
-        ("rt/*", "rt/**", "rt/*"),
-    }
-
-
-def test_one_text_under_two_matchers() -> None:
-    patterns = [parse(r"rt/\*", Matcher.POSIX), parse(r"rt/\*", Matcher.POSIX_NOESCAPE)]
-    classes = {found.members: found.witness for found in classify(patterns)}
-    assert classes[frozenset({0})] == "rt/*"
-    assert classes[frozenset({1})].startswith("rt/\\")
-    assert len(classes) == 3
 
 
 def test_witnesses_are_the_shortest_and_most_readable() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import random
-from datetime import datetime, timezone
 
 import pytest
 
@@ -20,8 +19,6 @@ from keystore_audit.model.semantics import Area, Region, read_rules
 from keystore_audit.profiles import VARIANTS, Access, Matcher
 from tests.amount import tried
 
-START = datetime(2020, 1, 1, tzinfo=timezone.utc)
-END = datetime(2030, 1, 1, tzinfo=timezone.utc)
 TOPICS = ["a", "b", "ab", "a*", "*b", "?", "[ab]c", "*", "ba", "b?a"]
 PARTITIONS = ["a", "*", "b*", ""]
 NAMES = ["".join(letters) for n in (1, 2, 3) for letters in itertools.product("abc", repeat=n)]
@@ -129,52 +126,9 @@ def test_points_say_of_themselves_what_the_rules_say(seed: int) -> None:
     assert {channels.channels[channels.of_point(7, number)].topic for number in range(9)} == {ANY_TOPIC}
 
 
-def test_an_ungoverned_domain_has_one_channel_that_no_rule_matches() -> None:
-    domains = domain_classes([((0, 0),)])
-    everything = (Matcher.POSIX, (Area(("*",), None),))
-    channels = build_channels(domains, [True, False], [everything])
-    assert [channel.domain for channel in channels.channels] == [0, 1]
-    assert channels.regions == {everything: frozenset({0})}
-
-
-def test_expressions_that_mean_the_same_to_all_make_no_class_more() -> None:
-    domains = domain_classes([((0, 0),)])
-    regions = [(matcher, (Area((text,), None),)) for matcher in Matcher for text in ("rt/a", "rt/?")]
-    assert len(build_channels(domains, [True], regions).channels) == 3
-    odd = [(matcher, (Area(("rt/[^a]",), None),)) for matcher in (Matcher.POSIX, Matcher.SIMPLE_BRACKETS)]
-    assert len(build_channels(domains, [True], odd).channels) == 4
-
-
-@pytest.mark.parametrize(
-    ("listed", "shown"),
-    [
-        ("lab", {"", "lab", "other"}),
-        ("other", {"", "other", "a"}),  # the rest is called something else then
-        ("o*", {"", "other", "a"}),
-        ("rt/*", {"", "rt/", "other"}),
-    ],
-)
-def test_a_partition_that_no_document_names_is_not_shown_as_a_topic(listed: str, shown: set[str]) -> None:
-    regions = [(Matcher.POSIX, (Area(("rt/chatter",), partitions),)) for partitions in (("",), (listed,), None)]
-    found = build_channels(domain_classes([((0, 0),)]), [True, False], regions).channels
-    assert {channel.partition for channel in found if channel.domain == 0} == shown
-    assert {channel.topic for channel in found if channel.partition} == {"rt/chatter"}
-
-
 def in_partitions(count: int, partition: str) -> list[tuple[Matcher, Region]]:
     """A topic each, in a partition that may be its own."""
     return [(Matcher.POSIX, (Area((f"rt/t{n}",), (partition.format(n),)),)) for n in range(count)]
-
-
-def test_what_the_same_rules_list_is_one_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(columns, "MAX_PAIRS", 2)
-    domains = domain_classes([((0, 0),)])
-    names = tuple(f"rt/t{number}" for number in range(30))
-    everywhere = (Matcher.POSIX, (Area(names, names),))
-    channels = build_channels(domains, [True], [everywhere])
-    assert [len(channels.cells(number)) for number in channels.regions[everywhere]] == [900]
-    with pytest.raises(BudgetExceeded, match="pairs of topics and partitions"):
-        build_channels(domains, [True], in_partitions(2, "p{}"))
 
 
 @pytest.mark.parametrize(("limit", "words"), [("MAX_PAIRS", "pairs of topics"), ("MAX_MEETINGS", "that meet")])
@@ -195,13 +149,3 @@ def test_channels_of_further_domains_have_a_limit(limit: str, words: str, monkey
     assert build_channels(one, [True, False], regions, ruling=2).channels
     with pytest.raises(BudgetExceeded, match=words):
         build_channels(two, [True, True, True], regions, ruling=2)
-
-
-def test_channels_of_further_domains_are_more_for_more_documents(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(made, "FURTHER", 2)
-    monkeypatch.setattr(made, "FURTHER_PER_DOCUMENT", 2)
-    regions = in_partitions(3, "")  # four classes, in one further domain
-    domains = domain_classes([((0, 0),)])
-    assert build_channels(domains, [True, True], regions, documents=1).channels
-    with pytest.raises(BudgetExceeded, match="further classes"):
-        build_channels(domains, [True, True], regions)

@@ -25,7 +25,7 @@ from tests.model.comparing import (
     permissions,
     rule,
 )
-from tests.model.single_changes import BASE, TALKER, talks
+from tests.model.single_changes import BASE, TALKER
 from tests.model.test_comparison_exactly import rules
 
 ONE, ALL = rule(criterion("publish", "rt/chatter")), rule(criterion("publish", "*"))
@@ -49,8 +49,6 @@ def ruled(*rules: str) -> Store:
 
 
 OTHER = domain_rule("<id>7</id>")
-REFUSED = domain_rule(allow_unauthenticated_participants="true")
-"""Fast DDS takes no governance that also signs messages."""
 
 
 @pytest.mark.parametrize(
@@ -77,41 +75,6 @@ def test_the_same_meaning_is_said_where_everything_is_alike(old: Store, new: Sto
     found = compared(old, new, tmp_path)
     assert [change.kind for change in found.changes] == ["signed-again"]
     assert words in found.changes[0].what
-
-
-@pytest.mark.parametrize(
-    ("profiles", "kind", "words"), [(("fastdds-2.6",), "signed-again", IDLE), (("spec",), "protection", "governance")]
-)
-def test_a_governance_that_is_refused_says_nothing(
-    profiles: tuple[str, ...], kind: str, words: str, tmp_path: Path
-) -> None:
-    (only,) = compared(ruled(REFUSED), ruled(REFUSED, OTHER), tmp_path, profiles).changes
-    assert only.kind == kind
-    assert words in only.what
-
-
-def test_both_are_told_apart(tmp_path: Path) -> None:
-    more = permissions(grant("/listener", rule(criterion("subscribe", "rt/chatter"))), grant("/x", ALL, **OVER))
-    new = talks(TALKER, TALKER).member("/listener", permissions=more)
-    found = compared(BASE, new, tmp_path)
-    assert sorted((change.enclaves, SAME in change.what) for change in found.changes) == [
-        (("/listener",), False),
-        (("/talker",), True),
-    ]
-
-
-def test_it_is_not_said_of_a_document_that_grants_another_enclave_something(tmp_path: Path) -> None:
-    more = permissions(grant("/listener", rule(criterion("subscribe", "rt/chatter"))), grant("/talker", in_seven()))
-    found = compared(BASE, BASE.member("/listener", permissions=more), tmp_path)
-    (only,) = found.changes
-    assert (only.kind, only.enclaves, only.old) == ("right-presented", ("/talker",), None)
-    assert only.new is not None
-    assert only.new.path == "enclaves/listener/permissions.p7s"
-    assert found.failing(FailOn.GAINED) == (only,)
-
-
-def in_seven() -> str:
-    return rule(criterion("publish", "*"), domains="<id>7</id>")
 
 
 several = st.lists(rules, min_size=1, max_size=3)

@@ -10,10 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.keystore import unmanaged
-from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.model.comparison import identities as comparison_identities
 from keystore_audit.model.comparison.change import Comparison, FailOn
-from keystore_audit.model.comparison.compare import compare
 from keystore_audit.profiles import resolve
 from tests.keystore.builder import Signed, certificate
 from tests.model.comparing import (
@@ -102,88 +99,6 @@ def test_certificates_that_nobody_parsed_are_unknown(tmp_path: Path, monkeypatch
     assert [(each.side, each.location.path) for each in found.unknown] == [("new", "backup/cert.pem")]
 
 
-OTHERS_LISTENER = certificate("/listener", authority("other"), key=key("/listener"))
-TALKER = identity("/listener", "/talker")
-ELSEWHERE = identity("/listener", "/talker", authority("other"))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        ({}, {"public/x_ca.cert.pem": TALKER.pem}, "gained"),
-        ({"public/x_ca.cert.pem": TALKER.pem}, {"public/y_ca.cert.pem": TALKER.pem}, None),
-        ({"public/x_ca.cert.pem": TALKER.pem}, {"public/x_ca.cert.pem": ELSEWHERE.pem}, "mixed"),
-    ],
-)
-def test_the_key_of_an_enclave_certified_again(old: Files, new: Files, expected: str | None, tmp_path: Path) -> None:
-    found = changed(tmp_path, old, new, BASE)
-    told = [(change.kind, change.direction.value, change.enclaves) for change in found.changes]
-    assert told == ([("identity-certified-again", expected, ("/talker",))] if expected else [])
-    assert bool(found.failing(FailOn.GAINED)) is (expected is not None)
-    if expected == "gained":
-        (aspect,) = found.changes[0].aspects
-        assert (aspect.old, aspect.new) == (None, "CN=/listener, issued by CN=identityCA")
-
-
-def test_an_identity_that_another_peer_lets_in_is_a_gain(tmp_path: Path) -> None:
-    """Two authorities: who was let in by the one only, is then by the other too."""
-    other = authority("other")
-    ours = {"enclaves/listener/identity_ca.cert.pem": other.pem, "enclaves/listener/cert.pem": OTHERS_LISTENER.pem}
-    both = {**KEY, "backup/cert.pem": ADMIN.pem, "backup/again.pem": identity(issuer=other).pem, **ours}
-    one = {**KEY, "backup/cert.pem": ADMIN.pem, **ours}
-    instead = {**KEY, "backup/cert.pem": identity(issuer=other).pem, **ours}
-    for number, (old, new, direction) in enumerate(
-        [(one, both, "gained"), (both, one, "lost"), (one, instead, "mixed"), (both, both, None)]
-    ):
-        found = changed(tmp_path / str(number), old, new)
-        told = [change.direction.value for change in found.changes if change.kind == "identity-at-large"]
-        assert told == ([direction] if direction else [])
-        assert bool(found.failing(FailOn.GAINED)) is (direction not in ("lost", None))
-    (change,) = changed(tmp_path / "told", one, both).changes
-    assert change.aspects[0].old == "by nobody"
-    assert change.aspects[0].new is not None
-    assert change.aspects[0].new.startswith("by /listener, from ")
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "direction"),
-    [
-        ({"start": AT + timedelta(days=9)}, {}, "gained"),
-        ({}, {"start": AT + timedelta(days=9)}, "lost"),
-        ({"end": AT + timedelta(days=9)}, {}, "gained"),
-        ({}, {"end": AT + timedelta(days=9)}, "lost"),
-        ({"end": AT + timedelta(days=9)}, {"start": AT + timedelta(days=1)}, "mixed"),
-        ({"start": AT - timedelta(days=9)}, {"start": AT - timedelta(days=1)}, None),
-        ({"start": AT - timedelta(days=1)}, {"start": AT - timedelta(days=9)}, None),
-        ({"end": AT + timedelta(days=9)}, {"start": AT - timedelta(days=1)}, "gained"),
-    ],
-)
-def test_dates_of_identities_beside_the_enclaves(
-    old: dict[str, object], new: dict[str, object], direction: str | None, tmp_path: Path
-) -> None:
-    """Also those of an enclave's key: nobody is let in before and after. What is over counts no more."""
-    at_large = [{**KEY, "backup/cert.pem": identity(**more).pem} for more in (old, new)]
-    again = [{"public/x_ca.cert.pem": identity("/admin", "/talker", **more).pem} for more in (old, new)]
-    for name, files, kind in (("a", at_large, "identity-at-large"), ("b", again, "identity-certified-again")):
-        told = [(each.kind, each.direction.value) for each in changed(tmp_path / name, files[0], files[1]).changes]
-        assert told == ([(kind, direction)] if direction else [])
-
-
-def test_the_place_is_that_of_the_profile_that_was_asked_for_first(tmp_path: Path) -> None:
-    """Cyclone DDS reads the first authority alone, and so takes the second certificate alone."""
-    two = replace(GRANTED, identity=(IDENTITY, authority("other")))
-    roots = []
-    for name, end in (("old", AT + timedelta(days=9)), ("new", AT + timedelta(days=99))):
-        first, second = (identity(issuer=issuer, end=end).pem for issuer in (authority("other"), IDENTITY))
-        files = {**KEY, "backup/a.pem": first, "backup/b.pem": second}
-        roots.append(replace(two, files=files).write(tmp_path / name))
-    old, new = map(read_keystore, roots)
-    profiles = resolve(("spec", "cyclonedds-11"))
-    for chosen, place in ((profiles, "backup/a.pem"), (profiles[::-1], "backup/b.pem")):
-        (change,) = compare(old, new, chosen, AT).changes
-        assert [each and each.path for each in (change.old, change.new)] == [place, place]
-
-
 @pytest.mark.parametrize(
     ("gap", "open_between"),
     [
@@ -207,17 +122,6 @@ def test_what_lies_between_two_certificates_is_no_time_of_theirs(
     assert told == ([["gained"], ["lost"]] if open_between else [[], []])
 
 
-def test_periods_without_end_are_counted(tmp_path: Path) -> None:
-    """What is told of them stays short."""
-    days = [AT + timedelta(days=each) for each in range(10)]
-    apart = b"".join(identity(start=day, end=day + timedelta(hours=1)).pem for day in days)
-    (change,) = changed(tmp_path, {**KEY, "backup/cert.pem": apart}, {**KEY, **CERTIFICATE}).changes
-    (aspect,) = change.aspects
-    assert aspect.old is not None
-    assert aspect.old.count("from") == comparison_identities.MAX_PERIODS
-    assert aspect.old.endswith(", and 7 times more")
-
-
 def test_a_further_certificate_that_peers_come_to_take(tmp_path: Path) -> None:
     """It had the same name before, and was over, or of another authority that is called the same."""
     over = identity("/admin", "/talker", end=AT - timedelta(days=1))
@@ -228,31 +132,3 @@ def test_a_further_certificate_that_peers_come_to_take(tmp_path: Path) -> None:
         assert [(each.kind, each.direction.value) for each in found.changes] == [("identity-certified-again", "gained")]
         (aspect,) = found.changes[0].aspects
         assert aspect.old == "CN=/admin, issued by CN=identityCA, let in by nobody"
-
-
-def test_certificates_that_are_too_many_to_ask_about_are_told_one_by_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(comparison_identities, "MAX_PAIRS", 1)
-    old, new = ({**KEY, "backup/cert.pem": each.pem} for each in (ADMIN, identity(serial=9)))
-    assert [each.direction.value for each in changed(tmp_path, old, new).changes] == ["gained", "lost"]
-
-
-@pytest.mark.parametrize(
-    ("theirs", "direction"),
-    [
-        ((IDENTITY,), "mixed"),  # it left its own CA, and the listener takes it
-        ((IDENTITY, authority("somebody")), "lost"),  # the listener took it before
-        ((authority("somebody"),), "lost"),
-    ],
-)
-def test_an_identity_that_another_enclave_lets_in(theirs: tuple[Signed, ...], direction: str, tmp_path: Path) -> None:
-    """Its own files refuse it in the end; whoever attacks asks nobody about them."""
-    files = {
-        "enclaves/talker/identity_ca.cert.pem": authority("somebody").pem,
-        "enclaves/listener/identity_ca.cert.pem": b"".join(each.pem for each in theirs),
-    }
-    new = replace(BASE, files=files)
-    found = compared(new.member("/talker", issuer=authority("somebody")), new, tmp_path, ("fastdds",))
-    [change] = [each for each in found.changes if each.kind == "identity-issuer"]
-    assert (change.direction.value, change.enclaves) == (direction, ("/talker",))

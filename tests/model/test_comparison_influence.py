@@ -126,28 +126,6 @@ def chain(*, last: bool) -> Store:
     )
 
 
-def test_what_follows_stands_with_its_cause_and_one_way(tmp_path: Path) -> None:
-    found = compared(chain(last=False), chain(last=True), tmp_path)
-    gained, _lost = sorted(found.changes, key=lambda change: change.direction.value)
-    assert (gained.operation, gained.enclaves) == ("subscribe", ("/c",))
-    (influenced,) = told(found, Direction.GAINED)
-    assert influenced in [each.influenced for each in gained.consequences]
-    assert influenced.pairs == 2
-    assert [(hop.sender, hop.name.topic, hop.receiver) for hop in influenced.way] == [("/b", "rt/y", "/c")]
-
-
-def test_an_enclave_between_two_others_accounts_for_what_it_hands_on(tmp_path: Path) -> None:
-    whole = chain(last=True)
-    found = compared(whole.without("/b"), whole, tmp_path)
-    (change,) = found.changes
-    assert change.kind == "enclave-added"
-    (influenced,) = told(found, Direction.GAINED)
-    assert influenced in [each.influenced for each in change.consequences]
-    assert influenced.pairs == 3
-    assert influenced.ends == ("/a", "/c", "/b")
-    assert [hop.receiver for hop in influenced.way] == ["/b"]
-
-
 def test_two_causes_have_a_part_each(tmp_path: Path) -> None:
     """/c hears /b, and /d hears /a: two changes, one pair by /d's and two by /c's."""
     listening = {"/d": Member(permissions=permissions(grant("/d", rule(criterion("subscribe", "rt/w")))), serial=104)}

@@ -14,9 +14,9 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from msgspec.structs import replace
 
-from keystore_audit.model.comparison.change import Comparison, Direction, FailOn
+from keystore_audit.model.comparison.change import Comparison, FailOn
 from tests.model.comparing import authority, compared, key
-from tests.model.single_changes import BASE, EVERYBODY
+from tests.model.single_changes import BASE
 
 IDENTITY, PERMISSIONS = authority("identityCA"), authority("permissionsCA")
 
@@ -26,51 +26,12 @@ def told(found: Comparison, *kinds: str) -> list[tuple[str, str, tuple[str, ...]
     return sorted((change.kind, change.direction.value, change.enclaves) for change in changes)
 
 
-def test_an_identity_with_the_key_of_another(tmp_path: Path) -> None:
-    shared = BASE.member("/talker", key="/listener", serial=103)
-    found = compared(BASE, shared, tmp_path)
-    expected = [("identity-shared", "gained", (path,)) for path in EVERYBODY]
-    assert told(found, "identity-shared") == expected
-    assert len(found.failing(FailOn.GAINED)) == 3
-
-
-def test_shared_as_before_is_no_change(tmp_path: Path) -> None:
-    shared = BASE.member("/talker", key="/listener", serial=103)
-    assert not told(compared(shared, BASE.member("/talker", key="/listener", serial=104), tmp_path), "identity-shared")
-
-
 Files = Mapping[str, bytes]
 
 
 def changed(old: Files, new: Files, tmp_path: Path) -> Comparison:
     """What differs with these files in each."""
     return compared(replace(BASE, files=old), replace(BASE, files=new), tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        ({}, {"docs/read.me": PERMISSIONS.key_pem}, ("private-key", "gained")),
-        ({"docs/read.me": PERMISSIONS.key_pem}, {"read.me": PERMISSIONS.key_pem}, None),
-        ({"docs/read.me": PERMISSIONS.key_pem}, {"docs/read.me": IDENTITY.key_pem}, ("private-key", "mixed")),
-        (
-            {"private/identity_ca.key.pem": IDENTITY.key_pem},
-            {"private/identity_ca.key.pem": IDENTITY.key_pem, "private/permissions_ca.key.pem": PERMISSIONS.key_pem},
-            ("authority-key", "gained"),
-        ),
-        (
-            {"private/ca.key.pem": IDENTITY.key_pem},
-            {"private/ca.key.pem": IDENTITY.key_pem, "enclaves/talker/ca.key.pem": IDENTITY.key_pem},
-            ("authority-key", "gained"),
-        ),
-        ({"private/ca.key.pem": IDENTITY.key_pem}, {"private/identity_ca.key.pem": IDENTITY.key_pem}, None),
-    ],
-)
-def test_private_keys_that_lie_about(old: Files, new: Files, expected: tuple[str, str] | None, tmp_path: Path) -> None:
-    found = changed(old, new, tmp_path)
-    changes = [(each.kind, each.direction.value) for each in found.changes if each.direction is not Direction.INFO]
-    assert changes == ([expected] if expected else [])
-    assert bool(found.failing(FailOn.GAINED)) is (expected is not None)
 
 
 PATHS = {"/listener": "enclaves/listener/key.pem", "/talker": "enclaves/talker/key.pem"}

@@ -70,11 +70,6 @@ def test_what_begins_later_is_told_now(old: Store, new: Store, direction: str, t
     assert bool(found.failing(FailOn.GAINED)) is (direction != "lost")
 
 
-def test_the_same_signed_again_is_silent(tmp_path: Path) -> None:
-    again = granted(grant("/talker", ONE, ONE, **NOW), grant("/talker", ALL, ONE, **NEXT))
-    assert told(compared(WIDER, again, tmp_path)) == [("signed-again", "info")]
-
-
 @pytest.mark.parametrize("seed", range(tried(30)))
 def test_a_right_that_comes_one_day_is_told_today(seed: int, tmp_path: Path) -> None:
     """Whatever a comparison at a later instant finds gained is a change now; it fails if there was never such a right.

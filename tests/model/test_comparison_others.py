@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from keystore_audit.model.comparison.change import Change, Comparison, FailOn
+from keystore_audit.model.comparison.change import Change, Comparison
 from keystore_audit.report.diff_text import sentence
 from tests.amount import tried
-from tests.model.comparing import Member, Store, compared, criterion, domain_rule, governance, grant, permissions, rule
+from tests.model.comparing import Member, Store, compared, criterion, grant, permissions, rule
 from tests.model.single_changes import BASE, LISTENER, TALKER, talker
 from tests.model.test_comparison_exactly import rules
 
@@ -92,34 +92,6 @@ def test_grants_for_others(old: Store, new: Store, expected: Told, tmp_path: Pat
     assert told(compared(old, new, tmp_path)) == sorted(expected, key=repr)
 
 
-@pytest.mark.parametrize(("guarded", "expected"), [("false", right("gained", "join")), ("true", [AGAIN])])
-def test_a_grant_of_nothing_lets_in_where_joining_is_not_controlled(
-    guarded: str, expected: Told, tmp_path: Path
-) -> None:
-    """Fast DDS asks for a grant all the same, whatever it gives."""
-    nothing = grant("/ghost", rule(criterion("publish", "*"), allow=False))
-    ruled = governance(domain_rule(enable_join_access_control=guarded))
-    old, new = (replace(each, governance=ruled) for each in (beside(), beside(nothing)))
-    found = compared(old, new, tmp_path)
-    assert told(found) == expected
-    joining = [profile for change in found.changes if change.operation for profile in change.profiles]
-    assert all(profile.startswith("fastdds") for profile in joining)
-
-
-def test_it_stops_a_release_and_says_who_and_where(tmp_path: Path) -> None:
-    found = compared(beside(), beside(EVERYTHING), tmp_path, ("cyclonedds-11",))
-    first, second = found.failing(FailOn.GAINED)
-    assert sentence(first, found) == (
-        "Whoever has the identity CN=/ghost may publish /chatter (topic), /clock "
-        "(topic) and infinitely many other names in domain 0."
-    )
-    assert (first.old, second.old) == (None, None)
-    assert first.new is not None
-    lines = (tmp_path / "new" / first.new.path).read_text().splitlines()
-    assert first.new.line == next(number for number, text in enumerate(lines, 1) if "CN=/ghost" in text)
-    assert [(each.old, each.new) for each in first.aspects] == [(None, "CN=/ghost")]
-
-
 def test_alike_for_many_is_told_once(tmp_path: Path) -> None:
     ghosts = [EVERYTHING.replace("/ghost", f"/ghost{number}") for number in range(9)]
     found = compared(beside(), beside(*ghosts), tmp_path)
@@ -157,23 +129,3 @@ def test_as_if_it_were_an_enclave(before: list[str], first: str, after: list[str
     own = [_shape(each) for each in expected.changes if each.kind == "right" and each.enclaves == ("/a",)]
     others = [_shape(each) for each in found.changes if each.kind == "right-of-others"]
     assert sorted(map(repr, others)) == sorted(map(repr, own))
-
-
-@pytest.mark.parametrize(
-    ("granted", "expected"),
-    [((GHOST,), [*right("gained", "publish", "subscribe"), *right("lost", "publish")]), ((), [])],
-)
-def test_a_subject_that_an_enclave_takes(granted: tuple[str, ...], expected: Told, tmp_path: Path) -> None:
-    """Whoever had it, as another robot, has the rights of the enclave then; of one that nobody had nothing is said."""
-    own = rule(criterion("publish", "rt/own"), criterion("subscribe", "rt/own"))
-    old, new = (
-        BASE.member("/listener", subject=subject, permissions=permissions(grant(subject, own), *others))
-        for subject, others in (("/listener", granted), ("/ghost", ()))
-    )
-    renamed = ("identity-subject", "changed", None)
-    for one, other, side in ((old, new, "gained"), (new, old, "lost")):
-        found = told(compared(one, other, tmp_path / side))
-        assert renamed in found
-        flipped = {"gained": "lost", "lost": "gained"}
-        wanted = [(kind, way if side == "gained" else flipped[way], what) for kind, way, what in expected]
-        assert [each for each in found if each[0] == "right-of-others"] == sorted(wanted, key=repr)
