@@ -81,7 +81,7 @@ def test_the_table_of_a_sample_is_what_single_answers_are(expectation: Path) -> 
     for (path, operation, topic, partition), question in asked.items():
         for profile, single in access.answers(question).items():
             in_table = found[profile, path, operation.value, topic, partition]
-            assert in_table == (single.decision.value, single.effective.value), (profile, question)
+            assert in_table == (single.decided, single.accepted), (profile, question)
     _assert_text_and_csv_say_it(store, at, code, document["groups"])
 
 
@@ -354,11 +354,11 @@ def test_text_hides_no_right(
     allowed: set[tuple[str, str]] = set()
     for question in asked:
         single = access.answers(question)["spec"]
-        if single.decision.value == "allow":
+        if single.decided == "allow":
             allowed.add((question.enclave, question.operation.value))
         if (question.topic, question.partition) in by_name:
             key = ("spec", question.enclave, question.operation.value, question.topic, question.partition)
-            assert found[key] == (single.decision.value, single.effective.value)
+            assert found[key] == (single.decided, single.accepted)
     assert code == 0
     in_table = {(path, operation) for (_p, path, operation, _t, _q), pair in found.items() if pair[0] == "allow"}
     assert allowed <= in_table

@@ -114,11 +114,11 @@ def test_ed25519_and_unknown_algorithms() -> None:
     builder = x509.CertificateRevocationListBuilder().issuer_name(edwards.certificate.subject)
     made = builder.last_update(START).next_update(END).sign(key, None)
     (found,) = read(made.public_bytes(Encoding.PEM)).revocation_lists
-    assert crl_signed_by(found, evidence(edwards)) is True
-    assert crl_signed_by(found, evidence(CA)).must is False
+    assert crl_signed_by(found, evidence(edwards)) is Truth.YES
+    assert crl_signed_by(found, evidence(CA)) is Truth.NO
     unknown = DER.replace(bytes.fromhex("06082a8648ce3d040302"), bytes.fromhex("06082a8648ce3d04037f"))
     (odd,) = read(pem(unknown, "X509 CRL")).revocation_lists
-    assert crl_signed_by(odd, evidence(CA)) is None
+    assert crl_signed_by(odd, evidence(CA)) is Truth.UNKNOWN
 
 
 def entry(serial: int, *extensions: tuple[x509.ExtensionType, bool]) -> x509.RevokedCertificate:
@@ -212,4 +212,4 @@ def test_any_bytes_have_an_answer_that_openssl_shares(content: bytes) -> None:
         first = found.revocation_lists[0].parsed.public_bytes(Encoding.DER)
         assert libcrypto.load().crl(content) == first
     for each in found.revocation_lists:
-        assert crl_signed_by(each, evidence(CA)) in (True, False, None)
+        assert crl_signed_by(each, evidence(CA)) in Truth

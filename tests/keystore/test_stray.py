@@ -193,7 +193,7 @@ def test_a_governance_is_told_from_permissions(tmp_path: Path) -> None:
     (root / "governance").write_bytes(signed_document(GOVERNANCE.replace(b"SIGN", b"NONE"), ca))
     odd = DOCUMENT.replace(b"<dds ", b"<!-- domain_access_rules --><dds ", 1)
     (root / "permissions").write_bytes(signed_document(odd, ca))
-    governance, permissions = read_keystore(root).strays
+    governance, permissions = read_keystore(root).unmanaged
     assert isinstance(governance.document, GovernanceFile)
     assert isinstance(permissions.document, PermissionsFile)
     assert permissions.document.permissions is not None
@@ -270,7 +270,7 @@ def test_a_message_where_openssl_reads_none_may_say_anything(form: str, message:
         assert by_openssl(content, "-inform", "PEM").startswith(b"MIME-Version")
     root = sros2(tmp_path / "keys", ["/talker"])
     (root / "notes").write_bytes(content)
-    (stray,) = read_keystore(root).strays
+    (stray,) = read_keystore(root).unmanaged
     assert (stray.place, stray.document) == ("notes", None)
     assert "anybody can make a document of it" in stray.file.detail
 
@@ -279,7 +279,7 @@ def test_a_message_behind_an_enclaves_own_may_say_anything(tmp_path: Path) -> No
     root = sros2(tmp_path / "keys", ["/talker"])
     own = root / "enclaves/talker/permissions.p7s"
     own.write_bytes(own.read_bytes() + b"\n" + signed_document(DOCUMENT, authority_of(root)))
-    (stray,) = read_keystore(root).strays
+    (stray,) = read_keystore(root).unmanaged
     assert (stray.place, stray.document) == ("enclaves/talker/permissions.p7s", None)
 
 
@@ -295,7 +295,7 @@ def test_a_message_behind_an_enclaves_own_may_say_anything(tmp_path: Path) -> No
 def test_what_only_speaks_of_messages_is_none(content: bytes, tmp_path: Path) -> None:
     root = sros2(tmp_path / "keys", ["/talker"])
     (root / "notes").write_bytes(content)
-    assert read_keystore(root).strays == ()
+    assert read_keystore(root).unmanaged == ()
 
 
 @pytest.mark.parametrize("text", PLACEHOLDERS)

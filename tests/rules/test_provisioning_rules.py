@@ -128,7 +128,7 @@ def unpacked(place: str) -> Change:
 def effective(root: Path, topic: str) -> str:
     question = Question(enclave="/talker", operation=Operation.PUBLISH, topic=topic, partition="", domain=0)
     answers = Access(root, [question], Circumstances(profiles=resolve(("spec",)), at=AT)).answers(question)
-    return answers["spec"].effective.value
+    return answers["spec"].accepted
 
 
 def test_an_old_document_gives_its_rights_and_an_expired_one_nothing(fleet: Fleet, tmp_path: Path) -> None:
