@@ -17,8 +17,8 @@ module application
 open claims
 open nodes
 
-/** Nodes that run in enclaves of the realm. */
-fun nodes_of[realm: Realm]: set Node { runs_in.in_realm.realm }
+/** Nodes that run in enclaves of the trust domain. */
+fun nodes_of[trust_domain: TrustDomain]: set Node { runs_in.in_trust_domain.trust_domain }
 
 -- endpoints: one node, one channel
 
@@ -26,34 +26,34 @@ fun nodes_of[realm: Realm]: set Node { runs_in.in_realm.realm }
  * Channels that nodes are to publish, and their enclave may not: where ROS 2 enforces security, making the writer
  * fails.
  */
-fun publishes_without_right[realm: Realm]: Node -> Channel {
-	nodes_of[realm] <: publishes_to - runs_in.(writes_by_own[realm])
+fun publishes_without_right[trust_domain: TrustDomain]: Node -> Channel {
+	nodes_of[trust_domain] <: publishes_to - runs_in.(writes_by_own[trust_domain])
 }
 
 /** Channels that nodes are to subscribe to, and their enclave may not. */
-fun subscribes_without_right[realm: Realm]: Node -> Channel {
-	nodes_of[realm] <: subscribes_to - runs_in.(reads_by_own[realm])
+fun subscribes_without_right[trust_domain: TrustDomain]: Node -> Channel {
+	nodes_of[trust_domain] <: subscribes_to - runs_in.(reads_by_own[trust_domain])
 }
 
 /** Channels that enclaves may write, and none of their nodes is to publish. */
-fun unused_to_write[realm: Realm]: Enclave -> Channel {
-	in_realm.realm <: writes_by_own[realm] - ~runs_in.publishes_to
+fun unused_to_write[trust_domain: TrustDomain]: Enclave -> Channel {
+	in_trust_domain.trust_domain <: writes_by_own[trust_domain] - ~runs_in.publishes_to
 }
 
 /** Channels that enclaves may read, and none of their nodes is to subscribe to. */
-fun unused_to_read[realm: Realm]: Enclave -> Channel {
-	in_realm.realm <: reads_by_own[realm] - ~runs_in.subscribes_to
+fun unused_to_read[trust_domain: TrustDomain]: Enclave -> Channel {
+	in_trust_domain.trust_domain <: reads_by_own[trust_domain] - ~runs_in.subscribes_to
 }
 
--- flows: from node to node; a pair of realms at a time, since each reads the documents of both ends
+-- flows: from node to node; a pair of trust domains at a time, since each reads the documents of both ends
 
 /** Nodes of `sending` that may publish to those of `receiving`. */
-fun may_publish[sending, receiving: Realm]: Node -> Channel {
+fun may_publish[sending, receiving: TrustDomain]: Node -> Channel {
 	nodes_of[sending] <: runs_in.(writes_by_own[sending] & writes_by_own[receiving])
 }
 
 /** Nodes of `receiving` that may subscribe to those of `sending`. */
-fun may_subscribe[sending, receiving: Realm]: Node -> Channel {
+fun may_subscribe[sending, receiving: TrustDomain]: Node -> Channel {
 	nodes_of[receiving] <: runs_in.(reads_by_own[receiving] & reads_by_own[sending])
 }
 
@@ -66,7 +66,7 @@ pred wired[sender, receiver: Node, channel: Channel] {
 /** The documents of both enclaves let it. */
 pred permitted[sender, receiver: Node, channel: Channel] {
 	sender != receiver
-	some sending, receiving: Realm |
+	some sending, receiving: TrustDomain |
 		channel in sender.(may_publish[sending, receiving]) & receiver.(may_subscribe[sending, receiving])
 }
 
@@ -83,7 +83,7 @@ pred permitted_but_not_wired[sender, receiver: Node, channel: Channel] {
 -- information flow over the wiring alone: nodes do what they are there to do, and nobody attacks
 
 /** Whom each node of `sending` tells something, of those of `receiving`. */
-fun tells[sending, receiving: Realm]: Node -> Node {
+fun tells[sending, receiving: TrustDomain]: Node -> Node {
 	(publishes_to & may_publish[sending, receiving]).~(subscribes_to & may_subscribe[sending, receiving]) - iden
 }
 
@@ -93,7 +93,7 @@ fun tells[sending, receiving: Realm]: Node -> Node {
  */
 pred keeps_to_itself[source, inside: set Node] {
 	source in inside
-	all sending, receiving: Realm | inside.(tells[sending, receiving]) in inside
+	all sending, receiving: TrustDomain | inside.(tells[sending, receiving]) in inside
 }
 
 -- what is asserted of every application
@@ -103,21 +103,21 @@ assert NodesHaveEnclaves { all node: Node | some node.runs_in }
 
 /** Every node may do what it is there to do. */
 assert NodesHaveTheRightsThatTheyNeed {
-	all realm: Realm, node: Node, channel: Channel |
-		channel not in node.(publishes_without_right[realm] + subscribes_without_right[realm])
+	all trust_domain: TrustDomain, node: Node, channel: Channel |
+		channel not in node.(publishes_without_right[trust_domain] + subscribes_without_right[trust_domain])
 }
 
 /** What nodes are to tell each other they can. */
 assert WiredFlowsArePermitted {
-	all sending, receiving: Realm, sender: nodes_of[sending], receiver: nodes_of[receiving] - sender |
+	all sending, receiving: TrustDomain, sender: nodes_of[sending], receiver: nodes_of[receiving] - sender |
 		all channel: sender.publishes_to & receiver.subscribes_to |
 			channel in sender.(may_publish[sending, receiving]) & receiver.(may_subscribe[sending, receiving])
 }
 
 /** No enclave has a right that none of its nodes uses. */
 assert RightsAreUsed {
-	all realm: Realm, enclave: Enclave, channel: Channel |
-		channel not in enclave.(unused_to_write[realm] + unused_to_read[realm])
+	all trust_domain: TrustDomain, enclave: Enclave, channel: Channel |
+		channel not in enclave.(unused_to_write[trust_domain] + unused_to_read[trust_domain])
 }
 
 /** Somebody is there to be wired: two nodes of which one publishes what the other subscribes to. */

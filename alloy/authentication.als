@@ -8,14 +8,19 @@
 module authentication
 open precedence
 
-/** Realms whose governance document could not be read: it may say anything, so they keep nobody and nothing out. */
-fun open_realm: set Realm {
-	governance.(opaque & Document) + (RobotsEnforce in assumed implies none else Realm)
+/**
+ * Trust domains whose governance document could not be read: it may say anything, so they keep nobody and nothing out.
+ */
+fun open_trust_domain: set TrustDomain {
+	governance.(opaque & Document) + (RobotsEnforce in assumed implies none else TrustDomain)
 }
 
-/** Enclaves that may have any identity: theirs could not be read, or it is not granted that authorities made no others. */
+/**
+ * Enclaves that may have any identity: theirs could not be read, or it is not granted that authorities made no others.
+ */
 fun anybody: set Enclave {
-	opaque & Enclave + (AuthoritiesAsFound + NothingElseCertified + NothingInUnreadFiles in assumed implies none else Enclave)
+	opaque & Enclave + (AuthoritiesAsFound + NothingElseCertified + NothingInUnreadFiles in assumed
+		implies none else Enclave)
 }
 
 /** Documents that nobody has here may grant anything. */
@@ -25,33 +30,36 @@ pred DocumentsElsewhere { NoOtherDocuments + NothingInUnreadFiles not in assumed
 pred AnythingGranted { some opaque & Document or DocumentsElsewhere }
 
 /**
- * What each realm accepts on the word of its certificates `pool`, if exactly the certificates `valid` are in force:
+ * What each trust domain accepts on the word of its certificates `pool`, if exactly the certificates `valid` are in
+ * force:
  * certificates that an authority of the pool issued. `valid` is a parameter since the same is asked with and without
  * dates.
  */
-fun vouched[pool: Realm -> Certificate, valid: set Certificate]: Realm -> Certificate {
-	(pool & Realm -> (authority & valid)).~issuer & Realm -> valid
+fun vouched[pool: TrustDomain -> Certificate, valid: set Certificate]: TrustDomain -> Certificate {
+	(pool & TrustDomain -> (authority & valid)).~issuer & TrustDomain -> valid
 }
-
-/** Enclaves whose identity the CA of each realm vouches for, if exactly the certificates `valid` are in force. */
-fun introduced[valid: set Certificate]: Realm -> Enclave { (vouched[identity_ca, valid] - revoked).~identity }
-
-/** The same at the audit instant. */
-fun introduced_in_force: Realm -> Enclave { introduced[in_force & Certificate] }
 
 /**
- * Enclaves that each realm takes for members of the keystore, without regard to dates: clocks on robots are wrong, and
- * an expired CA would otherwise make each property of access hold for want of participants.
+ * Enclaves whose identity the CA of each trust domain vouches for, if exactly the certificates `valid` are in force.
  */
-fun authentic: Realm -> Enclave {
-	introduced[Certificate] + Realm -> anybody + open_realm -> Enclave
+fun introduced[valid: set Certificate]: TrustDomain -> Enclave { (vouched[identity_ca, valid] - revoked).~identity }
+
+/** The same at the audit instant. */
+fun introduced_in_force: TrustDomain -> Enclave { introduced[in_force & Certificate] }
+
+/**
+ * Enclaves that each trust domain takes for members of the keystore, without regard to dates: clocks on robots are
+ * wrong, and an expired CA would otherwise make each property of access hold for want of participants.
+ */
+fun authentic: TrustDomain -> Enclave {
+	introduced[Certificate] + TrustDomain -> anybody + open_trust_domain -> Enclave
 }
 
-/** Enclaves that can issue themselves any identity: their key is that of an authority that a realm believes. */
-fun issuing: Realm -> Enclave { (identity_ca & Realm -> authority).public_key.~public_key.~identity }
+/** Enclaves that can issue themselves any identity: their key is that of an authority that a trust domain believes. */
+fun issuing: TrustDomain -> Enclave { (identity_ca & TrustDomain -> authority).public_key.~public_key.~identity }
 
-/** Realms that enclaves are of, and not unmanaged identities alone: how the keystore is meant to be used. */
-fun of_enclaves: set Realm { (Enclave - Unmanaged).in_realm }
+/** Trust domains that enclaves are of, and not unmanaged identities alone: how the keystore is meant to be used. */
+fun of_enclaves: set TrustDomain { (Enclave - Unmanaged).in_trust_domain }
 
 /** Pairs of enclaves whose identities have one key, so that each can pass for the other. */
 fun one_key: Enclave -> Enclave { identity.public_key.~(identity.public_key) - iden }
@@ -72,8 +80,8 @@ fun renewed: Enclave -> Enclave {
 }
 
 /**
- * Enclaves that each can pass for; one that we could not read, for anybody. Of two, one may be unmanaged, but then it is
- * no certificate of the other that was renewed.
+ * Enclaves that each can pass for; one that we could not read, for anybody. Of two, one may be unmanaged, but then it
+ * is no certificate of the other that was renewed.
  */
 fun shares_identity: Enclave -> Enclave { one_key - Unmanaged -> Unmanaged - renewed + anybody -> Enclave }
 
@@ -89,5 +97,6 @@ fun held_by_another: Enclave -> Enclave {
 fun shares_subject: Enclave -> Enclave {
 	one_subject - (Unmanaged -> Enclave + Enclave -> Unmanaged - held_by_another)
 	- Enclave -> anybody + anybody -> Enclave
-	+ ((some (opaque & Document) - Realm.governance or DocumentsElsewhere) implies Enclave -> Enclave - iden else none -> none)
+	+ ((some (opaque & Document) - TrustDomain.governance or DocumentsElsewhere) implies Enclave -> Enclave
+		- iden else none -> none)
 }

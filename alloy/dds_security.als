@@ -52,19 +52,21 @@
  *   opaque               documents and enclaves that could not be read: they may be anything, and count at their worst;
  *                        and a certificate that stands for whatever is in CA files that could not be read
  *   assumed              what is taken for granted of the world and of peers
- *   asks_announced_only  realms that ask permissions only of an endpoint that is announced as under access control: all
- *                        or none, by implementation
- *   pins_signer          realms that want the permissions CA itself as signer: all or none, by implementation
- *   requires_grant       realms that want some grant even where they do not control who joins: all or none, the same
+ *   asks_announced_only  trust domains that ask permissions only of an endpoint that is announced as under access
+ *                        control: all or none, by implementation
+ *   pins_signer          trust domains that want the permissions CA itself as signer: all or none, by implementation
+ *   requires_grant       trust domains that want some grant even where they do not control who joins: all or none,
+ 	the same
  *   skipped_out_of_date  grants that are passed over where they are not in force: all or none, the same
  *   joins_out_of_date    grants by which an enclave joins whether or not they are in force: all or none, the same
- *   identity_ca          whom a realm believes about identities
- *   permissions_ca       whom a realm believes about documents
- *   governance           the governance document of a realm
- *   revoked              certificates on the revocation list of a realm
- *   refuses              certificates that members of a realm refuse although an identity CA vouches for them
- *   refuses_realm        realms whose members tell another permissions CA than this one's, where that is compared
- *   in_realm             the realm of an enclave
+ *   identity_ca          whom a trust domain believes about identities
+ *   permissions_ca       whom a trust domain believes about documents
+ *   governance           the governance document of a trust domain
+ *   revoked              certificates on the revocation list of a trust domain
+ *   refuses              certificates that members of a trust domain refuse although an identity CA vouches for them
+ *   refuses_trust_domain        trust domains whose members tell another permissions CA than this one's,
+ 	where that is compared
+ *   in_trust_domain             the trust domain of an enclave
  *   identity             the certificate of an enclave
  *   permissions          the permissions document that an enclave carries
  *   reads_alone          channels that its own implementation lets an enclave read, where peers may concede it less
@@ -115,10 +117,10 @@ abstract sig Document {}
 
 /**
  * The enclaves that trust alike: one set of CA files, one governance document, one revocation list. What a peer
- * thinks of an enclave depends on the peer's realm alone, hence the parameter `realm` of so much. An ordinary
- * keystore has one.
+ * thinks of an enclave depends on the peer's trust domain alone, hence the parameter `trust_domain` of so much. An
+ * ordinary keystore has one.
  */
-abstract sig Realm {}
+abstract sig TrustDomain {}
 
 /**
  * The identity, keys and documents that a process starts with. There is no sig for participants: an enclave stands for
@@ -127,7 +129,7 @@ abstract sig Realm {}
 abstract sig Enclave {}
 
 /**
- * An unmanaged identity: no enclave of the keystore, but a certificate beside theirs that a realm takes. Whoever
+ * An unmanaged identity: no enclave of the keystore, but a certificate beside theirs that a trust domain takes. Whoever
  * has its key joins under it. Where it is the key of an enclave, that enclave does.
  */
 abstract sig Unmanaged extends Enclave {}

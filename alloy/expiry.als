@@ -38,14 +38,14 @@ one sig Compartment { var inside: set Enclave + Outsider }
 /** No enclave is cut off by its authorities while its own certificate is in force. */
 assert AuthoritiesOutliveIdentities {
 	always all enclave: Enclave - Unmanaged |
-		enclave.identity in in_force and enclave in enclave.in_realm.(introduced[Certificate])
-		implies enclave in enclave.in_realm.introduced_in_force
+		enclave.identity in in_force and enclave in enclave.in_trust_domain.(introduced[Certificate])
+		implies enclave in enclave.in_trust_domain.introduced_in_force
 }
 
 /** Every identity that is vouched for now stays so. */
 assert IdentitiesStayVouchedFor {
-	all enclave: Enclave - Unmanaged | enclave in enclave.in_realm.introduced_in_force
-		implies always enclave in enclave.in_realm.introduced_in_force
+	all enclave: Enclave - Unmanaged | enclave in enclave.in_trust_domain.introduced_in_force
+		implies always enclave in enclave.in_trust_domain.introduced_in_force
 }
 
 /** Every document whose signers are in force now keeps them so. */
@@ -55,16 +55,16 @@ assert SignersStayInForce {
 
 /** Nobody ever has a right that it had not before. */
 assert NoRightBegins {
-	always all realm: Realm {
-		(presentable[realm, publish_allowed])' in presentable[realm, publish_allowed]
-		(presentable[realm, subscribe_allowed])' in presentable[realm, subscribe_allowed]
+	always all trust_domain: TrustDomain {
+		(presentable[trust_domain, publish_allowed])' in presentable[trust_domain, publish_allowed]
+		(presentable[trust_domain, subscribe_allowed])' in presentable[trust_domain, subscribe_allowed]
 	}
 }
 
 /** Nobody ever loses a right. */
 assert NoRightEnds {
-	always all realm: Realm {
-		presentable[realm, publish_allowed] in (presentable[realm, publish_allowed])'
-		presentable[realm, subscribe_allowed] in (presentable[realm, subscribe_allowed])'
+	always all trust_domain: TrustDomain {
+		presentable[trust_domain, publish_allowed] in (presentable[trust_domain, publish_allowed])'
+		presentable[trust_domain, subscribe_allowed] in (presentable[trust_domain, subscribe_allowed])'
 	}
 }

@@ -12,22 +12,22 @@ open information_flow
 
 /** Enclaves that hand a sample, put on one of `put`, to `receiver`, who takes those of `got`. */
 fun senders[put: set Channel, receiver: Enclave, got: set Channel]: set Enclave {
-	{ e: Enclave | some sending, receiving: Realm |
+	{ e: Enclave | some sending, receiving: TrustDomain |
 		some put & e.(sends[sending, receiving]) and some got & receiver.(receives[sending, receiving]) }
 }
 
-/** Enclaves that put a sample on one of `put` for the members of some realm. */
+/** Enclaves that put a sample on one of `put` for the members of some trust domain. */
 fun publishers[put: set Channel]: set Enclave {
-	{ e: Enclave | some sending, receiving: Realm | some put & e.(sends[sending, receiving]) }
+	{ e: Enclave | some sending, receiving: TrustDomain | some put & e.(sends[sending, receiving]) }
 }
 
 /**
- * Channels that may carry what is high, from one realm to another: those of `first`, which are high themselves,
+ * Channels that may carry what is high, from one trust domain to another: those of `first`, which are high themselves,
  * those on which somebody of `inside` puts a sample, and those on which forwards that something high reaches pass it
  * on (`passed`).
  */
 fun tainted[inside: set Enclave, passed: Enclave -> Channel, first, usable: set Channel,
-            sending, receiving: Realm]: set Channel {
+            sending, receiving: TrustDomain]: set Channel {
 	first + usable & inside.(sends[sending, receiving]) + Enclave.(passed & sends[sending, receiving])
 }
 
@@ -36,7 +36,7 @@ fun tainted[inside: set Enclave, passed: Enclave -> Channel, first, usable: set 
  * (`declared`) and pass on only what these say; and what the other forwards take in (`closed`) is not high.
  */
 pred contained[inside, declared: set Enclave, passed, closed: Enclave -> Channel, first, usable: set Channel] {
-	all sending, receiving: Realm |
+	all sending, receiving: TrustDomain |
 		let taint = tainted[inside, passed, first, usable, sending, receiving] {
 			receives[sending, receiving].taint - declared in inside
 			no closed & receives[sending, receiving] & Enclave -> taint

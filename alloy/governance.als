@@ -1,17 +1,17 @@
 /**
- * How a realm protects its domains and channels (DDS-Security 1.1, 9.4.1.2).
+ * How a trust domain protects its domains and channels (DDS-Security 1.1, 9.4.1.2).
  *
  * The first domain rule that covers a domain decides about it, and of that rule the first topic rule that matches a
  * topic. Where none does, endpoints cannot be created: such channels are not governed, and nothing happens there.
  *
- * A realm whose governance could not be read is an *open* one (`open_realm`): it governs everything, controls nobody
- * and protects nothing, since that is the worst that the document can say.
+ * A trust domain whose governance could not be read is an *open* one (`open_trust_domain`): it governs everything,
+ * controls nobody and protects nothing, since that is the worst that the document can say.
  */
 module governance
 open documents
 
-/** The governance document that a realm obeys, if it does obey it and we could read it. */
-fun applied: Realm -> Document { governance & accepted & (Realm - open_realm) -> Document }
+/** The governance document that a trust domain obeys, if it does obey it and we could read it. */
+fun applied: TrustDomain -> Document { governance & accepted & (TrustDomain - open_trust_domain) -> Document }
 
 /** Where a domain rule decides: no sibling before it covers the domain. */
 fun deciding_domain_rule: DomainRule -> Domain {
@@ -24,43 +24,43 @@ fun deciding_topic_rule: TopicRule -> Channel {
 		matches - preceded_by.matches
 }
 
-/** Domains that one of `rules` decides, in each realm. */
-fun domains_under[rules: set DomainRule]: Realm -> Domain {
+/** Domains that one of `rules` decides, in each trust domain. */
+fun domains_under[rules: set DomainRule]: TrustDomain -> Domain {
 	applied.domain_rule.(deciding_domain_rule & rules -> Domain)
 }
 
-/** Channels of domains that one of `rules` decides, in each realm. */
-fun channels_within[rules: set DomainRule]: Realm -> Channel { domains_under[rules].~in_domain }
+/** Channels of domains that one of `rules` decides, in each trust domain. */
+fun channels_within[rules: set DomainRule]: TrustDomain -> Channel { domains_under[rules].~in_domain }
 
-/** Channels that one of `rules` decides, in each realm. */
-fun channels_under[rules: set TopicRule]: Realm -> Channel {
+/** Channels that one of `rules` decides, in each trust domain. */
+fun channels_under[rules: set TopicRule]: TrustDomain -> Channel {
 	applied.domain_rule.topic_rule.(deciding_topic_rule & rules -> Channel)
 }
 
-/** Domains that have a domain rule; an open realm governs all. */
-fun governed_domain: Realm -> Domain { domains_under[DomainRule] + open_realm -> Domain }
+/** Domains that have a domain rule; an open trust domain governs all. */
+fun governed_domain: TrustDomain -> Domain { domains_under[DomainRule] + open_trust_domain -> Domain }
 
-/** Channels that have a topic rule; an open realm governs all. */
-fun governed: Realm -> Channel { channels_under[TopicRule] + open_realm -> Channel }
+/** Channels that have a topic rule; an open trust domain governs all. */
+fun governed: TrustDomain -> Channel { channels_under[TopicRule] + open_trust_domain -> Channel }
 
 /** Domains that participants without an identity may join. */
-fun unauthenticated_allowed: Realm -> Domain {
-	domains_under[allow_unauthenticated_participants] + open_realm -> Domain
+fun unauthenticated_allowed: TrustDomain -> Domain {
+	domains_under[allow_unauthenticated_participants] + open_trust_domain -> Domain
 }
 
 /** Domains that every authenticated participant may join, with or without a grant. */
-fun join_uncontrolled: Realm -> Domain {
-	domains_under[DomainRule - enable_join_access_control] + open_realm -> Domain
+fun join_uncontrolled: TrustDomain -> Domain {
+	domains_under[DomainRule - enable_join_access_control] + open_trust_domain -> Domain
 }
 
 /** Channels that every participant of the domain may read, with or without a grant. */
-fun read_uncontrolled: Realm -> Channel {
-	channels_under[TopicRule - enable_read_access_control] + open_realm -> Channel
+fun read_uncontrolled: TrustDomain -> Channel {
+	channels_under[TopicRule - enable_read_access_control] + open_trust_domain -> Channel
 }
 
 /** Channels that every participant of the domain may write, with or without a grant. */
-fun write_uncontrolled: Realm -> Channel {
-	channels_under[TopicRule - enable_write_access_control] + open_realm -> Channel
+fun write_uncontrolled: TrustDomain -> Channel {
+	channels_under[TopicRule - enable_write_access_control] + open_trust_domain -> Channel
 }
 
 /** Kinds under which bytes cannot be read without the key. */
@@ -71,33 +71,35 @@ fun authenticating_origin: set ProtectionKind {
 	SIGN_WITH_ORIGIN_AUTHENTICATION + ENCRYPT_WITH_ORIGIN_AUTHENTICATION
 }
 
-/** What open realms add to the channels of which a protection is one of `kinds`: there every protection is NONE. */
-fun unprotected[kinds: set ProtectionKind]: Realm -> Channel {
-	NONE in kinds implies open_realm -> Channel else none -> none
+/**
+ * What open trust domains add to the channels of which a protection is one of `kinds`: there every protection is NONE.
+ */
+fun unprotected[kinds: set ProtectionKind]: TrustDomain -> Channel {
+	NONE in kinds implies open_trust_domain -> Channel else none -> none
 }
 
 /** Channels in whose domain whole messages are protected by one of `kinds`. */
-fun message_protection[kinds: set ProtectionKind]: Realm -> Channel {
+fun message_protection[kinds: set ProtectionKind]: TrustDomain -> Channel {
 	channels_within[rtps_protection_kind.kinds] + unprotected[kinds]
 }
 
 /** Channels whose submessages are protected by one of `kinds`. */
-fun submessage_protection[kinds: set ProtectionKind]: Realm -> Channel {
+fun submessage_protection[kinds: set ProtectionKind]: TrustDomain -> Channel {
 	channels_under[metadata_protection_kind.kinds] + unprotected[kinds]
 }
 
 /** Channels whose payloads are protected by one of `kinds`. */
-fun payload_protection[kinds: set ProtectionKind]: Realm -> Channel {
+fun payload_protection[kinds: set ProtectionKind]: TrustDomain -> Channel {
 	channels_under[data_protection_kind.kinds] + unprotected[kinds]
 }
 
 /** Channels whose endpoints are announced encrypted in discovery: the topic rule wants it, the domain rule says how. */
-fun discovery_encrypted: Realm -> Channel {
+fun discovery_encrypted: TrustDomain -> Channel {
 	channels_under[enable_discovery_protection] & channels_within[discovery_protection_kind.encrypting]
 }
 
 /** Channels of which members of the domain alone can say that a writer lives: here too both rules have a part. */
-fun liveliness_authenticated: Realm -> Channel {
+fun liveliness_authenticated: TrustDomain -> Channel {
 	channels_under[enable_liveliness_protection]
 	& channels_within[liveliness_protection_kind.(ProtectionKind - NONE)]
 }

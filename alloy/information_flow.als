@@ -37,79 +37,85 @@ fun in_any_guise[attackers: set Enclave + Outsider, each: Enclave -> Channel]: E
 	each + { e: attackers & Enclave, c: e.acts_as.each }
 }
 
--- What members of a realm have is written as what everybody has without what strangers have: in most keystores these
--- are none, and there may be a million rights (see `capabilities`).
+-- What members of a trust domain have is written as what everybody has without what strangers have: in most keystores
+-- these are none, and there may be a million rights (see `capabilities`).
 
-/** Everything of those who are not members of the realm. */
-fun of_strangers[realm: Realm]: Enclave -> Channel { (Enclave - in_realm.realm) -> Channel }
+/** Everything of those who are not members of the trust domain. */
+fun of_strangers[trust_domain: TrustDomain]: Enclave -> Channel { (Enclave - in_trust_domain.trust_domain) -> Channel }
 
-/** Channels that each member of a realm subscribes to by right. */
-fun takes[realm: Realm]: Enclave -> Channel { reads_honestly[realm] - of_strangers[realm] }
+/** Channels that each member of a trust domain subscribes to by right. */
+fun takes[trust_domain: TrustDomain]: Enclave -> Channel { reads_honestly[trust_domain] - of_strangers[trust_domain] }
 
--- by right: members of two realms each ask for the rights of the other
--- Of a reader its own realm is asked too. Of a writer it is not: what a realm forbids its own is no protection for
--- others.
+-- by right: members of two trust domains each ask for the rights of the other
+-- Of a reader its own trust domain is asked too. Of a writer it is not: what a trust domain forbids its own is no
+-- protection for others.
 
-/** Channels on which members of the realm `sending` write to members of `receiving`. */
-fun sends[sending, receiving: Realm]: Enclave -> Channel { writes_honestly[receiving] - of_strangers[sending] }
+/** Channels on which members of the trust domain `sending` write to members of `receiving`. */
+fun sends[sending, receiving: TrustDomain]: Enclave -> Channel { writes_honestly[receiving] - of_strangers[sending] }
 
 /** Channels on which members of `receiving` read what members of `sending` write: these give them their keys. */
-fun receives[sending, receiving: Realm]: Enclave -> Channel { takes[receiving] & reads_honestly[sending] }
+fun receives[sending, receiving: TrustDomain]: Enclave -> Channel { takes[receiving] & reads_honestly[sending] }
 
 -- imposed
 
-/** Channels on which members of the realm take the samples of `forgers`: with their keys, or as those of anybody. */
-fun imposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
-	{ e: forgers & Enclave, c: e.acts_as.(feeds[realm]) } + forgers -> realm.unguarded
+/**
+ * Channels on which members of the trust domain take the samples of `forgers`: with their keys, or as those of
+ * anybody.
+ */
+fun imposes[forgers: set Enclave + Outsider, trust_domain: TrustDomain]: (Enclave + Outsider) -> Channel {
+	{ e: forgers & Enclave, c: e.acts_as.(feeds[trust_domain]) } + forgers -> trust_domain.unguarded
 }
 
 /**
- * Channels that each member of a realm reads if the writer attacks: whoever attacks gives its keys to anybody, so that
- * nothing binds the reader but its own implementation.
+ * Channels that each member of a trust domain reads if the writer attacks: whoever attacks gives its keys to anybody,
+ * so that nothing binds the reader but its own implementation.
  */
-fun heeds[realm: Realm]: Enclave -> Channel { takes[realm] + { e: in_realm.realm, c: e.reads_alone } }
+fun heeds[trust_domain: TrustDomain]: Enclave -> Channel { takes[trust_domain] + { e: in_trust_domain.trust_domain,
+	c: e.reads_alone } }
 
 /** The same of members that attack: with whatever permissions they sign themselves. */
-fun hears[realm: Realm]: Enclave -> Channel { may_read[realm] - of_strangers[realm] + heeds[realm] }
+fun hears[trust_domain: TrustDomain]: Enclave -> Channel { may_read[trust_domain] - of_strangers[trust_domain]
+	+ heeds[trust_domain] }
 
-/** Channels that each participant reads of one who attacks, through a member of the realm as whom it acts. */
-fun is_told[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
-	heeds[realm] + { e: eavesdroppers & Enclave, c: e.acts_as.(hears[realm]) }
+/** Channels that each participant reads of one who attacks, through a member of the trust domain as whom it acts. */
+fun is_told[eavesdroppers: set Enclave + Outsider, trust_domain: TrustDomain]: Enclave -> Channel {
+	heeds[trust_domain] + { e: eavesdroppers & Enclave, c: e.acts_as.(hears[trust_domain]) }
 }
 
 /** Channels that each participant gets as a reader; of one who attacks also those that it is told. */
-fun obtains[eavesdroppers: set Enclave + Outsider, realm: Realm]: Enclave -> Channel {
-	takes[realm] + { e: eavesdroppers & Enclave, c: e.acts_as.(hears[realm]) }
+fun obtains[eavesdroppers: set Enclave + Outsider, trust_domain: TrustDomain]: Enclave -> Channel {
+	takes[trust_domain] + { e: eavesdroppers & Enclave, c: e.acts_as.(hears[trust_domain]) }
 }
 
 -- intercepted
 
-/** Channels on which members of a realm write by what their own implementation alone lets them. */
-fun emits_alone[realm: Realm]: Enclave -> Channel { { e: in_realm.realm, c: e.writes_alone } }
+/** Channels on which members of a trust domain write by what their own implementation alone lets them. */
+fun emits_alone[trust_domain: TrustDomain]: Enclave -> Channel { { e: in_trust_domain.trust_domain,
+	c: e.writes_alone } }
 
 /**
- * Channels of which samples of each participant are on the network, protected as the realm says: what it writes by
- * right, or, as a member, though honest readers refuse it, since who listens or attacks asks for no right; and what it
- * imposes.
+ * Channels of which samples of each participant are on the network, protected as the trust domain says: what it writes
+ * by right, or, as a member, though honest readers refuse it, since who listens or attacks asks for no right; and what
+ * it imposes.
  */
-fun exposes[forgers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
-	in_any_guise[forgers, writes_honestly[realm] + emits_alone[realm]] + imposes[forgers, realm]
+fun exposes[forgers: set Enclave + Outsider, trust_domain: TrustDomain]: (Enclave + Outsider) -> Channel {
+	in_any_guise[forgers, writes_honestly[trust_domain] + emits_alone[trust_domain]] + imposes[forgers, trust_domain]
 }
 
 /**
- * Channels of which `eavesdroppers` learn what is on the network as the realm protects it: from packets that anybody
- * can read, with their keys, or because the realm gives them its own, as a reader's. What their own realm would have
- * them refuse binds honest readers alone (`receives`, `takes`).
+ * Channels of which `eavesdroppers` learn what is on the network as the trust domain protects it: from packets that
+ * anybody can read, with their keys, or because the trust domain gives them its own, as a reader's. What their own
+ * trust domain would have them refuse binds honest readers alone (`receives`, `takes`).
  */
-fun intercepts[eavesdroppers: set Enclave + Outsider, realm: Realm]: (Enclave + Outsider) -> Channel {
-	{ e: eavesdroppers & Enclave, c: e.acts_as.(knows[realm]) } + eavesdroppers -> realm.in_clear
+fun intercepts[eavesdroppers: set Enclave + Outsider, trust_domain: TrustDomain]: (Enclave + Outsider) -> Channel {
+	{ e: eavesdroppers & Enclave, c: e.acts_as.(knows[trust_domain]) } + eavesdroppers -> trust_domain.in_clear
 }
 
 -- one hop
 
-/** Whom one hop reaches from some of `holders`, on `usable` channels, from and to members of two realms. */
+/** Whom one hop reaches from some of `holders`, on `usable` channels, from and to members of two trust domains. */
 fun next[holders: set Enclave + Outsider, usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider,
-         sending, receiving: Realm]: set Enclave + Outsider {
+         sending, receiving: TrustDomain]: set Enclave + Outsider {
 	receives[sending, receiving].(usable & holders.(sends[sending, receiving]))
 	+ is_told[eavesdroppers, receiving].(usable & holders.(imposes[forgers, receiving]))
 	+ intercepts[eavesdroppers, sending].(usable & holders.(exposes[forgers, sending]))
@@ -119,30 +125,35 @@ fun next[holders: set Enclave + Outsider, usable: set Channel, forgers, eavesdro
 pred hop[holder: Enclave + Outsider, over: Channel, receiver: Enclave + Outsider,
          forgers, eavesdroppers: set Enclave + Outsider] {
 	holder != receiver
-	some { sending, receiving: Realm | receiver in next[holder, over, forgers, eavesdroppers, sending, receiving] }
+	some { sending, receiving: TrustDomain | receiver in next[holder, over, forgers, eavesdroppers, sending, receiving] }
 }
 
 -- where flows begin and end
 
-/** Participants that get a sample of one of `channels`, as readers in the realm or from its packets. */
-fun getters[channels: set Channel, eavesdroppers: set Enclave + Outsider, realm: Realm]: set Enclave + Outsider {
-	(obtains[eavesdroppers, realm] + intercepts[eavesdroppers, realm]).channels
+/** Participants that get a sample of one of `channels`, as readers in the trust domain or from its packets. */
+fun getters[channels: set Channel, eavesdroppers: set Enclave + Outsider, trust_domain: TrustDomain]: set Enclave
+	+ Outsider {
+	(obtains[eavesdroppers, trust_domain] + intercepts[eavesdroppers, trust_domain]).channels
 }
 
-/** Participants whose samples members of the realm take on one of `channels`, or `eavesdroppers`, if they read there. */
-fun putters[channels: set Channel, forgers, eavesdroppers: set Enclave + Outsider, realm: Realm]: set Enclave + Outsider {
-	(writes_honestly[realm] + imposes[forgers, realm]
-		+ { e: eavesdroppers & Enclave, c: e.acts_as.(emits_alone[realm]) }).channels
+/**
+ * Participants whose samples members of the trust domain take on one of `channels`, or `eavesdroppers`, if they read
+ * there.
+ */
+fun putters[channels: set Channel, forgers, eavesdroppers: set Enclave + Outsider,
+	trust_domain: TrustDomain]: set Enclave + Outsider {
+	(writes_honestly[trust_domain] + imposes[forgers, trust_domain]
+		+ { e: eavesdroppers & Enclave, c: e.acts_as.(emits_alone[trust_domain]) }).channels
 }
 
 /** `getter` gets a sample of one of `channels`. */
 pred gets[getter: Enclave + Outsider, channels: set Channel, eavesdroppers: set Enclave + Outsider] {
-	some { realm: Realm | getter in getters[channels, eavesdroppers, realm] }
+	some { trust_domain: TrustDomain | getter in getters[channels, eavesdroppers, trust_domain] }
 }
 
 /** Some member, or one who attacks, takes a sample of `putter` on one of `channels`, if it reads there. */
 pred puts[putter: Enclave + Outsider, channels: set Channel, forgers, eavesdroppers: set Enclave + Outsider] {
-	some { realm: Realm | putter in putters[channels, forgers, eavesdroppers, realm] }
+	some { trust_domain: TrustDomain | putter in putters[channels, forgers, eavesdroppers, trust_domain] }
 }
 
 /**
@@ -162,11 +173,11 @@ pred separated[inside, source: set Enclave + Outsider, first: set Channel, targe
                last: set Channel, through: set Enclave, usable: set Channel,
                forgers, eavesdroppers: set Enclave + Outsider] {
 	source in inside
-	all realm: Realm {
-		getters[first, eavesdroppers, realm] in inside + through - target
-		no inside & putters[last, forgers, eavesdroppers, realm]
+	all trust_domain: TrustDomain {
+		getters[first, eavesdroppers, trust_domain] in inside + through - target
+		no inside & putters[last, forgers, eavesdroppers, trust_domain]
 	}
-	all sending, receiving: Realm {
+	all sending, receiving: TrustDomain {
 		next[inside, usable, forgers, eavesdroppers, sending, receiving] in inside + through - (target - source)
 		all home: source & target |
 			home not in next[inside - home, usable, forgers, eavesdroppers, sending, receiving]
@@ -178,7 +189,7 @@ pred separated[inside, source: set Enclave + Outsider, first: set Channel, targe
  * That is on a channel with writers and readers, if all of these together are more than one.
  */
 pred FlowIsExercised {
-	some { sending, receiving: Realm |
+	some { sending, receiving: TrustDomain |
 		some channel: Enclave.(sends[sending, receiving]) & Enclave.(receives[sending, receiving]) |
 			not lone (sends[sending, receiving] + receives[sending, receiving]).channel }
 }

@@ -52,7 +52,7 @@ one sig P1_permissions_p7s extends Document {}
 one sig P2_permissions_p7s extends Document {}
 
 -- what is trusted by /talker, /listener
-one sig R0 extends Realm {}
+one sig R0 extends TrustDomain {}
 
 -- /talker: enclaves/talker
 one sig E0_talker extends Enclave {}
@@ -105,18 +105,18 @@ fun intact: set Document { Document }
 fun signer: Document -> Certificate { Document -> C0_CN_sros2CA }
 fun opaque: set Document + Enclave + Certificate { none }
 fun assumed: set Assumption { Assumption }
-fun asks_announced_only: set Realm { none }
-fun pins_signer: set Realm { Realm }
-fun requires_grant: set Realm { none }
+fun asks_announced_only: set TrustDomain { none }
+fun pins_signer: set TrustDomain { TrustDomain }
+fun requires_grant: set TrustDomain { none }
 
--- realms and enclaves
-fun identity_ca: Realm -> Certificate { R0 -> C0_CN_sros2CA }
-fun permissions_ca: Realm -> Certificate { R0 -> C0_CN_sros2CA }
-fun governance: Realm -> Document { R0 -> P0_governance_p7s }
-fun revoked: Realm -> Certificate { none -> none }
-fun refuses: Realm -> Certificate { none -> none }
-fun refuses_realm: Realm -> Realm { none -> none }
-fun in_realm: Enclave -> Realm { Enclave -> R0 }
+-- trust domains and enclaves
+fun identity_ca: TrustDomain -> Certificate { R0 -> C0_CN_sros2CA }
+fun permissions_ca: TrustDomain -> Certificate { R0 -> C0_CN_sros2CA }
+fun governance: TrustDomain -> Document { R0 -> P0_governance_p7s }
+fun revoked: TrustDomain -> Certificate { none -> none }
+fun refuses: TrustDomain -> Certificate { none -> none }
+fun refuses_trust_domain: TrustDomain -> TrustDomain { none -> none }
+fun in_trust_domain: Enclave -> TrustDomain { Enclave -> R0 }
 fun identity: Enclave -> Certificate {
 	E0_talker -> C1_talker
 	+ E1_listener -> C2_listener

@@ -10,15 +10,15 @@ module outsiders
 open capabilities
 
 /** Channels whose payloads no protection hides: anybody reads them, if anybody writes. */
-fun in_clear: Realm -> Channel {
+fun in_clear: TrustDomain -> Channel {
 	governed - message_protection[encrypting] - submessage_protection[encrypting] - payload_protection[encrypting]
 }
 
 /** Channels whose payloads anybody can read who sees the packets. */
-fun readable_outside: Realm -> Channel { in_clear & written_at_all }
+fun readable_outside: TrustDomain -> Channel { in_clear & written_at_all }
 
 /** Channels whose names anybody learns who sees the packets of discovery. */
-fun announced_outside: Realm -> Channel {
+fun announced_outside: TrustDomain -> Channel {
 	governed & (written_at_all + read_at_all) - message_protection[encrypting] - discovery_encrypted
 }
 
@@ -26,22 +26,22 @@ fun announced_outside: Realm -> Channel {
  * Channels on which readers look into messages of anybody; the submessages and payloads there may still be
  * protected.
  */
-fun open_messages: Realm -> Channel { governed & (message_protection[NONE] + unauthenticated_allowed.~in_domain) }
+fun open_messages: TrustDomain -> Channel { governed & (message_protection[NONE] + unauthenticated_allowed.~in_domain) }
 
 /** Channels on which readers take submessages from anybody: nothing tells who numbered or announced a sample. */
-fun open_submessages: Realm -> Channel { open_messages & submessage_protection[NONE] }
+fun open_submessages: TrustDomain -> Channel { open_messages & submessage_protection[NONE] }
 
 /** Channels on which readers would take samples from anybody, if anybody reads. */
-fun unguarded: Realm -> Channel { open_submessages & payload_protection[NONE] }
+fun unguarded: TrustDomain -> Channel { open_submessages & payload_protection[NONE] }
 
 /** Channels whose readers take samples from anybody who can send packets. */
-fun injectable_outside: Realm -> Channel { unguarded & read_at_all }
+fun injectable_outside: TrustDomain -> Channel { unguarded & read_at_all }
 
 /**
  * Channels whose readers take an old sample for a new one from anybody: a payload that is protected for itself still
  * counts when the submessage around it, with its sequence number, is anybody's.
  */
-fun replayable_outside: Realm -> Channel { open_submessages & read_at_all }
+fun replayable_outside: TrustDomain -> Channel { open_submessages & read_at_all }
 
 /** Channels whose readers take anybody's word that a writer lives, or that it has gone. */
-fun liveliness_forgeable_outside: Realm -> Channel { open_messages & read_at_all - liveliness_authenticated }
+fun liveliness_forgeable_outside: TrustDomain -> Channel { open_messages & read_at_all - liveliness_authenticated }

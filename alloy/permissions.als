@@ -48,8 +48,8 @@ fun joining: Grant -> Domain {
 }
 
 /**
- * Grants that count for each enclave in a realm that obeys `documents`, whichever of these they are in: what it can
- * show, not what is in its folder (for that see `own_grant` in `claims`).
+ * Grants that count for each enclave in a trust domain that obeys `documents`, whichever of these they are in: what it
+ * can show, not what is in its folder (for that see `own_grant` in `claims`).
  */
 fun held[documents: set Document]: Enclave -> Grant {
 	{ e: Enclave, g: e.identity.chosen & documents.grant }
@@ -73,24 +73,28 @@ fun entering[documents: set Document]: Enclave -> Grant {
 fun with_met[rights: Enclave -> Channel]: Enclave -> Channel { rights + rights.meets }
 
 /** What the permissions CA gave each enclave: rights of the kind `allowed`, by genuine documents alone. */
-fun granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel { with_met[held[realm.genuine].allowed] }
+fun granted[trust_domain: TrustDomain, allowed: Grant -> Channel]: Enclave -> Channel {
+	with_met[held[trust_domain.genuine].allowed] }
 
 /** The same, and whatever a document that we could not read may grant, or any to an enclave that we could not read. */
-fun may_be_granted[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel {
-	AnythingGranted implies Enclave -> Channel else granted[realm, allowed] + anybody -> Channel
+fun may_be_granted[trust_domain: TrustDomain, allowed: Grant -> Channel]: Enclave -> Channel {
+	AnythingGranted implies Enclave -> Channel else granted[trust_domain, allowed] + anybody -> Channel
 }
 
-/** Enclaves that may have been granted any right: all, where some document may grant anything, which may name anybody. */
+/**
+ * Enclaves that may have been granted any right: all, where some document may grant anything, which may name anybody.
+ */
 fun of_unknown_rights: set Enclave { AnythingGranted implies Enclave else anybody }
 
 /** Enclaves that may have any right: by a document that they sign themselves, or by one that may grant anything. */
-fun unbounded[realm: Realm]: set Enclave { of_unknown_rights + realm.self_granting }
+fun unbounded[trust_domain: TrustDomain]: set Enclave { of_unknown_rights + trust_domain.self_granting }
 
 /**
- * What peers in a realm concede to each enclave: rights of the kind `allowed`, by whatever it can present; to one that
- * issues itself identities, what is granted to anybody.
+ * What peers in a trust domain concede to each enclave: rights of the kind `allowed`, by whatever it can present; to
+ * one that issues itself identities, what is granted to anybody.
  */
-fun presentable[realm: Realm, allowed: Grant -> Channel]: Enclave -> Channel {
-	with_met[held[realm.accepted].allowed + realm.issuing -> (realm.accepted.grant & in_force).allowed]
-	+ unbounded[realm] -> Channel
+fun presentable[trust_domain: TrustDomain, allowed: Grant -> Channel]: Enclave -> Channel {
+	with_met[held[trust_domain.accepted].allowed + trust_domain.issuing -> (trust_domain.accepted.grant
+		& in_force).allowed]
+	+ unbounded[trust_domain] -> Channel
 }

@@ -23,14 +23,14 @@ one sig Datum {
 /** At the beginning somebody of `source` has the datum, or somebody got it as a sample of `first`. */
 pred begins[source: set Enclave + Outsider, first: set Channel, eavesdroppers: set Enclave + Outsider] {
 	(Datum.holder in source and no Datum.over)
-	or (some realm: Realm | Datum.holder in getters[Datum.over & first, eavesdroppers, realm])
+	or (some trust_domain: TrustDomain | Datum.holder in getters[Datum.over & first, eavesdroppers, trust_domain])
 }
 
 /** The datum goes over one hop to somebody else. */
 pred passes[usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider] {
 	Datum.holder' != Datum.holder
 	some Datum.over'
-	some sending, receiving: Realm |
+	some sending, receiving: TrustDomain |
 		Datum.holder' in next[Datum.holder, Datum.over' & usable, forgers, eavesdroppers, sending, receiving]
 }
 
@@ -47,7 +47,7 @@ pred arrives[source, target: set Enclave + Outsider, last: set Channel, through:
              forgers, eavesdroppers: set Enclave + Outsider] {
 	(no Datum.out and some Datum.over and Datum.holder in target)
 	or (goes_on[source, through]
-		and some realm: Realm | Datum.holder in putters[Datum.out & last, forgers, eavesdroppers, realm])
+		and some trust_domain: TrustDomain | Datum.holder in putters[Datum.out & last, forgers, eavesdroppers, trust_domain])
 }
 
 /** A walk of the datum from one place to another, with the places and powers of `separated`: a flow. */

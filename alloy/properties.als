@@ -8,26 +8,26 @@
 module properties
 open enforcement
 
--- Of realms those count that enclaves are of. Where only unmanaged identities are, who comes there wants it so.
+-- Of trust domains those count that enclaves are of. Where only unmanaged identities are, who comes there wants it so.
 
 -- authentication: who may take part (8.3 and 9.3)
 
 /** Only participants that the identity CA vouches for join a domain. */
 assert OnlyAuthenticatedParticipantsJoin {
-	all realm: of_enclaves, domain: Domain | domain not in realm.unauthenticated_allowed
+	all trust_domain: of_enclaves, domain: Domain | domain not in trust_domain.unauthenticated_allowed
 }
 
 /** Every enclave's identity is vouched for by its identity CA, in force and not revoked. */
 assert IdentitiesChainToTheIdentityCa {
 	all enclave: Enclave |
 		enclave not in anybody
-		and (some (enclave - Unmanaged).identity implies enclave in enclave.in_realm.introduced_in_force)
+		and (some (enclave - Unmanaged).identity implies enclave in enclave.in_trust_domain.introduced_in_force)
 }
 
 /** Every governance and permissions document is signed by the permissions CA itself, in force. */
 assert DocumentsSignedByThePermissionsCa {
-	all enclave: Enclave - Unmanaged, document: enclave.permissions + enclave.in_realm.governance |
-		document in enclave.in_realm.genuine and document.signer in in_force
+	all enclave: Enclave - Unmanaged, document: enclave.permissions + enclave.in_trust_domain.governance |
+		document in enclave.in_trust_domain.genuine and document.signer in in_force
 }
 
 /** No identity key serves two enclaves. */
@@ -42,8 +42,8 @@ assert NoSubjectServesTwoEnclaves {
 
 /** No enclave can sign a permissions document that its peers obey, or holds one that not the CA has signed. */
 assert NoEnclaveGrantsItselfRights {
-	all realm: of_enclaves, enclave: Enclave |
-		enclave not in realm.self_granting and no enclave.permissions & (realm.accepted - realm.genuine)
+	all trust_domain: of_enclaves, enclave: Enclave |
+		enclave not in trust_domain.self_granting and no enclave.permissions & (trust_domain.accepted - trust_domain.genuine)
 }
 
 /**
@@ -51,7 +51,7 @@ assert NoEnclaveGrantsItselfRights {
  * steals such a key has everything at once; and where signers are not pinned, identities fit to sign sign permissions.
  */
 assert OneCaForOneRole {
-	all realm: of_enclaves, certificate: realm.identity_ca, other_certificate: realm.permissions_ca |
+	all trust_domain: of_enclaves, certificate: trust_domain.identity_ca, other_certificate: trust_domain.permissions_ca |
 		certificate.public_key != other_certificate.public_key
 }
 
@@ -59,62 +59,67 @@ assert OneCaForOneRole {
 
 /** No payload is readable without a key of this keystore. */
 assert OutsidersCannotRead {
-	all realm: of_enclaves, channel: Channel | channel not in realm.readable_outside
+	all trust_domain: of_enclaves, channel: Channel | channel not in trust_domain.readable_outside
 }
 
 /** No topic name is readable in discovery without a key of this keystore. */
 assert OutsidersCannotLearnNames {
-	all realm: of_enclaves, channel: Channel | channel not in realm.announced_outside
+	all trust_domain: of_enclaves, channel: Channel | channel not in trust_domain.announced_outside
 }
 
 /** No reader takes a sample that was made without a key of this keystore. */
 assert OutsidersCannotInject {
-	all realm: of_enclaves, channel: Channel | channel not in realm.injectable_outside
+	all trust_domain: of_enclaves, channel: Channel | channel not in trust_domain.injectable_outside
 }
 
 /** No reader takes an old sample for a new one from somebody without a key of this keystore. */
 assert OutsidersCannotReplay {
-	all realm: of_enclaves, channel: Channel | channel not in realm.replayable_outside
+	all trust_domain: of_enclaves, channel: Channel | channel not in trust_domain.replayable_outside
 }
 
 /** No reader believes somebody without a key of this keystore that a writer lives, or has gone. */
 assert OutsidersCannotForgeLiveliness {
-	all realm: of_enclaves, channel: Channel | channel not in realm.liveliness_forgeable_outside
+	all trust_domain: of_enclaves, channel: Channel | channel not in trust_domain.liveliness_forgeable_outside
 }
 
 -- access control: whether rights are what the signed permissions grant (8.4 and 9.4)
 
 /** Wherever a permissions document grants something, the governance makes peers ask for the grant. */
 assert GrantsAreEnforced {
-	all realm: of_enclaves, channel: Channel | channel not in realm.unenforced
+	all trust_domain: of_enclaves, channel: Channel | channel not in trust_domain.unenforced
 }
 
 /** No enclave gets a sample taken on a topic for which the permissions CA gave it no grant at all. */
 assert NobodyWritesWithoutAGrant {
-	all realm: of_enclaves, enclave: Enclave, channel: Channel | channel not in enclave.(writes_without_a_grant[realm])
+	all trust_domain: of_enclaves, enclave: Enclave, channel: Channel |
+		channel not in enclave.(writes_without_a_grant[trust_domain])
 }
 
 /** No enclave reads a topic for which the permissions CA gave it no subscribe grant. */
 assert NobodyReadsWithoutAGrant {
-	all realm: of_enclaves, enclave: Enclave, channel: Channel | channel not in enclave.(reads_without_a_grant[realm])
+	all trust_domain: of_enclaves, enclave: Enclave, channel: Channel |
+		channel not in enclave.(reads_without_a_grant[trust_domain])
 }
 
 /** No enclave that may only subscribe to a topic can pass for a publisher of it. */
 assert ReadersCannotForge {
-	all realm: of_enclaves, enclave: Enclave, channel: Channel | channel not in enclave.(forged_by_readers[realm])
+	all trust_domain: of_enclaves, enclave: Enclave, channel: Channel |
+		channel not in enclave.(forged_by_readers[trust_domain])
 }
 
 /** No enclave that is granted to relay a topic, and not to subscribe to it, reads what it relays. */
 assert RelaysCannotRead {
-	all realm: of_enclaves, enclave: Enclave, channel: Channel | channel not in enclave.(read_by_relays[realm])
+	all trust_domain: of_enclaves, enclave: Enclave, channel: Channel |
+		channel not in enclave.(read_by_relays[trust_domain])
 }
 
 /**
- * No enclave reads in one domain and writes in another, as whomever and in whatever realms; domains of one class
- * (`Domain`) are one. `carried_across` decides; the second channel is asked for so that a counterexample names both ends
- * of the bridge.
+ * No enclave reads in one domain and writes in another, as whomever and in whatever trust domains; domains of one class
+ * (`Domain`) are one. `carried_across` decides; the second channel is asked for so that a counterexample names both
+ * ends of the bridge.
  */
 assert NoEnclaveBridgesDomains {
-	all realm: of_enclaves, other_realm: of_enclaves, enclave: Enclave, channel: enclave.(carried_across[realm, other_realm]),
-		other_channel: enclave.acts_as.(feeds[other_realm]) | channel.in_domain = other_channel.in_domain
+	all trust_domain: of_enclaves, other_trust_domain: of_enclaves, enclave: Enclave,
+		channel: enclave.(carried_across[trust_domain, other_trust_domain]),
+		other_channel: enclave.acts_as.(feeds[other_trust_domain]) | channel.in_domain = other_channel.in_domain
 }

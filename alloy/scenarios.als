@@ -18,7 +18,7 @@ fun nobody: set Enclave + Outsider { none }
 
 /** Who can receive the command next, on `wired` channels: nodes write and read there, and are permitted to. */
 fun offered[wired: set Channel]: set Enclave {
-	{ e: Enclave | some sending, receiving: Realm |
+	{ e: Enclave | some sending, receiving: TrustDomain |
 		e in next[Command.known_to, wired, nobody, nobody, sending, receiving] }
 }
 

@@ -22,7 +22,7 @@ pred FactsAreConsistent {
  * would hold. It has to have an instance as well.
  */
 pred AssumptionsAreMade {
-	RobotsEnforce in assumed implies open_realm in governance.(opaque & Document)
+	RobotsEnforce in assumed implies open_trust_domain in governance.(opaque & Document)
 	AuthoritiesAsFound + NothingElseCertified + NothingInUnreadFiles in assumed implies anybody in opaque
 	NoOtherDocuments + NothingInUnreadFiles in assumed implies (AnythingGranted implies some opaque & Document)
 	TruthfulAnnouncements in assumed implies no unasked
@@ -36,6 +36,6 @@ pred EncryptionIsExercised { some governed & (written_at_all + read_at_all) }
 
 /** Some right is there to be enforced: an enclave that takes part in a domain, and has a grant there. */
 pred AccessControlIsExercised {
-	some { realm: Realm |
-		some granted[realm, publish_allowed] + granted[realm, subscribe_allowed] - out_of_reach[realm] }
+	some { trust_domain: TrustDomain |
+		some granted[trust_domain, publish_allowed] + granted[trust_domain, subscribe_allowed] - out_of_reach[trust_domain] }
 }

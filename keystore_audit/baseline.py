@@ -17,7 +17,7 @@ from keystore_audit.pipeline import audit
 from keystore_audit.profiles import DEFAULT
 from keystore_audit.report.content import Verdict
 from keystore_audit.settings.settings import MAX_BASELINE_BYTES, Baseline
-from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance, Fate, Use, acceptable, check_dates, uses
+from keystore_audit.settings.suppressions import MAX_DAYS, Fate, Suppression, Use, acceptable, check_dates, uses
 from keystore_audit.text import shorten, terminal
 
 HEAD: Final = """\
@@ -69,7 +69,7 @@ def create(
 
     Raises errors.UsageError for a date that has passed or is too far away, and what `audit.audit` raises.
     """
-    entry = Acceptance(
+    entry = Suppression(
         code="KA101",
         reason=terminal(reason),
         owner=terminal(owner),
@@ -83,7 +83,7 @@ def create(
     report = audit(keystore, replace(options, baseline=None), progress=progress)
     found = [f for f in report.findings if f.severity.at_least(least) and f.suppressed is None]
     chosen = frozenset(report.judged_profiles)
-    accepted = [_acceptance(entry, finding, chosen) for finding in found if acceptable(finding)]
+    accepted = [_suppression(entry, finding, chosen) for finding in found if acceptable(finding)]
     text = written(accepted)
     if len(text.encode()) > MAX_BASELINE_BYTES:
         raise UsageError(f"{len(accepted)} findings are more than a baseline holds: mend some, or see --min-severity.")
@@ -102,10 +102,10 @@ def prune(baseline: Baseline, keystore: str, options: Options, progress: Progres
     """
     report = audit(keystore, replace(options, baseline=None), progress=progress)
     complete = report.verdict is not Verdict.INCOMPLETE
-    files = uses(report.findings, baseline.acceptances, options.at, report.judged_profiles)
+    files = uses(report.findings, baseline.suppressions, options.at, report.judged_profiles)
     told = [use for file in files for use in file.uses]
     dropped = [use for use in told if use.fate is Fate.ENDED or (use.fate is Fate.UNUSED and complete)]
-    kept = [use.acceptance for use in told if use not in dropped]
+    kept = [use.suppression for use in told if use not in dropped]
     return Pruned(
         text=written(kept),
         kept=len(kept),
@@ -115,13 +115,13 @@ def prune(baseline: Baseline, keystore: str, options: Options, progress: Progres
     )
 
 
-def written(acceptances: Iterable[Acceptance]) -> str:
+def written(suppressions: Iterable[Suppression]) -> str:
     """The entries as TOML, in an order of their own: the same for the same entries."""
-    ordered = sorted(acceptances, key=lambda each: (each.code, each.finding, each.fingerprint or ""))
+    ordered = sorted(suppressions, key=lambda each: (each.code, each.finding, each.fingerprint or ""))
     return HEAD + "".join("\n[[accepted]]\n" + "".join(f"{line}\n" for line in _lines(each)) for each in ordered)
 
 
-def _lines(entry: Acceptance) -> Iterator[str]:
+def _lines(entry: Suppression) -> Iterator[str]:
     yield f"code = {_quoted(entry.code)}"
     yield f"fingerprint = {_quoted(entry.fingerprint or '')}"
     yield f"meaning = {_quoted(entry.meaning or '')}"
@@ -141,7 +141,7 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def _acceptance(entry: Acceptance, finding: Finding, chosen: frozenset[str]) -> Acceptance:
+def _suppression(entry: Suppression, finding: Finding, chosen: frozenset[str]) -> Suppression:
     """The entry for one finding; `chosen`: what a finding without profiles is about, None standing for all of them."""
     path = finding.locations[0].path if finding.locations else ""
     note = f"{' '.join(filter(None, (finding.enclave, path)))}: {finding.message}".removeprefix(": ")

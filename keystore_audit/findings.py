@@ -185,7 +185,7 @@ MAX_OWNER: Final = 200
 """Characters of what a suppression says."""
 
 
-class Suppression(Struct, frozen=True, kw_only=True):
+class Suppressed(Struct, frozen=True, kw_only=True):
     """Why, until when and by whom a finding is accepted, and which file says so."""
 
     reason: str
@@ -218,7 +218,7 @@ class Finding(Struct, frozen=True, kw_only=True):
     meaning: str = ""
     undecided: bool = False
     properties: tuple[str, ...] = ()
-    suppressed: Suppression | None = None
+    suppressed: Suppressed | None = None
 
     def fails(self, gate: Severity | None) -> bool:
         """Whether it alone fails the gate; None: one that never fails on findings."""

@@ -208,8 +208,10 @@ class _Asking:
         """About each key of an authority of this sort, as the profiles read the CA files."""
         keys: dict[int, tuple[str, Location]] = {}
         for system in self._known.systems:
-            for realm in system.realms:
-                for number in sorted(realm.identity_ca if stolen is Stolen.IDENTITY_CA else realm.permissions_ca):
+            for trust_domain in system.trust_domains:
+                for number in sorted(
+                    trust_domain.identity_ca if stolen is Stolen.IDENTITY_CA else trust_domain.permissions_ca
+                ):
                     certificate = system.certificates[number]
                     keys.setdefault(certificate.key, (certificate.label, certificate.location))
         if len(keys) > MAX_KEYS:

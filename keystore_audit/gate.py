@@ -20,21 +20,21 @@ from keystore_audit.report.content import PEERS_IN_SCOPE, Verdict, conditions_of
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.judge import Judgement
 from keystore_audit.rules.registry import Context
-from keystore_audit.settings.suppressions import MAX_DAYS, Acceptance, check_codes, check_dates, first_end, limited
+from keystore_audit.settings.suppressions import MAX_DAYS, Suppression, check_codes, check_dates, first_end, limited
 from keystore_audit.text import shorten, terminal
 
 MAX_ARGUMENT: Final = 200
 """Characters of an argument of launch files in a report."""
 
 
-def acceptances(options: Options) -> tuple[Acceptance, ...]:
+def suppressions(options: Options) -> tuple[Suppression, ...]:
     """The findings that the settings and the baseline accept; raises errors.UsageError for what cannot be accepted."""
-    given = options.settings.acceptances if options.settings else ()
+    given = options.settings.suppressions if options.settings else ()
     check_codes(given, BY_CODE)
     given = limited(given, {code: rule.severity for code, rule in BY_CODE.items()})
-    acceptances = (*given, *(options.baseline.acceptances if options.baseline else ()))
-    check_dates(acceptances, options.at, options.settings.max_suppression_days if options.settings else MAX_DAYS)
-    return acceptances
+    suppressions = (*given, *(options.baseline.suppressions if options.baseline else ()))
+    check_dates(suppressions, options.at, options.settings.max_suppression_days if options.settings else MAX_DAYS)
+    return suppressions
 
 
 def complete(context: Context, judgement: Judgement) -> bool:

@@ -22,13 +22,13 @@ from keystore_audit.engine.engines import Engines, run_engines
 from keystore_audit.engine.horizon import Horizon, horizon, with_conditions, without
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.gate import (
-    acceptances,
     assumptions,
     complete,
     passed_over,
     scoped,
     started_with,
     stated,
+    suppressions,
     verdict,
     weakened,
     while_accepted,
@@ -91,7 +91,7 @@ def audit(
         options = _as_started(options, environment)
     options = scoped(options)
     profiles = resolve(options.profiles)
-    accepted = acceptances(options)
+    accepted = suppressions(options)
     policy = _policy(options)
     intents = read_observed(options.graphs, options.launches, options.launch_arguments)
     claims = options.settings.claims if options.settings else ()
@@ -142,7 +142,7 @@ def audit(
         beside=beside,
         environment=environment,
         observed=_compared(intents, keystore, profiles, accesses, options),
-        acceptances=accepted,
+        suppressions=accepted,
         authorities=options.authorities or trust.Authorities(),
         conditions=(f"{options.domain}", f"{options.time_zone}", *sorted(each.value for each in accesses.assumed)),
     )

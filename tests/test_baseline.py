@@ -21,7 +21,7 @@ from keystore_audit.pipeline import audit
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.report.content import Verdict
 from keystore_audit.settings.settings import Baseline, read_baseline
-from keystore_audit.settings.suppressions import Acceptance, Fate, acceptable, accepted, uses
+from keystore_audit.settings.suppressions import Fate, Suppression, acceptable, accepted, uses
 from keystore_audit.text import terminal
 from tests.cli.keystores import answer
 from tests.schemas import schema
@@ -55,7 +55,7 @@ def cleaned(text: str) -> str:
 
 
 ENTRIES = st.builds(
-    Acceptance,
+    Suppression,
     code=st.integers(100, 899).map(lambda number: f"KA{number}"),
     fingerprint=MARKS,
     severity=st.sampled_from(Severity),
@@ -74,12 +74,12 @@ ENTRIES = st.builds(
     max_examples=200, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(st.lists(ENTRIES, max_size=4, unique_by=lambda entry: entry.fingerprint))
-def test_what_is_written_is_what_is_read(tmp_path: Path, entries: list[Acceptance]) -> None:
+def test_what_is_written_is_what_is_read(tmp_path: Path, entries: list[Suppression]) -> None:
     path = tmp_path / "baseline.toml"
     path.write_text(written(entries), "utf-8")
-    read = read_baseline(path, ()).acceptances
+    read = read_baseline(path, ()).suppressions
 
-    def placeless(some: Any) -> list[Acceptance]:
+    def placeless(some: Any) -> list[Suppression]:
         bare = [replace(entry, location=Location(path=""), place="", until_place="") for entry in some]
         return sorted(bare, key=lambda entry: str(entry.fingerprint))
 
@@ -135,11 +135,15 @@ def test_a_baseline_accepts_what_was_found_and_nothing_of_the_audit_itself(
         assert (finding.suppressed is not None) is acceptable(finding), finding
     incomplete = before.verdict is Verdict.INCOMPLETE
     assert after.verdict is (Verdict.INCOMPLETE if incomplete else Verdict.PASS)
-    if baseline.acceptances:
+    if baseline.suppressions:
         assert any(f"accepted by {baseline.file.path}" in reason for reason in after.weakened)
 
     kept = prune(baseline, str(keystore), options)
-    assert (kept.kept, kept.dropped, kept.text) == (len(baseline.acceptances), (), Path(baseline.file.path).read_text())
+    assert (kept.kept, kept.dropped, kept.text) == (
+        len(baseline.suppressions),
+        (),
+        Path(baseline.file.path).read_text(),
+    )
     assert kept.complete is not incomplete
     later = replace(options, at=options.at.replace(year=2028))
     gone = prune(baseline, str(keystore), later)
@@ -151,31 +155,31 @@ def test_the_least_severity_and_what_settings_accept_already(tmp_path: Path, mon
     expectation = SAMPLES / "rules/KA910-suppression-unused/good.toml"
     keystore, _expected = as_built(expectation, tmp_path / "keys")
     options = given_options(expectation, keystore)
-    assert [a.code for a in made(options, keystore, tmp_path / "b.toml").acceptances] == ["KA230", "KA513", "KA636"]
+    assert [a.code for a in made(options, keystore, tmp_path / "b.toml").suppressions] == ["KA230", "KA513", "KA636"]
     plain = replace(options, settings=None)
-    assert [a.code for a in made(plain, keystore, tmp_path / "c.toml").acceptances] == [
+    assert [a.code for a in made(plain, keystore, tmp_path / "c.toml").suppressions] == [
         "KA205",
         "KA230",
         "KA513",
         "KA636",
     ]
     medium = made(plain, keystore, tmp_path / "d.toml", least=Severity.MEDIUM)
-    assert [a.code for a in medium.acceptances] == ["KA205", "KA636"]
+    assert [a.code for a in medium.suppressions] == ["KA205", "KA636"]
 
 
 def test_entries_that_nothing_matches_stay_while_anything_is_undecided(tmp_path: Path) -> None:
     expectation = SAMPLES / "unknown/unreadable_enclave.toml"
     keystore, _expected = as_built(expectation, tmp_path / "keys")
     options = given_options(expectation, keystore)
-    entry = Acceptance(
+    entry = Suppression(
         code="KA203", fingerprint="a" * 64, severity=Severity.LOW, meaning="a" * 64, reason="r", owner="o",
         until=UNTIL, location=Location(path="b.toml", line=1), place="b.toml:1:1",
     )  # fmt: skip
-    left = prune(Baseline(file=GivenFile.of("b.toml", b""), acceptances=(entry,)), str(keystore), options)
+    left = prune(Baseline(file=GivenFile.of("b.toml", b""), suppressions=(entry,)), str(keystore), options)
     assert (left.kept, left.dropped, left.doubtful, left.complete) == (1, (), 1, False)
     healthy, _expected = as_built(SAMPLES / "healthy/turtlesim.toml", tmp_path / "healthy")
-    left = prune(Baseline(file=GivenFile.of("b.toml", b""), acceptances=(entry,)), str(healthy), options)
-    assert ([use.acceptance for use in left.dropped], left.kept, left.complete) == ([entry], 0, True)
+    left = prune(Baseline(file=GivenFile.of("b.toml", b""), suppressions=(entry,)), str(healthy), options)
+    assert ([use.suppression for use in left.dropped], left.kept, left.complete) == ([entry], 0, True)
 
 
 # What was accepted of the good keystore hides nothing that makes the bad one bad
@@ -203,7 +207,7 @@ def test_a_baseline_of_the_good_sample_hides_no_defect_of_the_bad_one(
     names = [profile for entry in reports["bad"].enclaves for profile in entry.profiles]
     found = {side: {(f.fingerprint, f.meaning): f for f in report.findings} for side, report in reports.items()}
     entries = [
-        Acceptance(
+        Suppression(
             code=f.code, fingerprint=f.fingerprint, severity=f.severity, profiles=frozenset(f.profiles) or None,
             meaning=f.meaning, reason="r", owner="o", until=UNTIL,
             location=Location(path="b.toml", line=1), place="",
@@ -221,7 +225,7 @@ def test_a_baseline_of_the_good_sample_hides_no_defect_of_the_bad_one(
             assert before.severity.at_least(f.severity)
 
 
-def test_an_acceptance_repeats_no_finding(tmp_path: Path) -> None:
+def test_an_suppression_repeats_no_finding(tmp_path: Path) -> None:
     """Undecided properties share one finding, which stays one when something else is accepted."""
     keystore, expected = as_built(SAMPLES / "unknown/unreadable_enclave.toml", tmp_path / "keys")
     settings = tmp_path / "settings.toml"

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.engine.horizon import Horizon
-from keystore_audit.findings import Location, Severity, Suppression
+from keystore_audit.findings import Location, Severity, Suppressed
 from keystore_audit.gate import complete, verdict, while_accepted
 from keystore_audit.model.question import Doubt
 from keystore_audit.properties import Status
@@ -74,7 +74,7 @@ def test_incomplete_outranks_fail_and_pass(
     assert verdict([finding(severity=severity)], fail_on, complete=is_complete) == expected
 
 
-ACCEPTED = Suppression(reason="so", until=f"{AT:%Y-%m-%d}", owner="Ada", source="a.toml:1:1")
+ACCEPTED = Suppressed(reason="so", until=f"{AT:%Y-%m-%d}", owner="Ada", source="a.toml:1:1")
 ENDS = AT.replace(hour=0) + DAY
 
 

@@ -144,7 +144,7 @@ def prune_command(file: Path, keystore: str, **given: Any) -> int:
         left = prune(baseline, keystore, _options(given, [keystore]), progress=watch)
     if left.dropped:
         output.write(target, left.text)
-    lines = (f"{use.acceptance.what} ({use.why}): {use.acceptance.finding}" for use in left.dropped)
+    lines = (f"{use.suppression.what} ({use.why}): {use.suppression.finding}" for use in left.dropped)
     output.write_stdout("".join(f"{terminal(line.removesuffix(': '))}\n" for line in lines))
     _say(f"{file}: {counted(len(left.dropped), 'entry', 'entries')} dropped, {left.kept} kept.")
     if left.doubtful:

@@ -159,7 +159,7 @@ def _called(system: System, number: int) -> str:
 
 
 def told(system: System, names: _Names, witness: Witness) -> str:
-    """Who, on what and where, by names that do not hang on the order of atoms; a realm has none."""
+    """Who, on what and where, by names that do not hang on the order of atoms; a trust domain has none."""
     told = []
     for role, atom in sorted(witness.items()):
         if role in (Role.ENCLAVE, Role.OTHER):

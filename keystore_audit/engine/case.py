@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.attacker import RealmView, realm_views
+from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import DocumentAtom, DomainRuleAtom, Participant, System, TopicRuleAtom
 from keystore_audit.model.names import AMBIENT, ros_name
@@ -39,9 +39,9 @@ class Case:
     def __init__(self, system: System, witness: Witness) -> None:
         self.system = system
         self.witness = witness
-        named = witness.get(Role.REALM)
-        self.realm = self.enclave.realm if named is None else named
-        self.trust = system.realms[self.realm]
+        named = witness.get(Role.TRUST_DOMAIN)
+        self.trust_domain = self.enclave.trust_domain if named is None else named
+        self.trust = system.trust_domains[self.trust_domain]
         self.number = witness.get(Role.CHANNEL, 0)
         governance = self.trust.governance
         self.governance = None if governance is None else system.documents[governance]
@@ -57,14 +57,14 @@ class Case:
         return Permissions(self.system)
 
     @cached_property
-    def views(self) -> list[RealmView]:
-        """How the peers of each realm see every enclave."""
-        return realm_views(self.system, self.permissions)
+    def views(self) -> list[TrustDomainView]:
+        """How the peers of each trust domain see every enclave."""
+        return trust_domain_views(self.system, self.permissions)
 
     @property
-    def view(self) -> RealmView:
+    def view(self) -> TrustDomainView:
         """How those of the witness's do."""
-        return self.views[self.realm]
+        return self.views[self.trust_domain]
 
     @property
     def enclave(self) -> Participant:
@@ -117,7 +117,7 @@ class Case:
 
     def opaque_document(self) -> DocumentAtom | None:
         """A document that could not be read, which may grant anything: one that governs nothing, if there is one."""
-        governing = {trust.governance for trust in self.system.realms}
+        governing = {trust.governance for trust in self.system.trust_domains}
         opaque = [(n in governing, n) for n, document in enumerate(self.system.documents) if document.opaque]
         return self.system.documents[min(opaque)[1]] if opaque else None
 
@@ -126,7 +126,7 @@ class Case:
         return any(self.system.certificates[number].opaque for number in authorities)
 
     def has_authority_key(self, certificate: int | None) -> bool:
-        """Whether the key of a certificate is that of a permissions CA of the realm."""
+        """Whether the key of a certificate is that of a permissions CA of the trust domain."""
         return certificate is not None and self.system.certificates[certificate].key in self.view.authority_keys
 
     @property
@@ -176,7 +176,7 @@ class Case:
         return next(filter(None, (steps(enclave, operation) for operation in operations for enclave in every)), ())
 
     def _lone_member_steps(self, enclave: int, operation: Operation) -> tuple[Step, ...]:
-        member = self.system.enclaves[enclave].realm == self.realm
+        member = self.system.enclaves[enclave].trust_domain == self.trust_domain
         return self.lone_steps(enclave, operation) if member else ()
 
     def lone_steps(self, enclave: int, operation: Operation) -> tuple[Step, ...]:
@@ -284,17 +284,17 @@ def way(case: Case, enclave: int, operation: Operation, *, alone: bool) -> Told:
 
 
 def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Told | None:
-    """Without any key, as members of the realm of `case` protect the channel; else, where the enclave (None:
+    """Without any key, as members of the trust domain of `case` protect the channel; else, where the enclave (None:
     nobody's) has no keys for it there, as those of another one do; None: nowhere.
     """
     writes = operation == Operation.PUBLISH
-    for number in sorted(range(len(case.views)), key=lambda each: each != case.realm):
+    for number in sorted(range(len(case.views)), key=lambda each: each != case.trust_domain):
         view = case.views[number]
         if (view.injectable if writes else view.readable) >> case.number & 1:
-            there = case.at({Role.REALM: number})
+            there = case.at({Role.TRUST_DOMAIN: number})
             verb, besides = ("send", there.open_door()) if writes else ("read", "")
             return f"anybody on the network can {verb} it: {there.kinds()}{besides}", there.governance_steps()
-        if number == case.realm and enclave is not None:
+        if number == case.trust_domain and enclave is not None:
             able = view.abilities(enclave)
             if (able.forges if writes else able.overhears) >> case.number & 1:
                 return None
@@ -304,7 +304,7 @@ def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Told | 
 def beyond_grants(case: Case, operation: Operation) -> Told:
     """How the enclave of `case` does what the permissions CA did not grant it: by a flag, a concession, or keys."""
     enclave = case.witness[Role.ENCLAVE]
-    found = _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation)
+    found = _uncontrolled(case, enclave, operation) or _peer_authorised(case, enclave, operation)
     return _shown(case, enclave, found) if found is not None else _by_keys(case, enclave)
 
 
@@ -329,7 +329,7 @@ def _as_itself(case: Case, enclave: int, operation: Operation) -> Told | None:
     for right in () if case.is_open else case.rights(enclave, operation):
         if right.document in case.view.genuine:
             return _along(case, enclave, right.location, _BY_PATTERN if right.by_pattern else "")
-    return _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation)
+    return _uncontrolled(case, enclave, operation) or _peer_authorised(case, enclave, operation)
 
 
 def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Told | None:
@@ -341,7 +341,7 @@ def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Told | None
     return _along(case, enclave, rule.location, f"{flag} is false")
 
 
-def _conceded(case: Case, number: int, operation: Operation) -> Told | None:
+def _peer_authorised(case: Case, number: int, operation: Operation) -> Told | None:
     """By a right that peers concede though the permissions CA did not give it."""
     enclave = case.system.enclaves[number]
     if case.is_open:

@@ -254,8 +254,8 @@ def _relay_reads(case: Case) -> Told:
 
 def _bridge(case: Case) -> Told:
     enclave, channel = case.witness[Role.ENCLAVE], case.witness[Role.OTHER_CHANNEL]
-    realm, writer = next(_feeding(case, channel), (case.realm, enclave))
-    there = case.at({Role.REALM: realm, Role.CHANNEL: channel})
+    trust_domain, writer = next(_feeding(case, channel), (case.trust_domain, enclave))
+    there = case.at({Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel})
     other = case.system.enclaves[writer]
     has = "may have" if other.opaque or case.enclave.opaque else "has"
     guise = "" if writer == enclave else f" as {other.label}, whose key it {has}"
@@ -268,13 +268,13 @@ def _bridge(case: Case) -> Told:
 
 
 def _feeding(case: Case, channel: int) -> Iterator[tuple[int, int]]:
-    """The realms in which the enclave feeds a channel, its own first; and as whom: itself, if it does."""
+    """The trust domains in which the enclave feeds a channel, its own first; and as whom: itself, if it does."""
     enclave = case.witness[Role.ENCLAVE]
     for who in (enclave, *Flows(case.system, case.views).acting(enclave)):
-        for realm in (case.realm, *range(len(case.views))):
-            able = case.views[realm].abilities(who)
+        for trust_domain in (case.trust_domain, *range(len(case.views))):
+            able = case.views[trust_domain].abilities(who)
             if (able.may_write | able.forges) >> channel & 1:
-                yield realm, who
+                yield trust_domain, who
 
 
 _TELLERS: Final[Mapping[str, Callable[[Case], Told]]] = {

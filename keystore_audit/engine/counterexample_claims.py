@@ -13,7 +13,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.claims.named import UNREAD_IDENTITY, same_elsewhere
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.formal.asked import Place as ClaimPlace
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits, union
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.permission import Decisions, Permissions
@@ -70,14 +70,14 @@ def _nothing_gets_there(system: System, claim: ClaimAtom, when: str) -> str:
         ),
         (ending, f": {ending} can start now, and not at every instant until then"),
         (
-            len({realm.told for realm in system.realms} - {None}) > 1,
+            len({trust_domain.told for trust_domain in system.trust_domains} - {None}) > 1,
             (
                 "; enclaves refuse each other whose permissions CA files begin with certificates of different names, "
                 "or of which one is signed with RSA"
             ),
         ),
         (
-            any(realm.refuses for realm in system.realms),
+            any(trust_domain.refuses for trust_domain in system.trust_domains),
             (
                 "; enclaves refuse identities of others, by their revocation lists or by dates and order of the "
                 "authorities in their identity CA files"
@@ -235,13 +235,13 @@ def route(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> str:
 def _case(system: System, hop: Hop) -> Case:
     """The channel of a hop as its receiver's peers protect it."""
     enclave = hop.receiver if hop.receiver is not None else hop.sender
-    realm = 0 if enclave is None else system.enclaves[enclave].realm
-    witness = {Role.REALM: realm, Role.CHANNEL: hop.channel}
+    trust_domain = 0 if enclave is None else system.enclaves[enclave].trust_domain
+    witness = {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: hop.channel}
     return Case(system, witness if enclave is None else {**witness, Role.ENCLAVE: enclave})
 
 
 def by_right(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> bool:
-    """Whether it needs no attack: at each hop, in one realm, who sends may write and who gets it may read.
+    """Whether it needs no attack: at each hop, in one trust domain, who sends may write and who gets it may read.
 
     A flow begins and ends by itself at a channel that the claim names.
     """
@@ -251,8 +251,8 @@ def by_right(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> bool:
         ends = number == len(path) - 1 and bool(claim.target.channels)
         sent = begins if hop.sender is None else honest(hop.sender).may_write >> hop.channel & 1
         got = ends if hop.receiver is None else honest(hop.receiver).may_read >> hop.channel & 1
-        realms = {system.enclaves[each].realm for each in (hop.sender, hop.receiver) if each is not None}
-        if not (sent and got) or len(realms) != 1:
+        trust_domains = {system.enclaves[each].trust_domain for each in (hop.sender, hop.receiver) if each is not None}
+        if not (sent and got) or len(trust_domains) != 1:
             return False
     return True
 
@@ -327,7 +327,7 @@ def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
     asked = bits(claim.target.channels)
     names: dict[str, None] = {}
     permissions = Permissions(system)
-    views = realm_views(system, permissions)
+    views = trust_domain_views(system, permissions)
     flows = Flows(system, views)
     foreign = [number for number in range(len(system.enclaves)) if number not in claim.source.enclaves]
     for view in views:

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from keystore_audit.engine.counterexample_claims import UNDER, by_right, hop_ways, route, then_at
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.flow import Flows, Leg, Search, search_of
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
@@ -89,7 +89,7 @@ class KeptFlows:
         for moment in range(2 * self._system.now, max(2 * until, 2 * self._system.now) + 1):
             grants = self._system.grants
             counting = [2 * grant.not_before <= moment <= 2 * grant.not_after for grant in grants]
-            now = counting, [realm.at(moment).revoked for realm in self._system.realms]
+            now = counting, [trust_domain.at(moment).revoked for trust_domain in self._system.trust_domains]
             if now != before:
                 found.append(moment)
             before = now
@@ -98,7 +98,9 @@ class KeptFlows:
     def _flows(self, moment: int) -> Flows:
         if moment in self._at:
             return self._at[moment]
-        flows = Flows(self._system, realm_views(self._system, Permissions(self._system, moment, self._decisions)))
+        flows = Flows(
+            self._system, trust_domain_views(self._system, Permissions(self._system, moment, self._decisions))
+        )
         if len(self._at) < MAX_AT_HAND:
             self._at[moment] = flows
         return flows

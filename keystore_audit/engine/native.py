@@ -13,7 +13,7 @@ from itertools import islice, permutations, product
 from keystore_audit.assumptions import DOCUMENTS
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal import rights as outsiders
-from keystore_audit.model.formal.attacker import RealmView, realm_views
+from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.bit_sets import Abilities, members, union
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.permission import Decisions, Permissions
@@ -106,8 +106,10 @@ class _Questions:
         self._moment = 2 * system.now if moment is None else moment
         self._decisions = decisions
         self._permissions = Permissions(system, moment, decisions)
-        self._realms = realm_views(system, self._permissions)
-        self.used = [(realm, self._realms[realm]) for realm in system.realms_of_enclaves()]
+        self._trust_domains = trust_domain_views(system, self._permissions)
+        self.used = [
+            (trust_domain, self._trust_domains[trust_domain]) for trust_domain in system.trust_domains_of_enclaves()
+        ]
 
     def answers(self) -> dict[str, Answer]:
         return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims() | self.determinism()
@@ -140,7 +142,7 @@ class _Questions:
             return {}
         from keystore_audit.engine.native_claims import Claims, answer  # most audits have none
 
-        now = Claims(self.system, self._realms)
+        now = Claims(self.system, self._trust_domains)
         return {
             claim.id: answer(self.system, claim, now, self._moment, self._decisions) for claim in self.system.claims
         }
@@ -160,34 +162,38 @@ class _Questions:
     def witnesses(self, name: str) -> Iterator[Witness]:
         """All that violates the property of this id."""
         if name in _OF_CHANNELS:
-            for realm, view in self.used:
-                yield from _channels(realm, _OF_CHANNELS[name](view))
+            for trust_domain, view in self.used:
+                yield from _channels(trust_domain, _OF_CHANNELS[name](view))
         elif name in _OF_ENCLAVES:
-            for realm, view in self.used:
+            for trust_domain, view in self.used:
                 written = union(able.may_write for able in view.everybody())
                 for enclave, able in enumerate(view.everybody()):
-                    yield from _channels(realm, _OF_ENCLAVES[name](view, enclave, able, written), enclave)
+                    yield from _channels(trust_domain, _OF_ENCLAVES[name](view, enclave, able, written), enclave)
         else:
             yield from _OTHERS[name](self)
 
     def unauthenticated_joins(self) -> Iterator[Witness]:
         """Domains that an unauthenticated participant can join."""
-        for realm, view in self.used:
+        for trust_domain, view in self.used:
             for domain in members(view.protection.unauthenticated):
-                yield {Role.REALM: realm, Role.DOMAIN: domain}
+                yield {Role.TRUST_DOMAIN: trust_domain, Role.DOMAIN: domain}
 
     def unvouched_identities(self) -> Iterator[Witness]:
         """Enclaves whose identity nobody vouches for now."""
         for enclave, atom in enumerate(self.system.enclaves):
-            known = atom.identity is None or self._realms[atom.realm].introduced(enclave, in_force=True)
+            known = atom.identity is None or self._trust_domains[atom.trust_domain].introduced(enclave, in_force=True)
             if self.system.anybody(enclave) or not (known or atom.unmanaged):
                 yield {Role.ENCLAVE: enclave}
 
     def unsigned_documents(self) -> Iterator[Witness]:
         """Documents in use that the permissions CA did not sign, or is not in force to."""
         for enclave, atom in enumerate(self.system.enclaves):
-            view = self._realms[atom.realm]
-            used = {atom.permissions, self.system.realms[atom.realm].governance} if not atom.unmanaged else ()
+            view = self._trust_domains[atom.trust_domain]
+            used = (
+                {atom.permissions, self.system.trust_domains[atom.trust_domain].governance}
+                if not atom.unmanaged
+                else ()
+            )
             for document in sorted(number for number in used if number is not None):
                 signers = [self.system.certificates[s] for s in self.system.documents[document].signers]
                 if document not in view.genuine or not all(
@@ -197,25 +203,25 @@ class _Questions:
 
     def self_granted_rights(self) -> Iterator[Witness]:
         """Enclaves that peers take permissions from which the permissions CA did not sign."""
-        for realm, view in self.used:
+        for trust_domain, view in self.used:
             foreign = view.accepted - view.genuine
             for enclave, atom in enumerate(self.system.enclaves):
                 if atom.permissions in foreign or view.self_granting(enclave):
-                    yield {Role.REALM: realm, Role.ENCLAVE: enclave}
+                    yield {Role.TRUST_DOMAIN: trust_domain, Role.ENCLAVE: enclave}
 
     def double_authorities(self) -> Iterator[Witness]:
         """Pairs of identity CA and permissions CA with one key; a certificate that is both is a pair with itself."""
         certificates = self.system.certificates
-        for realm, _view in self.used:
-            atom = self.system.realms[realm]
+        for trust_domain, _view in self.used:
+            atom = self.system.trust_domains[trust_domain]
             for one, other in product(sorted(atom.identity_ca), sorted(atom.permissions_ca)):
                 if certificates[one].key == certificates[other].key:
-                    yield {Role.REALM: realm, Role.CERTIFICATE: one, Role.OTHER_CERTIFICATE: other}
+                    yield {Role.TRUST_DOMAIN: trust_domain, Role.CERTIFICATE: one, Role.OTHER_CERTIFICATE: other}
 
     def unenforced_grants(self) -> Iterator[Witness]:
         """Channels with a grant that the governance does not make peers ask for."""
         everybody = range(len(self.system.enclaves))
-        for realm, view in self.used:
+        for trust_domain, view in self.used:
             p = view.protection
             published = union(view.may_be_granted(enclave, Operation.PUBLISH) for enclave in everybody)
             subscribed = union(view.may_be_granted(enclave, Operation.SUBSCRIBE) for enclave in everybody)
@@ -225,7 +231,7 @@ class _Questions:
                 | (subscribed & ~p.read_controlled)
                 | ((published | subscribed) & joinable)
             )
-            yield from _channels(realm, loose & p.governed)
+            yield from _channels(trust_domain, loose & p.governed)
 
     def bridges(self) -> Iterator[Witness]:
         """Enclaves that read in one class of domains and write in another, perhaps among peers that trust otherwise.
@@ -235,16 +241,16 @@ class _Questions:
         if len(self.system.domains) < 2:
             return
         fed = [0] * len(self.system.enclaves)
-        for _realm, view in self.used:
+        for _trust_domain, view in self.used:
             fed = [each | able.may_write | able.forges for each, able in zip(fed, view.everybody(), strict=True)]
-        for enclave, written in enumerate(Flows(self.system, self._realms).as_any(fed)):
-            for realm, view in self.used:
+        for enclave, written in enumerate(Flows(self.system, self._trust_domains).as_any(fed)):
+            for trust_domain, view in self.used:
                 read = view.abilities(enclave).knows
                 for within in self._permissions.channels_in if read and written else ():
                     elsewhere = written & ~within
                     for channel in members(read & within if elsewhere else 0):
                         for other in members(elsewhere):
-                            witness = {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}
+                            witness = {Role.TRUST_DOMAIN: trust_domain, Role.ENCLAVE: enclave, Role.CHANNEL: channel}
                             yield {**witness, Role.OTHER_CHANNEL: other}
 
 
@@ -254,7 +260,9 @@ def _as_now(system: System, moment: int) -> bool:
     """
     now = 2 * system.now
     dated: Iterable[CertificateAtom | GrantAtom] = (*system.certificates, *system.grants)
-    if system.claims or any(realm.at(moment).revoked != realm.revoked for realm in system.realms):
+    if system.claims or any(
+        trust_domain.at(moment).revoked != trust_domain.revoked for trust_domain in system.trust_domains
+    ):
         return False
     if any(enclave.at(moment).by_itself != enclave.by_itself for enclave in system.enclaves):
         return False
@@ -274,46 +282,46 @@ def _granted(permissions: Permissions, grants: Iterable[int]) -> tuple[int, ...]
     return tuple(given)
 
 
-def _channels(realm: int, channels: int, enclave: int | None = None) -> Iterator[Witness]:
+def _channels(trust_domain: int, channels: int, enclave: int | None = None) -> Iterator[Witness]:
     """A witness for each channel of the set."""
     for channel in members(channels):
-        witness = {Role.REALM: realm, Role.CHANNEL: channel}
+        witness = {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel}
         yield witness if enclave is None else {**witness, Role.ENCLAVE: enclave}
 
 
-_OF_CHANNELS: Mapping[str, Callable[[RealmView], int]] = {
+_OF_CHANNELS: Mapping[str, Callable[[TrustDomainView], int]] = {
     stated.OUTSIDERS_CANNOT_READ.id: outsiders.read,
     stated.OUTSIDERS_CANNOT_LEARN_NAMES.id: outsiders.learn_of,
     stated.OUTSIDERS_CANNOT_INJECT.id: outsiders.inject_into,
     stated.OUTSIDERS_CANNOT_REPLAY.id: outsiders.replay,
     stated.OUTSIDERS_CANNOT_FORGE_LIVELINESS.id: outsiders.assert_liveliness_of,
 }
-"""By property: the channels of a realm on which somebody without any key violates it."""
+"""By property: the channels of a trust domain on which somebody without any key violates it."""
 
 
-def _writes_without_a_grant(view: RealmView, enclave: int, able: Abilities, _written: int) -> int:
+def _writes_without_a_grant(view: TrustDomainView, enclave: int, able: Abilities, _written: int) -> int:
     """It writes, or forges without being a granted reader, where no grant lets it."""
     forged = able.forges & ~view.granted(enclave, Operation.SUBSCRIBE)
     return (able.may_write | forged) & ~view.granted(enclave, Operation.PUBLISH)
 
 
-def _reads_without_a_grant(view: RealmView, enclave: int, able: Abilities, _written: int) -> int:
+def _reads_without_a_grant(view: TrustDomainView, enclave: int, able: Abilities, _written: int) -> int:
     return able.knows & ~view.granted(enclave, Operation.SUBSCRIBE)
 
 
-def _forges_as_a_reader(view: RealmView, enclave: int, able: Abilities, written: int) -> int:
+def _forges_as_a_reader(view: TrustDomainView, enclave: int, able: Abilities, written: int) -> int:
     """It is a granted reader and can pass for a writer of the topic."""
     forged = able.forges & view.may_be_granted(enclave, Operation.SUBSCRIBE) & written
     return forged & ~view.granted(enclave, Operation.PUBLISH)
 
 
-def _reads_as_a_relay(view: RealmView, enclave: int, able: Abilities, _written: int) -> int:
+def _reads_as_a_relay(view: TrustDomainView, enclave: int, able: Abilities, _written: int) -> int:
     """It relays a topic, is not granted to read it, and finds its payload in clear."""
     relayed = able.may_relay & ~view.protection.data_encrypts
     return relayed and relayed & ~view.granted(enclave, Operation.SUBSCRIBE)
 
 
-_OF_ENCLAVES: Mapping[str, Callable[[RealmView, int, Abilities, int], int]] = {
+_OF_ENCLAVES: Mapping[str, Callable[[TrustDomainView, int, Abilities, int], int]] = {
     stated.NOBODY_WRITES_WITHOUT_A_GRANT.id: _writes_without_a_grant,
     stated.NOBODY_READS_WITHOUT_A_GRANT.id: _reads_without_a_grant,
     stated.READERS_CANNOT_FORGE.id: _forges_as_a_reader,
@@ -367,7 +375,7 @@ def _subjects(system: System) -> dict[int, tuple[frozenset[int], Sequence[int]]]
 
 def shared_subjects(system: System) -> Iterator[Witness]:
     """Pairs of enclaves that one grant names; an opaque enclave may have any subject, a document any grant."""
-    governances = {realm.governance for realm in system.realms}
+    governances = {trust_domain.governance for trust_domain in system.trust_domains}
     opaque = (number for number, document in enumerate(system.documents) if document.opaque)
     if any(number not in governances for number in opaque) or not system.assumed >= DOCUMENTS:
         for one, other in permutations(range(len(system.enclaves)), 2):

@@ -8,7 +8,7 @@ from functools import cached_property
 from msgspec.structs import replace
 
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.attacker import RealmView, realm_views
+from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.flow import Flows, Leg, search_of
 from keystore_audit.model.formal.permission import Decisions, Permissions
@@ -20,12 +20,12 @@ Found = tuple[Witness, tuple[Leg, ...]]
 
 
 class Claims:
-    """The claims of one system at one moment. `realms`: how the peers of each realm see every enclave, then."""
+    """The claims of one system at one moment. `trust_domains`: how peers in each see every enclave, then."""
 
-    def __init__(self, system: System, realms: Sequence[RealmView]) -> None:
+    def __init__(self, system: System, trust_domains: Sequence[TrustDomainView]) -> None:
         self._system = system
-        self._realms = realms
-        self._flows = Flows(system, realms)
+        self._trust_domains = trust_domains
+        self._flows = Flows(system, trust_domains)
 
     @cached_property
     def _insiders(self) -> list[int]:
@@ -60,18 +60,21 @@ class Claims:
     def foreign_publishers(self, claim: ClaimAtom) -> Iterator[Found]:
         """Whoever else may write a channel of the target: enclaves, who is none here, and anybody without a key."""
         asked = bits(claim.target.channels)
-        for realm, view in enumerate(self._realms):
+        for trust_domain, view in enumerate(self._trust_domains):
             for enclave in range(len(self._system.enclaves)):
                 if enclave not in claim.source.enclaves:
                     for channel in members(_publishes(view.abilities(enclave)) & asked):
-                        yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
-        for realm, view in enumerate(self._realms):
+                        yield {Role.TRUST_DOMAIN: trust_domain, Role.ENCLAVE: enclave, Role.CHANNEL: channel}, ()
+        for trust_domain, view in enumerate(self._trust_domains):
             for certificate, able in view.elsewhere.items():
                 if certificate not in claim.source.certificates:
                     for channel in members(_publishes(able) & asked):
-                        yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}, ()
+                        yield (
+                            {Role.TRUST_DOMAIN: trust_domain, Role.CERTIFICATE: certificate, Role.CHANNEL: channel},
+                            (),
+                        )
             for channel in members((view.joining_anybody | view.joining_known) & asked):
-                yield {Role.REALM: realm, Role.CHANNEL: channel}, ()
+                yield {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel}, ()
 
     def readings(self, claim: ClaimAtom) -> Iterator[Found]:
         """Channels of the target whose payload somebody reads without a grant to: enclaves, who is none, anybody."""
@@ -83,51 +86,58 @@ class Claims:
 
     def _by_outsiders(self, asked: int) -> Iterator[Witness]:
         """Whoever names a topic means that somebody writes it."""
-        for realm, view in enumerate(self._realms):
+        for trust_domain, view in enumerate(self._trust_domains):
             for channel in members(view.readable & asked):
-                yield {Role.REALM: realm, Role.CHANNEL: channel}
+                yield {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel}
 
     def _by_insiders(self, asked: int) -> Iterator[Witness]:
-        for realm, view in enumerate(self._realms):
+        for trust_domain, view in enumerate(self._trust_domains):
             for enclave in self._insiders:
                 learnt = union(view.abilities(each).knows for each in self._flows.acting(enclave))
                 for channel in members(learnt & ~view.entitled(enclave) & asked):
-                    yield {Role.REALM: realm, Role.ENCLAVE: enclave, Role.CHANNEL: channel}
+                    yield {Role.TRUST_DOMAIN: trust_domain, Role.ENCLAVE: enclave, Role.CHANNEL: channel}
             for certificate, learnt in view.learnt_elsewhere.items():
                 for channel in members(learnt & asked):
-                    yield {Role.REALM: realm, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}
-        for realm, view in enumerate(self._realms):
+                    yield {Role.TRUST_DOMAIN: trust_domain, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}
+        for trust_domain, view in enumerate(self._trust_domains):
             for channel in members(view.learnt_known & asked):
-                yield {Role.REALM: realm, Role.CHANNEL: channel}
+                yield {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel}
 
     def by_anybody(self, claim: ClaimAtom, witness: Witness) -> bool:
         """Whether what violates the claim needs no identity, where others of the CA violate it that have no name."""
         asks_insiders = claim.kind is ClaimKind.ENCRYPTED and claim.attacker is Attacker.INSIDER
-        if witness.keys() != {Role.REALM, Role.CHANNEL} or not (asks_insiders or claim.kind is ClaimKind.ONLY_PUBLISH):
+        if witness.keys() != {Role.TRUST_DOMAIN, Role.CHANNEL} or not (
+            asks_insiders or claim.kind is ClaimKind.ONLY_PUBLISH
+        ):
             return False
-        view = self._realms[witness[Role.REALM]]
+        view = self._trust_domains[witness[Role.TRUST_DOMAIN]]
         return bool((view.readable if asks_insiders else view.joining_anybody) >> witness[Role.CHANNEL] & 1)
 
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
         """Domains that an enclave of the source and one of the target can join, or the one can and the other starts in.
 
         Who attacks takes whomever it finds there, and joins without its identity where anybody may; so each may join by
-        another realm, of peers that the other has nothing to do with.
+        another trust domain, of peers that the other has nothing to do with.
         """
         joined = {
-            enclave: [view.joined(enclave) | view.protection.unauthenticated for view in self._realms]
+            enclave: [view.joined(enclave) | view.protection.unauthenticated for view in self._trust_domains]
             for enclave in claim.source.enclaves | claim.target.enclaves
         }
         alone: dict[int, int] = {}
         for enclave, domain in claim.starts:
             alone[enclave] = alone.get(enclave, 0) | 1 << domain
         somewhere = {enclave: union(domains) | alone.get(enclave, 0) for enclave, domains in joined.items()}
-        for realm in range(len(self._realms)):
+        for trust_domain in range(len(self._trust_domains)):
             for one in sorted(claim.source.enclaves):
                 for other in sorted(claim.target.enclaves):
-                    here = joined[one][realm] | joined[other][realm]
+                    here = joined[one][trust_domain] | joined[other][trust_domain]
                     for domain in members(somewhere[one] & somewhere[other] & here):
-                        roles = {Role.REALM: realm, Role.ENCLAVE: one, Role.OTHER: other, Role.DOMAIN: domain}
+                        roles = {
+                            Role.TRUST_DOMAIN: trust_domain,
+                            Role.ENCLAVE: one,
+                            Role.OTHER: other,
+                            Role.DOMAIN: domain,
+                        }
                         yield roles, ()
 
     def inabilities(self, claim: ClaimAtom) -> Iterator[Found]:
@@ -179,7 +189,7 @@ _KINDS: Mapping[ClaimKind, Callable[[Claims, ClaimAtom], Iterator[Found]]] = {
 
 def claims_at(system: System, moment: int, decisions: Decisions) -> Claims:
     """The claims of the system at `moment`, as `permission.Permissions` takes one."""
-    return Claims(system, realm_views(system, Permissions(system, moment, decisions)))
+    return Claims(system, trust_domain_views(system, Permissions(system, moment, decisions)))
 
 
 def _violated(found: Found, moment: int) -> Answer:

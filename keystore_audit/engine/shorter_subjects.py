@@ -13,7 +13,7 @@ from typing import Final
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.asked import ClaimAtom
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
@@ -46,7 +46,7 @@ def shorter_subjects(system: System, claim: ClaimAtom) -> Mapping[str, str]:
 def _granting(system: System, asked: int) -> Iterator[int]:
     """The grants in force that let publish some of these channels, in documents that peers take."""
     permissions = Permissions(system)
-    governed = [(view.accepted, view.protection.governed & asked) for view in realm_views(system, permissions)]
+    governed = [(view.accepted, view.protection.governed & asked) for view in trust_domain_views(system, permissions)]
     for number, grant in enumerate(system.grants):
         here = [channels for accepted, channels in governed if channels and grant.document in accepted]
         if here and permissions.in_force(grant.not_before, grant.not_after):

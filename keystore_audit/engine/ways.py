@@ -45,17 +45,17 @@ def way(case: Case, enclave: int, operation: Operation, *, alone: bool) -> Told:
 
 
 def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Told | None:
-    """Without any key, as members of the realm of `case` protect the channel; else, where the enclave (None:
+    """Without any key, as the trust domain of `case` protects the channel; else, where the enclave (None:
     nobody's) has no keys for it there, as those of another one do; None: nowhere.
     """
     writes = operation == Operation.PUBLISH
-    for number in sorted(range(len(case.views)), key=lambda each: each != case.realm):
+    for number in sorted(range(len(case.views)), key=lambda each: each != case.trust_domain):
         view = case.views[number]
         if (view.injectable if writes else view.readable) >> case.number & 1:
-            there = case.at({Role.REALM: number})
+            there = case.at({Role.TRUST_DOMAIN: number})
             verb, besides = ("send", there.open_door()) if writes else ("read", "")
             return f"anybody on the network can {verb} it: {there.kinds()}{besides}", there.governance_steps()
-        if number == case.realm and enclave is not None:
+        if number == case.trust_domain and enclave is not None:
             able = view.abilities(enclave)
             if (able.forges if writes else able.overhears) >> case.number & 1:
                 return None
@@ -65,7 +65,7 @@ def as_anybody(case: Case, operation: Operation, enclave: int | None) -> Told | 
 def beyond_grants(case: Case, operation: Operation) -> Told:
     """How the enclave of `case` does what the permissions CA did not grant it: by a flag, a concession, or keys."""
     enclave = case.witness[Role.ENCLAVE]
-    found = _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation)
+    found = _uncontrolled(case, enclave, operation) or _peer_authorised(case, enclave, operation)
     return _shown(case, enclave, found) if found is not None else _by_keys(case, enclave)
 
 
@@ -90,7 +90,7 @@ def _as_itself(case: Case, enclave: int, operation: Operation) -> Told | None:
     for right in () if case.is_open else case.rights(enclave, operation):
         if right.document in case.view.genuine:
             return _along(case, enclave, right.location, _BY_PATTERN if right.by_pattern else "")
-    return _uncontrolled(case, enclave, operation) or _conceded(case, enclave, operation)
+    return _uncontrolled(case, enclave, operation) or _peer_authorised(case, enclave, operation)
 
 
 def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Told | None:
@@ -102,7 +102,7 @@ def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Told | None
     return _along(case, enclave, rule.location, f"{flag} is false")
 
 
-def _conceded(case: Case, number: int, operation: Operation) -> Told | None:
+def _peer_authorised(case: Case, number: int, operation: Operation) -> Told | None:
     """By a right that peers concede though the permissions CA did not give it."""
     enclave = case.system.enclaves[number]
     if case.is_open:

@@ -20,7 +20,7 @@ from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import ANY_TOPIC, MAX_CELLS, Channels
 from keystore_audit.model.formal.asked import Attacker, Place
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.flow import Flows, Lane, Search
 from keystore_audit.model.formal.influence import Influence
@@ -46,7 +46,7 @@ MAX_NAMES: Final = 20_000
 200 topics each in 20 partitions have 4,000."""
 
 MAX_VIEWS: Final = 20_000
-"""Pairs of an enclave and a realm that judges it: hundreds of enclaves, each with CAs or a governance of its own."""
+"""Pairs of an enclave and a trust domain that judges it: hundreds, each with CAs or a governance of its own."""
 
 ANY_NAME: Final = Named(topic=ANY_TOPIC, partition="", ros=True, several=True, expressions=())
 """All topics of a domain that no governance covers."""
@@ -92,15 +92,15 @@ class Radii:
 
     def __init__(self, system: System, left_out: int) -> None:
         self._system = system
-        self._realms = realm_views(system)
-        self._flows = Flows(system, self._realms)
+        self._trust_domains = trust_domain_views(system)
+        self._flows = Flows(system, self._trust_domains)
         self._kept = ~left_out
         self._everybody = range(len(system.enclaves))
         self._enclaves = bits(number for number, enclave in enumerate(system.enclaves) if not enclave.unmanaged)
 
     def authenticated(self, enclave: int) -> bool:
         """Whether some enclave takes it for one of its own."""
-        return any(view.authenticated(enclave) for view in self._realms)
+        return any(view.authenticated(enclave) for view in self._trust_domains)
 
     def of(self, enclave: int) -> BlastRadius:
         """Of who holds the key of the enclave, and so of all that have the same one."""
@@ -123,7 +123,7 @@ class Radii:
         written = 0
         forged, read = self._flows.injectable, self._flows.readable
         for number in acting:
-            for view in self._realms:
+            for view in self._trust_domains:
                 able = view.abilities(number)
                 written |= able.may_write
                 forged |= able.forges
@@ -132,7 +132,7 @@ class Radii:
 
     def _written(self, enclaves: Iterable[int]) -> int:
         """Channels that some of the enclaves write: by right, or though honest peers refuse it."""
-        return union(view.abilities(number).writes_at_all for number in enclaves for view in self._realms)
+        return union(view.abilities(number).writes_at_all for number in enclaves for view in self._trust_domains)
 
     def acting(self, enclave: int) -> Iterable[int]:
         """The enclaves whose key it has, or may have."""
@@ -299,7 +299,7 @@ def ranked_enclaves(
         known = ground(keystore, profiles, at, accesses, most=MAX_NAMES)
     except BudgetExceeded:
         return ()
-    if any(len(system.realms) * len(system.enclaves) > MAX_VIEWS for system in known.systems):
+    if any(len(system.trust_domains) * len(system.enclaves) > MAX_VIEWS for system in known.systems):
         return ()
     return rankings(known)
 

@@ -114,7 +114,7 @@ class LocalRights:
             known = self._allowed[key] = allowed(self.steps(enclave, profile, operation))
         return known
 
-    def conceded(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
+    def peer_authorised(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
         """The channels on which peers would allow the operation by the enclave's grant; governance is not asked."""
         grant = self.grant(enclave, profile)
         if grant is None:

@@ -332,7 +332,7 @@ TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFil
 
 
 def trust_files(enclave: Enclave) -> TrustFiles:
-    """What the realm of an enclave is made of: files, each one object however many enclaves share it.
+    """What the trust domain of an enclave is made of: files, each one object however many enclaves share it.
 
     The last: whether there is a `crl.pem` that was not read.
     """

@@ -27,8 +27,8 @@ HOLDER: Final = "whoever holds the key"
 
 
 def authorities(system: System, key: int) -> frozenset[int]:
-    """Certificates with the key that can vouch for identities in some realm."""
-    trusted = {number for realm in system.realms for number in realm.identity_ca}
+    """Certificates with the key that can vouch for identities in some trust domain."""
+    trusted = {number for trust_domain in system.trust_domains for number in trust_domain.identity_ca}
     return frozenset(n for n in trusted if system.certificates[n].key == key and system.certificates[n].authority)
 
 
@@ -124,13 +124,13 @@ def radius_of_enclave(system: System, left_out: int, path: str) -> BlastRadius:
 def _added(
     system: System, key: int, held: Iterable[int], made: Sequence[tuple[frozenset[int], frozenset[int]]]
 ) -> System:
-    """With enclaves of the holder of the key, in whatever realm: their own verdicts matter to nobody.
+    """With enclaves of the holder of the key, in whatever trust domain: their own verdicts matter to nobody.
 
     `held`: certificates that are their identities. `made`: new ones with the key, always in force, by who issued each
     and the grants that name its subject.
     """
     first = len(system.certificates)
-    numbers = [*held, *range(first, first + len(made))] if system.realms else ()
+    numbers = [*held, *range(first, first + len(made))] if system.trust_domains else ()
     naming = gathered((grant, first + n) for n, (_issuers, grants) in enumerate(made) for grant in grants)
     certificates = (
         CertificateAtom(
@@ -146,7 +146,7 @@ def _added(
         for issuers, _grants in made
     )
     enclaves = (
-        Participant(label=HOLDER, location=Location(path=""), realm=0, identity=identity, permissions=None)
+        Participant(label=HOLDER, location=Location(path=""), trust_domain=0, identity=identity, permissions=None)
         for identity in numbers
     )
     grants = (

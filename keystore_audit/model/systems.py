@@ -28,8 +28,8 @@ from keystore_audit.model.formal.system import (
     DocumentAtom,
     Participant,
     ParticipantKind,
-    RealmAtom,
     System,
+    TrustDomainAtom,
 )
 from keystore_audit.model.inventory import (
     Document,
@@ -42,7 +42,7 @@ from keystore_audit.model.inventory import (
     trust_files,
     unread_places,
 )
-from keystore_audit.model.participants.doubt import identity_doubt, realm_doubt
+from keystore_audit.model.participants.doubt import identity_doubt, trust_domain_doubt
 from keystore_audit.model.participants.lone_endpoints import (
     NOTHING,
     LocalMoments,
@@ -56,7 +56,7 @@ from keystore_audit.model.participants.unmanaged import (
     trusting_all,
     unread_participants,
 )
-from keystore_audit.model.participants.views import Kind, Realms, Views
+from keystore_audit.model.participants.views import Kind, TrustDomains, Views
 from keystore_audit.model.rights import Atoms, RuleAtoms
 from keystore_audit.model.trust.revocation import list_unread
 from keystore_audit.model.trust.verdicts import is_authority
@@ -98,7 +98,7 @@ class SystemBuilder:
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
         self._unmanaged = Unmanaged(keystore, self._number, self._documents, profiles, at)
         self._views = Views(keystore, self._documents, self._certificates, accesses, at, self._unmanaged.hosts.values())
-        self._realm_doubts = [realm_doubt(enclave) for enclave in keystore.enclaves]
+        self._trust_domain_doubts = [trust_domain_doubt(enclave) for enclave in keystore.enclaves]
         self._unread_places = unread_places(keystore)
         self._read = {row: self._read_all(row) for row in accesses.rows(profiles)}
         grants = (g for read in self._read.values() for document in read for g in document.grants or ())
@@ -118,7 +118,7 @@ class SystemBuilder:
         self._keys = {key: n for n, key in enumerate(dict.fromkeys(c.key for c in self._certificates))}
 
     def _may_be_open(self) -> bool:
-        """Whether the governance of a realm, or what is in place of it, may say anything."""
+        """Whether the governance of a trust domain, or what is in place of it, may say anything."""
         governances = [d for d in self._documents if isinstance(d.file, GovernanceFile)]
         kinds = {Kind(profile.trust, self._accesses.row(profile.access)) for profile in self._profiles}
         opens = self._opens or self._unmanaged.unread is not None
@@ -156,7 +156,7 @@ class SystemBuilder:
         opaque, assumed = self._views.opaque(kind), self._assumed
         documents = [d for d in self._documents if may or d.place not in opaque]
         atoms = [self._document_atom(document, kind, opaque=document.place in opaque) for document in documents]
-        enclaves, realms = self._participants(kind, documents, atoms, may=may)
+        enclaves, trust_domains = self._participants(kind, documents, atoms, may=may)
         domain_rules, topic_rules, grants, rules = self._typed_atoms(documents, kind)
         return System(
             matcher=kind.access.matcher,
@@ -172,7 +172,7 @@ class SystemBuilder:
             now=self.instants.index(self._at),
             certificates=(*self._in_use(enclaves, atoms), *((self._unread,) if may and self._opens else ())),
             documents=tuple(atoms),
-            realms=realms,
+            trust_domains=trust_domains,
             enclaves=enclaves,
             domains=self.channels.domains,
             channels=self.channels.channels,
@@ -186,7 +186,7 @@ class SystemBuilder:
 
     def _left_out(self) -> Iterator[Participant]:
         """(MUST) The enclaves of which it is not certain who they are, or what they accept."""
-        doubts = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, strict=True)
+        doubts = zip(self._keystore.enclaves, self._unknown, self._trust_domain_doubts, strict=True)
         for enclave, unknown, doubt in doubts:
             if unknown or doubt is not None:
                 yield self._enclave(enclave, NOWHERE, unknown=unknown)
@@ -194,59 +194,63 @@ class SystemBuilder:
 
     def _participants(
         self, kind: Kind, documents: Sequence[Document], atoms: list[DocumentAtom], *, may: bool
-    ) -> tuple[tuple[Participant, ...], tuple[RealmAtom, ...]]:
-        """Who takes part, and their realms. `atoms`: documents; those come to them that open domains rest on."""
+    ) -> tuple[tuple[Participant, ...], tuple[TrustDomainAtom, ...]]:
+        """Who takes part, and their trust domains. `atoms`: documents; those come to them that open domains rest on."""
         number = {document.place: n for n, document in enumerate(documents)}
-        realms, unmanaged = Realms(), self._unmanaged
-        found = list(self._enclaves(kind, number, atoms, realms, may=may))
+        trust_domains, unmanaged = TrustDomains(), self._unmanaged
+        found = list(self._enclaves(kind, number, atoms, trust_domains, may=may))
         if may:
-            open_to = ((place, self._open_realm(atoms, place)) for place in self._unread_places)
-            found += [_behind(place, realms.number(each)) for place, each in open_to]
-        let_in = unmanaged.let_in(found, realms.atoms, self._certificate_atoms, may=may)
+            open_to = ((place, self._open_trust_domain(atoms, place)) for place in self._unread_places)
+            found += [_behind(place, trust_domains.number(each)) for place, each in open_to]
+        let_in = unmanaged.let_in(found, trust_domains.atoms, self._certificate_atoms, may=may)
         if let_in:
-            self._add_hosts(kind, number, let_in, realms, may=may)
+            self._add_hosts(kind, number, let_in, trust_domains, may=may)
         if may and let_in and unmanaged.unread is not None:
-            opened = self._open_realm(atoms, unmanaged.unread)
-            realms.number(trusting_all(realms.atoms, opened))
-        own = unmanaged.own_endpoints(kind.alone[len(self._keystore.enclaves) :], realms.known, may=may)
+            opened = self._open_trust_domain(atoms, unmanaged.unread)
+            trust_domains.number(trusting_all(trust_domains.atoms, opened))
+        own = unmanaged.own_endpoints(kind.alone[len(self._keystore.enclaves) :], trust_domains.known, may=may)
         names = self._views.names(kind.trust)
-        found += unmanaged.participants(let_in, found, realms.atoms, self._certificate_atoms, names, own)
+        found += unmanaged.participants(let_in, found, trust_domains.atoms, self._certificate_atoms, names, own)
         if may:
-            found += unread_participants([file.place for file in self._keystore.identities.unread], realms.atoms)
-        return tuple(found), realms.atoms
+            found += unread_participants([file.place for file in self._keystore.identities.unread], trust_domains.atoms)
+        return tuple(found), trust_domains.atoms
 
     def _enclaves(
         self,
         kind: Kind,
         number: Mapping[str, int],
         atoms: list[DocumentAtom],
-        realms: Realms,
+        trust_domains: TrustDomains,
         *,
         may: bool,
     ) -> Iterator[Participant]:
-        """The enclaves of the keystore, each with its realm."""
+        """The enclaves of the keystore, each with its trust domain."""
         count = len(self._keystore.enclaves)
         alone, refusals = kind.alone[:count] or (NOTHING,) * count, kind.refusals or ((),) * count
-        rows = zip(self._keystore.enclaves, self._unknown, self._realm_doubts, alone, refusals, strict=True)
+        rows = zip(self._keystore.enclaves, self._unknown, self._trust_domain_doubts, alone, refusals, strict=True)
         for enclave, unknown, doubt, lone, refused in rows:
             if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
                 continue
             files = trust_files(enclave)
             if doubt is not None:
-                realm = realms.number(self._open_realm(atoms, doubt.location.path))
-            elif files in realms.known:
-                realm = realms.known[files]
+                trust_domain = trust_domains.number(self._open_trust_domain(atoms, doubt.location.path))
+            elif files in trust_domains.known:
+                trust_domain = trust_domains.known[files]
             else:
-                realm = realms.known[files] = realms.number(self._realm(enclave, number, kind, may=may))
+                trust_domain = trust_domains.known[files] = trust_domains.number(
+                    self._trust_domain(enclave, number, kind, may=may)
+                )
             permissions = number.get(enclave.files.files[Role.PERMISSIONS].place)  # it may be unread (MAY)
-            made = self._enclave(enclave, realm, permissions, unknown=unknown)
+            made = self._enclave(enclave, trust_domain, permissions, unknown=unknown)
             yield made_alone(made, lone.possible if may else lone.certain, refused)
 
-    def _enclave(self, enclave: Enclave, realm: int, permissions: int | None = None, *, unknown: bool) -> Participant:
+    def _enclave(
+        self, enclave: Enclave, trust_domain: int, permissions: int | None = None, *, unknown: bool
+    ) -> Participant:
         return Participant(
             label=enclave.path,
             location=_place(enclave),
-            realm=realm,
+            trust_domain=trust_domain,
             identity=None if unknown else self._identity(enclave),
             permissions=permissions,
             kind=ParticipantKind.UNREAD if unknown else ParticipantKind.ENCLAVE,
@@ -257,18 +261,18 @@ class SystemBuilder:
         kind: Kind,
         number: Mapping[str, int],
         let_in: Sequence[UnmanagedIdentity],
-        realms: Realms,
+        trust_domains: TrustDomains,
         *,
         may: bool,
     ) -> None:
-        """Adds the realms in which only unmanaged identities are, who start in place of a host."""
+        """Adds the trust domains in which only unmanaged identities are, who start in place of a host."""
         for files, host in self._unmanaged.hosts.items():
-            if files not in realms.known and realm_doubt(host) is None and may_apply(host, kind.trust):
-                realm = self._realm(host, number, kind, may=may)
-                if realm in realms or any(
-                    self._unmanaged.admits(realm, each, self._certificate_atoms) for each in let_in
+            if files not in trust_domains.known and trust_domain_doubt(host) is None and may_apply(host, kind.trust):
+                trust_domain = self._trust_domain(host, number, kind, may=may)
+                if trust_domain in trust_domains or any(
+                    self._unmanaged.admits(trust_domain, each, self._certificate_atoms) for each in let_in
                 ):
-                    realms.known[files] = realms.number(realm)
+                    trust_domains.known[files] = trust_domains.number(trust_domain)
 
     def _in_use(self, enclaves: Iterable[Participant], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:
         """The certificates. An unmanaged one that adds nothing has no issuer, so that it is not taken for a stranger's.
@@ -285,11 +289,11 @@ class SystemBuilder:
 
     @property
     def _opens(self) -> bool:
-        """Whether there are open realms."""
-        return bool(self._unread_places) or any(self._realm_doubts)
+        """Whether there are open trust domains."""
+        return bool(self._unread_places) or any(self._trust_domain_doubts)
 
-    def _open_realm(self, atoms: list[DocumentAtom], place: str) -> RealmAtom:
-        """(MAY) The realm of an enclave whose trust could not be read.
+    def _open_trust_domain(self, atoms: list[DocumentAtom], place: str) -> TrustDomainAtom:
+        """(MAY) The trust domain of an enclave whose trust could not be read.
 
         An opaque governance, so it accepts everything, and authorities of which nothing is known.
         """
@@ -297,7 +301,7 @@ class SystemBuilder:
             DocumentAtom(label=place, location=Location(path=place), intact=False, signers=frozenset(), opaque=True)
         )
         unread = frozenset({len(self._certificate_atoms)})
-        return RealmAtom(
+        return TrustDomainAtom(
             identity_ca=unread, permissions_ca=unread, governance=len(atoms) - 1, revoked=frozenset(), told=None
         )
 
@@ -326,12 +330,12 @@ class SystemBuilder:
             opaque=opaque,
         )
 
-    def _realm(self, enclave: Enclave, number: Mapping[str, int], kind: Kind, *, may: bool) -> RealmAtom:
+    def _trust_domain(self, enclave: Enclave, number: Mapping[str, int], kind: Kind, *, may: bool) -> TrustDomainAtom:
         """What the enclave's verdict on peers depends on. (MUST) Of a list that is unknown, anybody may be revoked."""
         place = self._governance_place(enclave)
         identity_ca, permissions_ca, revoked = self._views.authorities(enclave, kind.trust)
         unread = list_unread(enclave, kind.trust) is not None
-        return RealmAtom(
+        return TrustDomainAtom(
             identity_ca=identity_ca,
             permissions_ca=permissions_ca,
             governance=number.get(place) if place else None,
@@ -386,12 +390,12 @@ class SystemBuilder:
         return self._typed[key]
 
 
-def _behind(place: str, realm: int) -> Participant:
+def _behind(place: str, trust_domain: int) -> Participant:
     """What stands for whatever enclaves are behind a place that was not read."""
     return Participant(
         label=behind(place),
         location=Location(path=place),
-        realm=realm,
+        trust_domain=trust_domain,
         identity=None,
         permissions=None,
         kind=ParticipantKind.UNREAD,

@@ -47,7 +47,7 @@ class Counterexample(Struct, frozen=True, kw_only=True):
 class Role(str, Enum):
     """What an atom does in a counterexample; the value is the variable's name in the Alloy assertion."""
 
-    REALM = "realm"
+    TRUST_DOMAIN = "trust_domain"
     DOMAIN = "domain"
     ENCLAVE = "enclave"
     OTHER = "other"

@@ -11,7 +11,7 @@ ONLY_AUTHENTICATED_JOIN = Property(
     statement="Only participants that the identity CA vouches for join a domain.",
     attacker="unauthenticated participant",
     clause="DDS-Security 1.1, 9.4.1.2.4 (allow_unauthenticated_participants)",
-    roles=(Role.REALM, Role.DOMAIN),
+    roles=(Role.TRUST_DOMAIN, Role.DOMAIN),
 )
 
 IDENTITIES_CHAIN = Property(
@@ -43,7 +43,7 @@ NO_SELF_GRANTED_RIGHTS = Property(
     statement="No enclave can sign a permissions document that its peers accept.",
     attacker="compromised enclave",
     clause="DDS-Security 1.1, 9.4.1.1; CVE-2023-24010, CVE-2023-24011, CVE-2023-24012",
-    roles=(Role.REALM, Role.ENCLAVE),
+    roles=(Role.TRUST_DOMAIN, Role.ENCLAVE),
 )
 
 ONE_CA_FOR_ONE_ROLE = Property(
@@ -51,7 +51,7 @@ ONE_CA_FOR_ONE_ROLE = Property(
     statement="No key serves as identity CA and as permissions CA.",
     attacker="compromised enclave",
     clause="DDS-Security 1.1, 9.3.1 and 9.4.1.1; CVE-2023-24010",
-    roles=(Role.REALM, Role.CERTIFICATE, Role.OTHER_CERTIFICATE),
+    roles=(Role.TRUST_DOMAIN, Role.CERTIFICATE, Role.OTHER_CERTIFICATE),
 )
 
 NO_SHARED_SUBJECT = Property(
@@ -69,7 +69,7 @@ OUTSIDERS_CANNOT_READ = Property(
     statement="No payload is readable without a key of this keystore.",
     attacker="passive outsider",
     clause="DDS-Security 1.1, 9.4.1.2.5.5 and 9.4.1.2.6 (metadata and data protection kinds)",
-    roles=(Role.REALM, Role.CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.CHANNEL),
 )
 
 OUTSIDERS_CANNOT_LEARN_NAMES = Property(
@@ -77,7 +77,7 @@ OUTSIDERS_CANNOT_LEARN_NAMES = Property(
     statement="No topic name is readable in discovery without a key of this keystore.",
     attacker="passive outsider",
     clause="DDS-Security 1.1, 9.4.1.2.5.3 and 9.4.1.2.6.2 (discovery protection)",
-    roles=(Role.REALM, Role.CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.CHANNEL),
 )
 
 OUTSIDERS_CANNOT_INJECT = Property(
@@ -85,7 +85,7 @@ OUTSIDERS_CANNOT_INJECT = Property(
     statement="No reader takes a sample that was made without a key of this keystore.",
     attacker="active outsider",
     clause="DDS-Security 1.1, 9.4.1.2.5.5 and 9.4.1.2.6 (rtps, metadata and data protection kinds)",
-    roles=(Role.REALM, Role.CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.CHANNEL),
 )
 
 OUTSIDERS_CANNOT_REPLAY = Property(
@@ -93,7 +93,7 @@ OUTSIDERS_CANNOT_REPLAY = Property(
     statement="No reader takes a recorded sample for a new one, nor a HEARTBEAT or GAP made without a key.",
     attacker="active outsider",
     clause="DDS-Security 1.1, 9.5.3.3 and 9.4.1.2.6 (rtps and metadata protection kinds)",
-    roles=(Role.REALM, Role.CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.CHANNEL),
 )
 
 OUTSIDERS_CANNOT_FORGE_LIVELINESS = Property(
@@ -101,7 +101,7 @@ OUTSIDERS_CANNOT_FORGE_LIVELINESS = Property(
     statement="Nobody without a key of this keystore can assert that a writer is alive.",
     attacker="active outsider",
     clause="DDS-Security 1.1, 9.4.1.2.5.4 and 9.4.1.2.6.3 (liveliness protection)",
-    roles=(Role.REALM, Role.CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.CHANNEL),
 )
 
 # Whether rights are what the signed permissions grant: DDS-Security 1.1, 8.4 and 9.4.
@@ -111,7 +111,7 @@ GRANTS_ARE_ENFORCED = Property(
     statement="Wherever a permissions document grants something, the governance makes peers ask for the grant.",
     attacker="insider without a grant",
     clause="DDS-Security 1.1, 9.4.1.2.4 and 9.4.1.2.6 (join, read and write access control)",
-    roles=(Role.REALM, Role.CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.CHANNEL),
 )
 
 NOBODY_WRITES_WITHOUT_A_GRANT = Property(
@@ -122,7 +122,7 @@ NOBODY_WRITES_WITHOUT_A_GRANT = Property(
     ),
     attacker="insider without a grant",
     clause="DDS-Security 1.1, 8.4.2.9 (check_remote_datawriter) and 9.5.3.3",
-    roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.ENCLAVE, Role.CHANNEL),
 )
 
 NOBODY_READS_WITHOUT_A_GRANT = Property(
@@ -130,7 +130,7 @@ NOBODY_READS_WITHOUT_A_GRANT = Property(
     statement="No enclave reads a topic for which the permissions CA gave it no subscribe grant.",
     attacker="insider without a grant",
     clause="DDS-Security 1.1, 8.4.2.9 (check_remote_datareader) and 9.5.3.3",
-    roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.ENCLAVE, Role.CHANNEL),
 )
 
 READERS_CANNOT_FORGE = Property(
@@ -138,7 +138,7 @@ READERS_CANNOT_FORGE = Property(
     statement="No enclave that may only subscribe to a topic can pass for a publisher of it.",
     attacker="insider reader",
     clause="DDS-Security 1.1, 9.5.3.3 (origin authentication of submessages)",
-    roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.ENCLAVE, Role.CHANNEL),
 )
 
 RELAYS_CANNOT_READ = Property(
@@ -146,7 +146,7 @@ RELAYS_CANNOT_READ = Property(
     statement="No enclave that may only relay a topic can read its payload.",
     attacker="insider relay",
     clause="DDS-Security 1.1, 9.5.2.1.2 and 9.4.1.2.6 (data protection kind)",
-    roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.ENCLAVE, Role.CHANNEL),
 )
 
 # Where data can get to: from one domain into another (docs/model.md, information flow).
@@ -156,7 +156,7 @@ NO_BRIDGES = Property(
     statement="No enclave can read in one domain and write in another that the documents tell apart from it.",
     attacker="compromised enclave",
     clause="DDS-Security 1.1, 9.4.1.2.3 and 9.4.1.3.2.3 (domains of rules)",
-    roles=(Role.REALM, Role.ENCLAVE, Role.CHANNEL, Role.OTHER_CHANNEL),
+    roles=(Role.TRUST_DOMAIN, Role.ENCLAVE, Role.CHANNEL, Role.OTHER_CHANNEL),
 )
 
 PROPERTIES: tuple[Property, ...] = (

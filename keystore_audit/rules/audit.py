@@ -334,11 +334,11 @@ def _counted(uses: Sequence[Use]) -> str:
 
 def _first(uses: Sequence[Use]) -> str:
     first = uses[0]
-    return f"{'' if len(uses) == 1 else 'the first, '}{shorten(first.acceptance.what, MAX_QUOTED)}: {first.why}"
+    return f"{'' if len(uses) == 1 else 'the first, '}{shorten(first.suppression.what, MAX_QUOTED)}: {first.why}"
 
 
 def _lines(uses: Sequence[Use]) -> list[Location]:
     return [
-        replace(use.acceptance.location, message=shorten(f"{use.acceptance.what}: {use.why}", MAX_QUOTED))
+        replace(use.suppression.location, message=shorten(f"{use.suppression.what}: {use.why}", MAX_QUOTED))
         for use in uses
     ]

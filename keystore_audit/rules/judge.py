@@ -205,11 +205,11 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     meanings, filling = Meanings(context), Filling(context.keystore)
     marked = _marked(run.found, meanings)
     found = _made(marked, filling)
-    if not context.acceptances:
+    if not context.suppressions:
         return found
     profiles = [profile.name for profile in context.profiles]
     codes = {rule.code for rule in chosen}
-    files = uses(found, context.acceptances, context.at, profiles, codes, _outside(marked, context.keystore))
+    files = uses(found, context.suppressions, context.at, profiles, codes, _outside(marked, context.keystore))
     before = len(run.found)
     run.over(chosen, [(file.path, file) for file in files])
     run.over(chosen, run.crashes())

@@ -20,7 +20,7 @@ from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.trust.chain import Authorities
 from keystore_audit.profiles import Profile
 from keystore_audit.properties.result import EngineRun, PropertyResult
-from keystore_audit.settings.suppressions import Acceptance
+from keystore_audit.settings.suppressions import Suppression
 from keystore_audit.text import meant
 from keystore_audit.truth import Truth
 
@@ -59,7 +59,7 @@ class Context(Struct, frozen=True, kw_only=True):
     observed: Observation | None = None
     authorities: Authorities = Authorities()
     """Those that settings or options declare."""
-    acceptances: tuple[Acceptance, ...] = ()
+    suppressions: tuple[Suppression, ...] = ()
     """Findings that settings and a baseline accept, in the order in which they are looked for."""
     conditions: tuple[str, ...] = ()
     """Of which domain and zone the answers are, and under which assumptions."""

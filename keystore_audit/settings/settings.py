@@ -25,8 +25,8 @@ from keystore_audit.settings.document import Enclaves, Source, Table, Text, Text
 from keystore_audit.settings.labels import DeclassifierTable, LabelTable, LatticeTable, read_labels, single_writers
 from keystore_audit.settings.suppressions import (
     MAX_DAYS,
-    Acceptance,
     AcceptedTable,
+    Suppression,
     SuppressionTable,
     read_accepted,
     read_suppressions,
@@ -169,7 +169,7 @@ class Settings(Struct, frozen=True, kw_only=True):
     """What a settings file says.
 
     `claims`: all that it asserts, what `labels` and single writers come to among it.
-    `acceptances` may last so many days from the audit instant.
+    `suppressions` may last so many days from the audit instant.
     """
 
     file: GivenFile
@@ -177,7 +177,7 @@ class Settings(Struct, frozen=True, kw_only=True):
     claims: tuple[Claim, ...] = ()
     labels: Labelling | None = None
     declared: Declared = field(default_factory=Declared)
-    acceptances: tuple[Acceptance, ...] = ()
+    suppressions: tuple[Suppression, ...] = ()
     max_suppression_days: int = MAX_DAYS
     files: DeclaredFiles = DeclaredFiles()
     assumptions: Mapping[Assumption, Declaration] = field(default_factory=dict)
@@ -201,7 +201,7 @@ class Baseline(Struct, frozen=True, kw_only=True):
     """Findings that were accepted one by one."""
 
     file: GivenFile
-    acceptances: tuple[Acceptance, ...] = ()
+    suppressions: tuple[Suppression, ...] = ()
 
 
 def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
@@ -220,7 +220,7 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
         claims=_unique((*claims, *(labels.claims() if labels else ()), *writers), declared),
         labels=labels,
         declared=declared,
-        acceptances=read_suppressions(root.suppression, source.at("suppression")),
+        suppressions=read_suppressions(root.suppression, source.at("suppression")),
         files=_files(root.files, source.at("files")),
         scope=_scope(root.scope, source.at("scope")),
         max_suppression_days=root.max_suppression_days,
@@ -255,7 +255,7 @@ def _scope(table: ScopeTable | None, source: Source) -> tuple[str, ...]:
 def read_baseline(path: Path, keystores: Iterable[str | Path]) -> Baseline:
     """The baseline in the file at `path`; raises errors.UsageError as `read_settings` does."""
     file, root, source = read_document(path, keystores, MAX_BASELINE_BYTES, BaselineTable)
-    return Baseline(file=file, acceptances=read_accepted(root.accepted, source.at("accepted")))
+    return Baseline(file=file, suppressions=read_accepted(root.accepted, source.at("accepted")))
 
 
 def _unique(claims: tuple[Claim, ...], declared: Declared) -> tuple[Claim, ...]:

@@ -24,7 +24,7 @@ from keystore_audit.findings import (
     Finding,
     Location,
     Severity,
-    Suppression,
+    Suppressed,
 )
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.profiles import VARIANTS, Matcher, facts
@@ -32,12 +32,12 @@ from keystore_audit.settings.document import Source, Table, Texts, several
 from keystore_audit.text import counted, meant
 
 MAX_DAYS: Final = 180
-"""How long an acceptance may last, from the audit instant, unless settings say otherwise (`max_suppression_days`)."""
+"""How long a suppression may last, from the audit instant, unless settings say otherwise (`max_suppression_days`)."""
 
 ALL: Final = "*"
 
 
-class Acceptance(Struct, frozen=True, kw_only=True):
+class Suppression(Struct, frozen=True, kw_only=True):
     """Findings that somebody accepts: of the rule `code`, and at a place or with a fingerprint.
 
     `where`: globs on enclave paths (they begin with /) or on paths in the keystore, or `*` for all findings of the
@@ -76,7 +76,7 @@ class Acceptance(Struct, frozen=True, kw_only=True):
 
 
 class Fate(str, Enum):
-    """What became of an acceptance in an audit."""
+    """What became of a suppression in an audit."""
 
     USED = "used"
     ENDED = "ended"
@@ -84,61 +84,61 @@ class Fate(str, Enum):
 
 
 class Use(Struct, frozen=True, kw_only=True):
-    """An acceptance and the findings that it speaks of; `why`: of one that is not used, why, in words."""
+    """A suppression and the findings that it speaks of; `why`: of one that is not used, why, in words."""
 
-    acceptance: Acceptance
+    suppression: Suppression
     fate: Fate
     findings: tuple[Finding, ...] = ()
     why: str = ""
 
 
 class FileOfUses(Struct, frozen=True, kw_only=True):
-    """What became of the acceptances of one file."""
+    """What became of the suppressions of one file."""
 
     path: str
     uses: tuple[Use, ...]
 
 
-def check_codes(acceptances: Iterable[Acceptance], codes: Collection[str]) -> None:
+def check_codes(suppressions: Iterable[Suppression], codes: Collection[str]) -> None:
     """Raises errors.UsageError for one of a rule that there is not."""
-    for acceptance in acceptances:
-        if acceptance.code not in codes:
-            hint = meant(acceptance.code, codes)
-            raise UsageError(f"{acceptance.place}: {acceptance.code} is no rule's code.{hint}")
+    for suppression in suppressions:
+        if suppression.code not in codes:
+            hint = meant(suppression.code, codes)
+            raise UsageError(f"{suppression.place}: {suppression.code} is no rule's code.{hint}")
 
 
-def limited(acceptances: Iterable[Acceptance], worst: Mapping[str, Severity]) -> tuple[Acceptance, ...]:
-    """The acceptances; one that names no severity accepts its rule's own, `worst`, and no worse one."""
+def limited(suppressions: Iterable[Suppression], worst: Mapping[str, Severity]) -> tuple[Suppression, ...]:
+    """The suppressions; one that names no severity accepts its rule's own, `worst`, and no worse one."""
     return tuple(
-        replace(acceptance, severity=worst[acceptance.code]) if acceptance.severity is None else acceptance
-        for acceptance in acceptances
+        replace(suppression, severity=worst[suppression.code]) if suppression.severity is None else suppression
+        for suppression in suppressions
     )
 
 
-def check_dates(acceptances: Iterable[Acceptance], at: datetime, days: int = MAX_DAYS) -> None:
+def check_dates(suppressions: Iterable[Suppression], at: datetime, days: int = MAX_DAYS) -> None:
     """Raises errors.UsageError for one that lasts longer than so many days from the audit instant `at`."""
     latest = (at + timedelta(days=days)).date()
-    for acceptance in acceptances:
-        if acceptance.until > latest:
-            where = acceptance.until_place or acceptance.place
+    for suppression in suppressions:
+        if suppression.until > latest:
+            where = suppression.until_place or suppression.place
             raise UsageError(
-                f"{where}: {acceptance.until} is too far away: expected {latest} or sooner, "
+                f"{where}: {suppression.until} is too far away: expected {latest} or sooner, "
                 f"{days} days after the audit's time (max_suppression_days in the settings changes that)."
             )
 
 
 def uses(
     findings: Iterable[Finding],
-    acceptances: Iterable[Acceptance],
+    suppressions: Iterable[Suppression],
     at: datetime,
     profiles: Collection[str],
     codes: Collection[str] | None = None,
     outside: Mapping[str, Collection[str]] | None = None,
 ) -> tuple[FileOfUses, ...]:
-    """What becomes of each acceptance at the instant `at`, by file.
+    """What becomes of each suppression at the instant `at`, by file.
 
     `profiles`: the names of those chosen, which a finding without any of its own is about. `codes`: of the rules that
-    were asked (None: all); an acceptance of another is neither used nor unused. `outside`: by fingerprint, the places
+    were asked (None: all); a suppression of another is neither used nor unused. `outside`: by fingerprint, the places
     of findings that no enclave carries; who accepts by fingerprint alone has no need of them.
     """
     by_code: dict[str, list[Finding]] = {}
@@ -147,37 +147,37 @@ def uses(
         by_code.setdefault(finding.code, []).append(finding)
         by_fingerprint[finding.fingerprint] = finding
     files: dict[str, list[Use]] = {}
-    for acceptance in acceptances:
-        if acceptance.fingerprint is None:
-            candidates: Sequence[Finding] = by_code.get(acceptance.code, ())
+    for suppression in suppressions:
+        if suppression.fingerprint is None:
+            candidates: Sequence[Finding] = by_code.get(suppression.code, ())
         else:
-            found = by_fingerprint.get(acceptance.fingerprint)
-            candidates = () if found is None or found.code != acceptance.code else (found,)
-        use = _use(acceptance, candidates, at, profiles, outside or {})
-        mine = files.setdefault(acceptance.location.path, [])
-        if use.fate is not Fate.UNUSED or codes is None or acceptance.code in codes:
+            found = by_fingerprint.get(suppression.fingerprint)
+            candidates = () if found is None or found.code != suppression.code else (found,)
+        use = _use(suppression, candidates, at, profiles, outside or {})
+        mine = files.setdefault(suppression.location.path, [])
+        if use.fate is not Fate.UNUSED or codes is None or suppression.code in codes:
             mine.append(use)
     return tuple(FileOfUses(path=path, uses=tuple(mine)) for path, mine in files.items())
 
 
 def _use(
-    acceptance: Acceptance,
+    suppression: Suppression,
     candidates: Sequence[Finding],
     at: datetime,
     profiles: Collection[str],
     outside: Mapping[str, Collection[str]],
 ) -> Use:
     refusals = {
-        finding.fingerprint: _refusal(acceptance, finding, profiles, outside.get(finding.fingerprint, ()))
+        finding.fingerprint: _refusal(suppression, finding, profiles, outside.get(finding.fingerprint, ()))
         for finding in candidates
     }
     taken = tuple(finding for finding in candidates if refusals[finding.fingerprint] is None)
-    if at > acceptance.end:
-        return Use(acceptance=acceptance, fate=Fate.ENDED, findings=taken, why=f"until {acceptance.until}")
+    if at > suppression.end:
+        return Use(suppression=suppression, fate=Fate.ENDED, findings=taken, why=f"until {suppression.until}")
     if taken:
-        return Use(acceptance=acceptance, fate=Fate.USED, findings=taken)
+        return Use(suppression=suppression, fate=Fate.USED, findings=taken)
     why = next((refusal for refusal in refusals.values() if refusal), "nothing of the kind was found")
-    return Use(acceptance=acceptance, fate=Fate.UNUSED, why=why)
+    return Use(suppression=suppression, fate=Fate.UNUSED, why=why)
 
 
 def acceptable(finding: Finding) -> bool:
@@ -186,23 +186,23 @@ def acceptable(finding: Finding) -> bool:
 
 
 def _refusal(
-    acceptance: Acceptance, finding: Finding, profiles: Collection[str], outside: Collection[str]
+    suppression: Suppression, finding: Finding, profiles: Collection[str], outside: Collection[str]
 ) -> str | None:
-    """Why the acceptance does not speak of a finding of its rule; None: it does."""
+    """Why the suppression does not speak of a finding of its rule; None: it does."""
     if not acceptable(finding):
         return "what it names is undecided, and nothing accepts that"
-    if acceptance.fingerprint is None and not _within(acceptance.where, finding, outside):
+    if suppression.fingerprint is None and not _within(suppression.where, finding, outside):
         return (
             "a property is one of the whole keystore: name it by fingerprint and meaning"
             if finding.code.startswith(OF_PROPERTIES)
             else "what was found is not, or not only, there"
         )
-    if acceptance.severity is not None and not acceptance.severity.at_least(finding.severity):
-        return f"it is {finding.severity.value} now, and {acceptance.severity.value} was accepted"
-    others = {*(finding.profiles or profiles)} - acceptance.profiles if acceptance.profiles is not None else ()
+    if suppression.severity is not None and not suppression.severity.at_least(finding.severity):
+        return f"it is {finding.severity.value} now, and {suppression.severity.value} was accepted"
+    others = {*(finding.profiles or profiles)} - suppression.profiles if suppression.profiles is not None else ()
     if others:
         return f"it holds under {', '.join(sorted(others))} too"
-    if acceptance.meaning is not None and acceptance.meaning != finding.meaning:
+    if suppression.meaning is not None and suppression.meaning != finding.meaning:
         return "what it is about has changed"
     return None
 
@@ -232,12 +232,12 @@ def _matches(globs: Iterable[str], name: str) -> bool:
 
 
 def accepted(findings: Iterable[Finding], files: Iterable[FileOfUses]) -> tuple[Finding, ...]:
-    """The findings, those that are accepted marked with why and by whom: the first acceptance that speaks of them."""
-    marks: dict[str, Suppression] = {}
+    """The findings, those that are accepted marked with why and by whom: the first suppression that speaks of them."""
+    marks: dict[str, Suppressed] = {}
     for file in files:
         for use in file.uses:
             for finding in use.findings if use.fate is Fate.USED else ():
-                marks.setdefault(finding.fingerprint, _mark(use.acceptance))
+                marks.setdefault(finding.fingerprint, _mark(use.suppression))
     return tuple(
         replace(finding, suppressed=marks[finding.fingerprint]) if finding.fingerprint in marks else finding
         for finding in findings
@@ -257,13 +257,13 @@ def first_end(findings: Iterable[Finding]) -> datetime | None:
     return datetime.combine(min(days) + timedelta(days=1), time(), timezone.utc) if days else None
 
 
-def _mark(acceptance: Acceptance) -> Suppression:
-    line = acceptance.location.line
-    return Suppression(
-        reason=acceptance.reason,
-        until=acceptance.until.isoformat(),
-        owner=acceptance.owner,
-        source=f"{acceptance.location.path}:{line}",
+def _mark(suppression: Suppression) -> Suppressed:
+    line = suppression.location.line
+    return Suppressed(
+        reason=suppression.reason,
+        until=suppression.until.isoformat(),
+        owner=suppression.owner,
+        source=f"{suppression.location.path}:{line}",
     )
 
 
@@ -277,7 +277,7 @@ Digest = Annotated[
 _WORDS: Final = "words, and not only spaces"
 
 
-class _AcceptanceTable(Table, frozen=True, kw_only=True):
+class _SuppressionTable(Table, frozen=True, kw_only=True):
     """What both kinds of tables have. `profiles`: None, any; `until`: the last day."""
 
     code: Code
@@ -287,7 +287,7 @@ class _AcceptanceTable(Table, frozen=True, kw_only=True):
     until: date
 
 
-class SuppressionTable(_AcceptanceTable, frozen=True, kw_only=True):
+class SuppressionTable(_SuppressionTable, frozen=True, kw_only=True):
     """A `[[suppression]]`: at places, or with a fingerprint."""
 
     where: Texts | None = None
@@ -296,7 +296,7 @@ class SuppressionTable(_AcceptanceTable, frozen=True, kw_only=True):
     severity: Severity | None = None
 
 
-class AcceptedTable(_AcceptanceTable, frozen=True, kw_only=True):
+class AcceptedTable(_SuppressionTable, frozen=True, kw_only=True):
     """An `[[accepted]]` finding. `severity`: the worst that is accepted; `finding`: what it says, for people."""
 
     fingerprint: Digest
@@ -305,12 +305,12 @@ class AcceptedTable(_AcceptanceTable, frozen=True, kw_only=True):
     finding: str = ""
 
 
-def read_suppressions(tables: Sequence[SuppressionTable], source: Source) -> tuple[Acceptance, ...]:
+def read_suppressions(tables: Sequence[SuppressionTable], source: Source) -> tuple[Suppression, ...]:
     """The `[[suppression]]` tables of settings. Raises errors.UsageError."""
-    return tuple(_suppression(table, source.at(number)) for number, table in enumerate(tables))
+    return tuple(_in_settings(table, source.at(number)) for number, table in enumerate(tables))
 
 
-def _suppression(table: SuppressionTable, source: Source) -> Acceptance:
+def _in_settings(table: SuppressionTable, source: Source) -> Suppression:
     if (table.where is None) == (table.fingerprint is None):
         source.wrong("expected exactly one of where, fingerprint")
     if table.where is not None and table.meaning is not None:
@@ -323,10 +323,10 @@ def _suppression(table: SuppressionTable, source: Source) -> Acceptance:
     for glob in where:
         if glob.startswith("./") or "//" in glob or ".." in glob.split("/"):
             here.wrong(f'{glob!r}: expected an enclave ("/arm/*"), or a path in the keystore ("public/*")')
-    return _acceptance(table, source, where)
+    return _suppression(table, source, where)
 
 
-def read_accepted(tables: Sequence[AcceptedTable], source: Source) -> tuple[Acceptance, ...]:
+def read_accepted(tables: Sequence[AcceptedTable], source: Source) -> tuple[Suppression, ...]:
     """The `[[accepted]]` tables of a baseline. Raises errors.UsageError."""
     seen: dict[str, str] = {}
     read = []
@@ -335,23 +335,23 @@ def read_accepted(tables: Sequence[AcceptedTable], source: Source) -> tuple[Acce
         if table.fingerprint in seen:
             here.at("fingerprint").wrong(f"this one is accepted already, at {seen[table.fingerprint]}")
         seen[table.fingerprint] = here.place
-        read.append(_acceptance(table, here, (), table.finding))
+        read.append(_suppression(table, here, (), table.finding))
     return tuple(read)
 
 
-def _acceptance(
+def _suppression(
     table: SuppressionTable | AcceptedTable,
     source: Source,
     where: tuple[str, ...],
     finding: str = "",
-) -> Acceptance:
+) -> Suppression:
     if table.code.startswith(OF_THE_AUDIT):
         source.at("code").wrong(f"{table.code} is about the audit itself, which nothing accepts")
     for name in several(table.profiles):
         if name not in VARIANTS:  # what an alias stands for changes from version to version
             expected = f"expected names as in reports, e.g. {facts.EXAMPLE_PROFILE}"
             source.at("profiles").wrong(f"{name!r} is no profile; {expected}")
-    return Acceptance(
+    return Suppression(
         code=table.code,
         where=where,
         fingerprint=table.fingerprint,

@@ -9,12 +9,13 @@ open keystore_audit
 //@ statement SomebodyListens = The talker can speak, and another enclave listen.
 
 /** Enclaves whose samples are taken on a channel of /chatter, by right or by the keys that they hold. */
-fun speakers: set Enclave { { enclave: Enclave | some realm: Realm | some enclave.(feeds[realm]) & Chatter } }
+fun speakers: set Enclave { { enclave: Enclave | some trust_domain: TrustDomain | some enclave.(feeds[trust_domain])
+	& Chatter } }
 
 assert OnlyTheTalkerSpeaks { all speaker: speakers | speaker in Talker }
 check OnlyTheTalkerSpeaks for 0
 
 run SomebodyListens {
-	some realm: Realm, listener: Enclave - Talker |
-		some Talker.(may_write[realm]) & listener.(may_read[realm]) & Chatter
+	some trust_domain: TrustDomain, listener: Enclave - Talker |
+		some Talker.(may_write[trust_domain]) & listener.(may_read[trust_domain]) & Chatter
 } for 0

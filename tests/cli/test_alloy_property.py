@@ -221,7 +221,7 @@ def test_what_holds_of_nothing_is_told_in_every_format_and_never_attested(run: A
     """A check that ranges over nothing holds, and says nothing of the keystore."""
     for among, vacuous in (("Talker", False), ("Talker & opaque", True)):
         file = tmp_path / f"{vacuous}.als"
-        short = f"check Short {{ all one_enclave: {among} | some one_enclave.(may_write[Realm]) }} for 0"
+        short = f"check Short {{ all one_enclave: {among} | some one_enclave.(may_write[TrustDomain]) }} for 0"
         file.write_text(f"module short\nopen keystore_audit\n//@ enclave Talker = /talker\n{short}\n")
         kinds = {kind: run(GOOD, "-f", kind, file=file)[1] for kind in ("json", "sarif", "text", "markdown", "html")}
         told = [each for each in json.loads(kinds["json"])["properties"] if each["id"].endswith("-short")]

@@ -1,6 +1,6 @@
 """Flows and claims by enumeration, as docs/model.md words them: slow, and independent of both engines' ways.
 
-What an enclave may do in a realm comes from `model.formal.attacker`, which the properties test; everything from there
+What an enclave may do in a trust domain comes from `model.formal.attacker`, which the properties test; all from there
 on is counted out here, participant by participant, with Python sets.
 """
 
@@ -13,7 +13,7 @@ from msgspec import Struct
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
@@ -24,7 +24,7 @@ OUTSIDER = -1
 
 
 class Powers(Struct, frozen=True, dict=True):
-    """Sets of channels of an enclave in a realm."""
+    """Sets of channels of an enclave in a trust domain."""
 
     writes: frozenset[int]
     reads: frozenset[int]
@@ -46,17 +46,19 @@ class ByHand:
     def __init__(self, system: System, moment: int | None = None) -> None:
         self.system = system
         self.permissions = Permissions(system, moment)
-        self.views = [RealmView(system, realm, self.permissions) for realm in range(len(system.realms))]
+        self.views = [
+            TrustDomainView(system, trust_domain, self.permissions) for trust_domain in range(len(system.trust_domains))
+        ]
         self.enclaves = range(len(system.enclaves))
         self._powers: dict[tuple[int, int], Powers] = {}
 
-    def powers(self, enclave: int, realm: int) -> Powers:
-        if (enclave, realm) not in self._powers:
-            self._powers[enclave, realm] = self._work_out(enclave, realm)
-        return self._powers[enclave, realm]
+    def powers(self, enclave: int, trust_domain: int) -> Powers:
+        if (enclave, trust_domain) not in self._powers:
+            self._powers[enclave, trust_domain] = self._work_out(enclave, trust_domain)
+        return self._powers[enclave, trust_domain]
 
-    def _work_out(self, enclave: int, realm: int) -> Powers:
-        view = self.views[realm]
+    def _work_out(self, enclave: int, trust_domain: int) -> Powers:
+        view = self.views[trust_domain]
         able = view.abilities(enclave)
         joined = view.joined(enclave) & view.protection.ruled if not view.open else view.joined(enclave)
         within = frozenset(c for c, atom in enumerate(self.system.channels) if joined >> atom.domain & 1)
@@ -68,13 +70,18 @@ class ByHand:
             forges=frozenset(members(able.forges)),
             publishes=frozenset(members(able.may_write)) | (granted & within),
             joins=frozenset(members(joined)),
-            honest_writes=self._honestly(enclave, realm, Operation.PUBLISH) & frozenset(members(able.may_write)),
-            honest_reads=self._honestly(enclave, realm, Operation.SUBSCRIBE) & frozenset(members(able.may_read)),
+            honest_writes=self._honestly(enclave, trust_domain, Operation.PUBLISH) & frozenset(members(able.may_write)),
+            honest_reads=self._honestly(enclave, trust_domain, Operation.SUBSCRIBE) & frozenset(members(able.may_read)),
         )
 
-    def _honestly(self, enclave: int, realm: int, operation: Operation) -> frozenset[int]:
+    def _honestly(self, enclave: int, trust_domain: int, operation: Operation) -> frozenset[int]:
         """As itself, by what documents grant it that are there, wherever it may be a participant by them."""
-        view, atom, s, p = self.views[realm], self.system.enclaves[enclave], self.system, self.views[realm].protection
+        view, atom, s, p = (
+            self.views[trust_domain],
+            self.system.enclaves[enclave],
+            self.system,
+            self.views[trust_domain].protection,
+        )
         if not view.authenticated(enclave):
             return frozenset()
         if atom.opaque or any(document.opaque for document in s.documents):
@@ -98,15 +105,15 @@ class ByHand:
             )
         )
 
-    def own_powers(self, enclave: int, realm: int) -> tuple[frozenset[int], frozenset[int]]:
-        """What it writes and reads by its own document alone, as peers of the realm see it."""
-        view, atom, s = self.views[realm], self.system.enclaves[enclave], self.system
+    def own_powers(self, enclave: int, trust_domain: int) -> tuple[frozenset[int], frozenset[int]]:
+        """What it writes and reads by its own document alone, as peers of the trust domain see it."""
+        view, atom, s = self.views[trust_domain], self.system.enclaves[enclave], self.system
         own = frozenset() if atom.permissions is None else frozenset({atom.permissions}) & view.accepted
         grants = self.permissions.chosen(atom.identity, own)
         unread = atom.opaque or (atom.permissions is not None and s.documents[atom.permissions].opaque)
         p = view.protection
         joined = 0
-        if atom.identity in s.realms[realm].refuses:
+        if atom.identity in s.trust_domains[trust_domain].refuses:
             return frozenset(), frozenset()
         if view.open:
             joined = self.permissions.all_domains
@@ -148,19 +155,19 @@ class ByHand:
             or (key is not None and (i := atoms[f].identity) is not None and certificates[i].key == key)
         }
 
-    def written_alone(self, enclave: int, realm: int) -> frozenset[int]:
+    def written_alone(self, enclave: int, trust_domain: int) -> frozenset[int]:
         atom = self.system.enclaves[enclave]
-        return atom.writes_alone if atom.realm == realm else frozenset()
+        return atom.writes_alone if atom.trust_domain == trust_domain else frozenset()
 
-    def in_clear(self, realm: int) -> frozenset[int]:
-        p = self.views[realm].protection
+    def in_clear(self, trust_domain: int) -> frozenset[int]:
+        p = self.views[trust_domain].protection
         return frozenset(members(p.governed & ~(p.rtps_encrypts | p.metadata_encrypts | p.data_encrypts)))
 
-    def lets_anybody_in(self, realm: int) -> frozenset[int]:
-        return frozenset(members(self.views[realm].protection.unauthenticated))
+    def lets_anybody_in(self, trust_domain: int) -> frozenset[int]:
+        return frozenset(members(self.views[trust_domain].protection.unauthenticated))
 
-    def unguarded(self, realm: int) -> frozenset[int]:
-        p, found = self.views[realm].protection, set()
+    def unguarded(self, trust_domain: int) -> frozenset[int]:
+        p, found = self.views[trust_domain].protection, set()
         for channel in members(p.governed):
             lets_in = p.unauthenticated >> self.system.channels[channel].domain & 1
             inside = (p.metadata_authenticates | p.data_authenticates) >> channel & 1
@@ -174,7 +181,7 @@ class Flow:
 
     def __init__(self, hand: ByHand, claim: ClaimAtom) -> None:
         self.hand, self.claim = hand, claim
-        self.realms = range(len(hand.system.realms))
+        self.trust_domains = range(len(hand.system.trust_domains))
         self.able = claim.kind is ClaimKind.ABLE
         self.relays = claim.attacker is Attacker.RELAYS and not self.able
         everybody = set(hand.enclaves) | {OUTSIDER}
@@ -184,28 +191,28 @@ class Flow:
         if claim.attacker is Attacker.SOURCE and not self.able:
             self.forgers = self.source
 
-    def writes(self, enclave: int, realm: int, *, attacks: bool = False) -> frozenset[int]:
+    def writes(self, enclave: int, trust_domain: int, *, attacks: bool = False) -> frozenset[int]:
         if self.able:
-            return self.hand.own_powers(enclave, realm)[0]
-        powers = self.hand.powers(enclave, realm)
+            return self.hand.own_powers(enclave, trust_domain)[0]
+        powers = self.hand.powers(enclave, trust_domain)
         return powers.writes if self.relays or attacks else powers.honest_writes
 
-    def reads(self, enclave: int, realm: int) -> frozenset[int]:
+    def reads(self, enclave: int, trust_domain: int) -> frozenset[int]:
         if self.able:
-            return self.hand.own_powers(enclave, realm)[1]
-        powers = self.hand.powers(enclave, realm)
+            return self.hand.own_powers(enclave, trust_domain)[1]
+        powers = self.hand.powers(enclave, trust_domain)
         return powers.reads if self.relays else powers.honest_reads
 
     def member(self, enclave: int) -> int:
-        return self.hand.system.enclaves[enclave].realm
+        return self.hand.system.enclaves[enclave].trust_domain
 
-    def imposes(self, holder: int, realm: int) -> set[int]:
-        """Channels on which an attacker has its samples taken in the realm."""
+    def imposes(self, holder: int, trust_domain: int) -> set[int]:
+        """Channels on which an attacker has its samples taken in the trust domain."""
         if holder not in self.forgers:
             return set()
-        found = set(self.hand.unguarded(realm))  # as anybody on the network
+        found = set(self.hand.unguarded(trust_domain))  # as anybody on the network
         for guise in self.hand.acts_as(holder) if holder != OUTSIDER else ():
-            powers = self.hand.powers(guise, realm)
+            powers = self.hand.powers(guise, trust_domain)
             found |= powers.writes | powers.forges
         return found
 
@@ -219,8 +226,8 @@ class Flow:
             yield from self._by_right(f)
             yield from self._imposed(f)
         if not self.able:
-            for realm in self.realms:
-                yield from self._intercepted(realm)
+            for trust_domain in self.trust_domains:
+                yield from self._intercepted(trust_domain)
 
     def _by_right(self, f: int) -> Iterator[tuple[int, int, int]]:
         home = self.member(f)
@@ -233,31 +240,33 @@ class Flow:
                 yield e, c, f
 
     def strangers(self, one: int, other: int) -> bool:
-        """Whether members of the two realms refuse each other for what they tell of their permissions CAs."""
-        told = {self.hand.system.realms[realm].told for realm in (one, other)} - {None}
+        """Whether members of the two trust domains refuse each other for what they tell of their permissions CAs."""
+        told = {self.hand.system.trust_domains[trust_domain].told for trust_domain in (one, other)} - {None}
         return len(told) > 1
 
     def _imposed(self, f: int) -> Iterator[tuple[int, int, int]]:
         for guise in self.hand.acts_as(f) if self.relays else {f}:
-            realm = self.member(guise)
+            trust_domain = self.member(guise)
             for holder in self.forgers:
-                heard = self.reads(guise, realm) | self.hand.system.enclaves[guise].reads_alone
-                for c in self.imposes(holder, realm) & heard:
+                heard = self.reads(guise, trust_domain) | self.hand.system.enclaves[guise].reads_alone
+                for c in self.imposes(holder, trust_domain) & heard:
                     yield holder, c, f
 
-    def _intercepted(self, realm: int) -> Iterator[tuple[int, int, int]]:
-        """What is on the network as the realm protects it: the outsider listens whoever attacks."""
+    def _intercepted(self, trust_domain: int) -> Iterator[tuple[int, int, int]]:
+        """What is on the network as the trust domain protects it: the outsider listens whoever attacks."""
         hand = self.hand
         for e in (*hand.enclaves, OUTSIDER):
-            sent = self.imposes(e, realm)
+            sent = self.imposes(e, trust_domain)
             for mask in () if e == OUTSIDER else hand.acts_as(e) if e in self.forgers else {e}:
-                sent |= self.writes(mask, realm, attacks=e in self.forgers) | hand.written_alone(mask, realm)
+                sent |= self.writes(mask, trust_domain, attacks=e in self.forgers) | hand.written_alone(
+                    mask, trust_domain
+                )
             for c in sent:
-                if c in hand.in_clear(realm):
+                if c in hand.in_clear(trust_domain):
                     yield e, c, OUTSIDER
                 for f in hand.enclaves if self.relays else ():
-                    if c in hand.in_clear(realm) or any(
-                        c in hand.powers(guise, realm).learns() for guise in hand.acts_as(f)
+                    if c in hand.in_clear(trust_domain) or any(
+                        c in hand.powers(guise, trust_domain).learns() for guise in hand.acts_as(f)
                     ):
                         yield e, c, f
 
@@ -267,7 +276,7 @@ class Flow:
 
     def getters(self, c: int) -> set[int]:
         """Who gets a sample of this channel."""
-        found, clear = set(), any(c in self.hand.in_clear(realm) for realm in self.realms)
+        found, clear = set(), any(c in self.hand.in_clear(trust_domain) for trust_domain in self.trust_domains)
         for f in self.hand.enclaves:
             as_whom = self.hand.acts_as(f) if self.relays else {f}
             if any(c in self.reads(guise, self.member(guise)) for guise in as_whom) or (
@@ -275,7 +284,11 @@ class Flow:
                 and (
                     clear
                     or any(c in self.hand.system.enclaves[guise].reads_alone for guise in as_whom)
-                    or any(c in self.hand.powers(guise, realm).learns() for guise in as_whom for realm in self.realms)
+                    or any(
+                        c in self.hand.powers(guise, trust_domain).learns()
+                        for guise in as_whom
+                        for trust_domain in self.trust_domains
+                    )
                 )
             ):
                 found.add(f)
@@ -288,13 +301,13 @@ class Flow:
     def put(self, holder: int) -> set[int]:
         """Channels on which it puts samples."""
         found = set[int]()
-        for realm in self.realms:
-            found |= self.imposes(holder, realm)
+        for trust_domain in self.trust_domains:
+            found |= self.imposes(holder, trust_domain)
             if self.relays and holder != OUTSIDER:
                 for guise in self.hand.acts_as(holder):
                     found |= self.hand.system.enclaves[guise].writes_alone
-            if holder != OUTSIDER and not (self.able and realm != self.member(holder)):
-                found |= self.writes(holder, realm)
+            if holder != OUTSIDER and not (self.able and trust_domain != self.member(holder)):
+                found |= self.writes(holder, trust_domain)
         return found
 
     def shortest(self) -> int | None:
@@ -321,10 +334,14 @@ class Flow:
 
 
 def found_by(hand: ByHand, claim: ClaimAtom, one: int, other: int) -> bool:
-    """Whether both may be in one domain: peers let both in, of one realm or of two, or one, and the other starts."""
-    realms = range(len(hand.system.realms))
+    """Whether both may be in a domain: peers let both in, of one trust domain or two, or one, and the other starts."""
+    trust_domains = range(len(hand.system.trust_domains))
     here, there = (
-        {domain for realm in realms for domain in hand.powers(each, realm).joins | hand.lets_anybody_in(realm)}
+        {
+            domain
+            for trust_domain in trust_domains
+            for domain in hand.powers(each, trust_domain).joins | hand.lets_anybody_in(trust_domain)
+        }
         for each in (one, other)
     )
     return any(
@@ -337,16 +354,21 @@ def found_by(hand: ByHand, claim: ClaimAtom, one: int, other: int) -> bool:
 
 def published_by_others(hand: ByHand, permitted: frozenset[int]) -> set[int]:
     views = enumerate(hand.views)
-    found = (published_elsewhere(hand.system, view, hand.permissions, realm, permitted) for realm, view in views)
+    found = (
+        published_elsewhere(hand.system, view, hand.permissions, trust_domain, permitted)
+        for trust_domain, view in views
+    )
     return set[int]().union(*found)
 
 
 def read_by_others(hand: ByHand, attacker: Attacker) -> set[int]:
     """What somebody reads who is no enclave here: anybody, or (an insider) with a grant."""
     if attacker is not Attacker.INSIDER:
-        return set[int]().union(*(hand.in_clear(realm) for realm in range(len(hand.views))))
+        return set[int]().union(*(hand.in_clear(trust_domain) for trust_domain in range(len(hand.views))))
     views = enumerate(hand.views)
-    return set[int]().union(*(read_elsewhere(hand.system, view, hand.permissions, realm) for realm, view in views))
+    return set[int]().union(
+        *(read_elsewhere(hand.system, view, hand.permissions, trust_domain) for trust_domain, view in views)
+    )
 
 
 def violated(hand: ByHand, claim: ClaimAtom) -> bool:
@@ -367,9 +389,9 @@ def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
         return True
     if claim.kind is ClaimKind.ENCRYPTED and claim.target.channels & read_by_others(hand, claim.attacker):
         return True
-    for realm in range(len(s.realms)):
+    for trust_domain in range(len(s.trust_domains)):
         for e in hand.enclaves:
-            powers = hand.powers(e, realm)
+            powers = hand.powers(e, trust_domain)
             if claim.kind is ClaimKind.ONLY_PUBLISH:
                 if e not in claim.source.enclaves and powers.publishes & claim.target.channels:
                     return True
@@ -380,9 +402,11 @@ def violated_by_some(hand: ByHand, claim: ClaimAtom) -> bool:
                 holders = [f for f in hand.acts_as(e) if not (s.enclaves[f].opaque or s.enclaves[f].unmanaged)]
                 if s.enclaves[e].unmanaged and not s.enclaves[e].opaque and holders:
                     continue
-                learnt = hand.in_clear(realm).union(*(hand.powers(f, realm).learns() for f in hand.acts_as(e)))
+                learnt = hand.in_clear(trust_domain).union(
+                    *(hand.powers(f, trust_domain).learns() for f in hand.acts_as(e))
+                )
                 maybe = s.enclaves[e].opaque or any(document.opaque for document in s.documents)
-                given = hand.views[realm].granted(e, Operation.SUBSCRIBE)
+                given = hand.views[trust_domain].granted(e, Operation.SUBSCRIBE)
                 entitled = {channel for channel in powers.reads if maybe or given >> channel & 1}
                 if (learnt - entitled) & claim.target.channels:
                     return True

@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from keystore_audit.model.formal import attacker, permission, steps
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
 
@@ -46,41 +46,41 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
         "in topics.get(one.by, ())[::-1]",
     ),
     "every topic rule counts": (permission, "protection", "result, hit,", "result, each.channels,"),
-    "any certificate issues": (RealmView, "vouched", "issuer.authority and", "True and"),
-    "the revoked are authentic": (RealmView, "_known", "certificate not in self._realm.revoked", "True"),
-    "no realm pins the signer": (RealmView, "_may_sign", "self._system.pins_signer", "False"),
-    "every realm pins the signer": (RealmView, "_may_sign", "self._system.pins_signer", "True"),
-    "one good signer is enough": (RealmView, "accepted", "all(self._may_sign", "any(self._may_sign"),
-    "a message without a signer is genuine": (RealmView, "genuine", "and d.signers and", "and"),
-    "chains have one step": (RealmView, "_chained", "pending = issued - found", "pending = issued - issued"),
-    "origins are never authenticated": (RealmView, "_able", "& ~p.metadata_authenticates_origin", ""),
-    "readers have no keys": (RealmView, "_able", "(~p.data_authenticates | reads)", "~p.data_authenticates"),
-    "relays read": (RealmView, "_able", "reach & ~p.data_encrypts &", "reach &"),
+    "any certificate issues": (TrustDomainView, "vouched", "issuer.authority and", "True and"),
+    "the revoked are authentic": (TrustDomainView, "_known", "certificate not in self._trust_domain.revoked", "True"),
+    "no trust domain pins the signer": (TrustDomainView, "_may_sign", "self._system.pins_signer", "False"),
+    "every trust domain pins the signer": (TrustDomainView, "_may_sign", "self._system.pins_signer", "True"),
+    "one good signer is enough": (TrustDomainView, "accepted", "all(self._may_sign", "any(self._may_sign"),
+    "a message without a signer is genuine": (TrustDomainView, "genuine", "and d.signers and", "and"),
+    "chains have one step": (TrustDomainView, "_chained", "pending = issued - found", "pending = issued - issued"),
+    "origins are never authenticated": (TrustDomainView, "_able", "& ~p.metadata_authenticates_origin", ""),
+    "readers have no keys": (TrustDomainView, "_able", "(~p.data_authenticates | reads)", "~p.data_authenticates"),
+    "relays read": (TrustDomainView, "_able", "reach & ~p.data_encrypts &", "reach &"),
     "who signs where the CA was not read is known": (
-        RealmView,
+        TrustDomainView,
         "_signs_for_itself",
         "self._system.certificates[number].opaque",
         "False",
     ),
-    "documents that were not read grant nothing": (RealmView, "may_be_granted", "self._any_opaque", "False"),
+    "documents that were not read grant nothing": (TrustDomainView, "may_be_granted", "self._any_opaque", "False"),
     "announcements are truthful": (System, "announcements_trusted", "self.asks_announced_only and", "False and"),
     "everybody believes announcements": (System, "announcements_trusted", "self.asks_announced_only and", "True and"),
     "authorities certified nothing else": (System, "anybody", "not self.assumed >= IDENTITIES", "False"),
     "there are no other documents": (System, "anything_granted", "not self.assumed >= DOCUMENTS", "False"),
-    "robots enforce": (RealmView, "__init__", "Assumption.ROBOTS_ENFORCE not in system.assumed", "False"),
+    "robots enforce": (TrustDomainView, "__init__", "Assumption.ROBOTS_ENFORCE not in system.assumed", "False"),
     "only the identity itself signs": (
-        RealmView,
+        TrustDomainView,
         "_signs_for_itself",
         "key in self.signing_keys",
         "atom.identity in self.signing_below",
     ),
     "who signs with a key of nobody here signs for nobody": (
-        RealmView,
+        TrustDomainView,
         "_signed_elsewhere",
         "bool(self.signing_keys - self.authority_keys - self._system.holders().keys())",
         "False",
     ),
-    "join access control is off": (RealmView, "_joined_by", "~p.join_controlled", "-1"),
+    "join access control is off": (TrustDomainView, "_joined_by", "~p.join_controlled", "-1"),
 }
 """By what is wrong: where (a class or a module), the function, its text, and what stands in its place."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
@@ -16,10 +16,10 @@ def unread(s: System) -> bool:
 
 
 def let_in(
-    s: System, view: RealmView, permissions: Permissions, realm: int
+    s: System, view: TrustDomainView, permissions: Permissions, trust_domain: int
 ) -> Iterator[tuple[int, int, dict[Operation, int]]]:
-    """Whom the realm lets in who is no enclave here: certificate, domains that it joins, and rights, by its grants."""
-    here, trust = {enclave.identity for enclave in s.enclaves}, s.realms[realm]
+    """Whom it lets in who is no enclave here: certificate, domains that it joins, rights, by its grants."""
+    here, trust = {enclave.identity for enclave in s.enclaves}, s.trust_domains[trust_domain]
     for number, certificate in enumerate(s.certificates):
         vouching = (s.certificates[issuer] for issuer in certificate.issuers & trust.identity_ca)
         known = view.open or (number not in trust.revoked and any(issuer.authority for issuer in vouching))
@@ -31,9 +31,9 @@ def let_in(
         yield number, joined | ~view.protection.join_controlled, {each: union(sets) for each, sets in allowed.items()}
 
 
-def signs_itself(s: System, realm: int) -> bool:
+def signs_itself(s: System, trust_domain: int) -> bool:
     """Whether whoever has an identity of the CA signs permissions that peers take."""
-    trust, below = s.realms[realm], set[int]()
+    trust, below = s.trust_domains[trust_domain], set[int]()
     trusted = set(trust.permissions_ca)
     while not trusted <= below:
         below |= trusted
@@ -44,16 +44,16 @@ def signs_itself(s: System, realm: int) -> bool:
 
 
 def published_elsewhere(
-    s: System, view: RealmView, permissions: Permissions, realm: int, permitted: frozenset[int]
+    s: System, view: TrustDomainView, permissions: Permissions, trust_domain: int, permitted: frozenset[int]
 ) -> set[int]:
-    """What is published in the realm by who is no enclave here, with a grant or where none is asked
+    """What is published in the trust domain by who is no enclave here, with a grant or where none is asked
     for, and by anybody without an identity.
 
     `permitted`: certificates that do not count.
     """
-    p, trust = view.protection, s.realms[realm]
-    others = [each for each in let_in(s, view, permissions, realm) if each[0] not in permitted]
-    found = {*members(p.governed)} if signs_itself(s, realm) else set()
+    p, trust = view.protection, s.trust_domains[trust_domain]
+    others = [each for each in let_in(s, view, permissions, trust_domain) if each[0] not in permitted]
+    found = {*members(p.governed)} if signs_itself(s, trust_domain) else set()
     for channel in members(p.governed):
         domain = s.channels[channel].domain
         guards = p.metadata_authenticates | p.data_authenticates
@@ -69,17 +69,17 @@ def published_elsewhere(
     return found
 
 
-def read_elsewhere(s: System, view: RealmView, permissions: Permissions, realm: int) -> set[int]:
-    """What in the realm is read without a grant to by who is no enclave here: with another grant, or with none."""
-    p, doubt, trust = view.protection, unread(s), s.realms[realm]
+def read_elsewhere(s: System, view: TrustDomainView, permissions: Permissions, trust_domain: int) -> set[int]:
+    """What is read there without a grant to by who is no enclave here: with another grant, or with none."""
+    p, doubt, trust = view.protection, unread(s), s.trust_domains[trust_domain]
     sealed = p.metadata_encrypts | p.data_encrypts
     issuing = view.open or any(s.certificates[number].authority for number in trust.identity_ca)
-    found = {*members(p.governed)} if signs_itself(s, realm) else set()
+    found = {*members(p.governed)} if signs_itself(s, trust_domain) else set()
     for channel in members(p.governed):
         known = issuing and not p.join_controlled >> s.channels[channel].domain & 1
         if not (sealed | p.rtps_encrypts) >> channel & 1 or (known and not (p.read_controlled & sealed) >> channel & 1):
             found.add(channel)
-    for number, domains, rights in let_in(s, view, permissions, realm):
+    for number, domains, rights in let_in(s, view, permissions, trust_domain):
         genuine = permissions.chosen(number, view.genuine)
         entitled = union(permissions.met(permissions.allowed(grant, Operation.SUBSCRIBE)) for grant in genuine)
         for channel in members(p.governed):

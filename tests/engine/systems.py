@@ -28,10 +28,10 @@ from keystore_audit.model.formal.system import (
     GrantAtom,
     Participant,
     ParticipantKind,
-    RealmAtom,
     RuleAtom,
     System,
     TopicRuleAtom,
+    TrustDomainAtom,
 )
 
 INSTANTS = 5
@@ -53,7 +53,7 @@ class Builder(Struct):
     now: int = 2
     certificates: list[CertificateAtom] = field(default_factory=list)
     documents: list[DocumentAtom] = field(default_factory=list)
-    realms: list[RealmAtom] = field(default_factory=list)
+    trust_domains: list[TrustDomainAtom] = field(default_factory=list)
     enclaves: list[Participant] = field(default_factory=list)
     domains: list[DomainAtom] = field(default_factory=list)
     channels: list[ChannelAtom] = field(default_factory=list)
@@ -111,35 +111,35 @@ class Builder(Struct):
         )
         return index
 
-    def realm(
+    def trust_domain(
         self,
         identity_ca: Collection[int],
         permissions_ca: Collection[int],
         governance: int | None,
     ) -> int:
-        self.realms.append(
-            RealmAtom(
+        self.trust_domains.append(
+            TrustDomainAtom(
                 identity_ca=frozenset(identity_ca),
                 permissions_ca=frozenset(permissions_ca),
                 governance=governance,
                 revoked=frozenset(),
             )
         )
-        return len(self.realms) - 1
+        return len(self.trust_domains) - 1
 
-    def unread(self, realm: int) -> None:
-        """The CA files of the realm could not be read, and so neither what they say of documents."""
+    def unread(self, trust_domain: int) -> None:
+        """The CA files of the trust domain could not be read, and so neither what they say of documents."""
         number = self.certificate((), fit_to_sign=False)
         self.certificates[number] = replace(self.certificates[number], opaque=True)
         unread = frozenset({number})
         governance = self.document((), intact=False, opaque=True)
-        self.realms[realm] = RealmAtom(
+        self.trust_domains[trust_domain] = TrustDomainAtom(
             identity_ca=unread, permissions_ca=unread, governance=governance, revoked=frozenset()
         )
 
     def enclave(
         self,
-        realm: int,
+        trust_domain: int,
         identity: int | None,
         permissions: int | None,
         *,
@@ -152,7 +152,7 @@ class Builder(Struct):
             Participant(
                 label=label,
                 location=Location(path=f"enclaves{label}"),
-                realm=realm,
+                trust_domain=trust_domain,
                 identity=identity,
                 permissions=permissions,
                 kind=ParticipantKind.UNREAD if opaque else ParticipantKind.ENCLAVE,
@@ -283,7 +283,7 @@ class Builder(Struct):
             now=self.now,
             certificates=tuple(self.certificates),
             documents=tuple(self.documents),
-            realms=tuple(self.realms),
+            trust_domains=tuple(self.trust_domains),
             enclaves=tuple(self.enclaves),
             domains=tuple(self.domains),
             channels=tuple(self.channels),
@@ -310,7 +310,7 @@ def healthy_builder() -> Builder:
     b.document([PERMISSIONS_CA], label="enclaves/governance.p7s")
     b.document([PERMISSIONS_CA], label="enclaves/talker/permissions.p7s")
     b.document([PERMISSIONS_CA], label="enclaves/listener/permissions.p7s")
-    b.realm([IDENTITY_CA], [PERMISSIONS_CA], GOVERNANCE)
+    b.trust_domain([IDENTITY_CA], [PERMISSIONS_CA], GOVERNANCE)
     b.enclave(0, TALKER_IDENTITY, TALKER_PERMISSIONS, label="/talker")
     b.enclave(0, LISTENER_IDENTITY, LISTENER_PERMISSIONS, label="/listener")
     b.domain(0, 0)
@@ -334,7 +334,7 @@ def stock() -> System:
     b = healthy_builder()
     b.certificates.clear()
     b.documents.clear()
-    b.realms.clear()
+    b.trust_domains.clear()
     ca = b.certificate(authority=True, label="CN=sros2CA", place="public/ca.cert.pem")
     for number, enclave in enumerate(b.enclaves):
         place = f"enclaves{enclave.label}/cert.pem"
@@ -343,7 +343,7 @@ def stock() -> System:
     places = ["enclaves/governance.p7s", *(f"enclaves{enclave.label}/permissions.p7s" for enclave in b.enclaves)]
     for place in places:
         b.document([ca], label=place, place=place)
-    b.realm([ca], [ca], GOVERNANCE)
+    b.trust_domain([ca], [ca], GOVERNANCE)
     encrypt = ProtectionKind.ENCRYPT
     b.domain_rules[0] = replace(
         b.domain_rules[0],
@@ -396,7 +396,9 @@ class _Chance:
     def system(self) -> System:
         self.trust()
         self.topics()
-        for document in sorted({realm.governance for realm in self.b.realms if realm.governance is not None}):
+        for document in sorted(
+            {trust_domain.governance for trust_domain in self.b.trust_domains if trust_domain.governance is not None}
+        ):
             self.governance(document)
         for document in range(len(self.b.documents)):
             self.permissions(document)
@@ -418,18 +420,23 @@ class _Chance:
         ]
 
     def unread(self) -> None:
-        """A realm whose CA files could not be read: drawn last as well."""
+        """A trust domain whose CA files could not be read: drawn last as well."""
         if self.opaque and self.random.random() >= 0.5:
-            self.b.unread(self.random.randrange(len(self.b.realms)))
+            self.b.unread(self.random.randrange(len(self.b.trust_domains)))
 
     def permissions_cas(self) -> None:
-        """What realms tell of their permissions CAs, where it is compared: drawn after all others."""
+        """What trust domains tell of their permissions CAs, where it is compared: drawn after all others."""
         if self.odd(0.4):
             told = [0, 1, None] if self.b.may else [0, 1]
-            self.b.realms = [replace(realm, told=self.random.choice(told)) for realm in self.b.realms]
+            self.b.trust_domains = [
+                replace(trust_domain, told=self.random.choice(told)) for trust_domain in self.b.trust_domains
+            ]
         if self.odd(0.4):
             refused = frozenset(n for n in range(len(self.b.certificates)) if self.odd())
-            self.b.realms = [replace(realm, refuses=refused) if self.odd(0.5) else realm for realm in self.b.realms]
+            self.b.trust_domains = [
+                replace(trust_domain, refuses=refused) if self.odd(0.5) else trust_domain
+                for trust_domain in self.b.trust_domains
+            ]
 
     def dates(self) -> tuple[int, int]:
         if not self.odd(0.3):
@@ -438,7 +445,7 @@ class _Chance:
         return (low, high) if self.odd(0.2) else (min(low, high), max(low, high))
 
     def trust(self) -> None:
-        """Authorities, identities, documents, realms and enclaves."""
+        """Authorities, identities, documents, trust domains and enclaves."""
         b = self.b
         for _ in range(self.random.randint(1, 3)):
             low, high = self.dates()
@@ -446,16 +453,16 @@ class _Chance:
         authorities = list(range(len(b.certificates)))
         governances = [self.document(authorities[-1:]) for _ in range(1 + self.odd(0.4))]
         for _ in range(1 + self.odd() + self.odd()):
-            self.realm(authorities, governances)
+            self.trust_domain(authorities, governances)
         for _ in range(self.random.randint(1, 4)):
             self.member(authorities)
         everybody = range(len(b.certificates))
         if self.odd(0.4):
-            realm = b.realms[0]
-            b.realms[0] = RealmAtom(
-                identity_ca=realm.identity_ca,
-                permissions_ca=realm.permissions_ca,
-                governance=realm.governance,
+            trust_domain = b.trust_domains[0]
+            b.trust_domains[0] = TrustDomainAtom(
+                identity_ca=trust_domain.identity_ca,
+                permissions_ca=trust_domain.permissions_ca,
+                governance=trust_domain.governance,
                 revoked=frozenset(self.some(everybody, 0.3)),
             )
 
@@ -466,18 +473,18 @@ class _Chance:
         opaque = self.random.random() < self.opaque
         return self.b.document(signers, intact=not self.odd(0.2), opaque=opaque)
 
-    def realm(self, authorities: Sequence[int], governances: Sequence[int]) -> None:
+    def trust_domain(self, authorities: Sequence[int], governances: Sequence[int]) -> None:
         identity_ca: Collection[int] = authorities[:1]
         permissions_ca: Collection[int] = authorities[-1:]
         if self.odd(0.4):
             identity_ca, permissions_ca = self.some(authorities), self.some(authorities)
         governance = None if self.odd(0.1) else self.random.choice(governances)
-        self.b.realm(identity_ca, permissions_ca, governance)
+        self.b.trust_domain(identity_ca, permissions_ca, governance)
 
     def member(self, authorities: Sequence[int]) -> None:
         b = self.b
         low, high = self.dates()
-        realm = self.random.randrange(len(b.realms))
+        trust_domain = self.random.randrange(len(b.trust_domains))
         issuers: Collection[int] = authorities[:1]
         if self.odd(0.3):
             issuers = self.some(range(len(b.certificates)))
@@ -493,7 +500,7 @@ class _Chance:
         if self.odd(0.1):
             permissions = self.random.randrange(len(b.documents))
         b.enclave(
-            realm,
+            trust_domain,
             None if self.odd(0.1) else identity,
             None if self.odd(0.1) else permissions,
             opaque=self.random.random() < self.opaque,
@@ -599,7 +606,7 @@ def _some(system: System, chance: random.Random, share: float) -> frozenset[int]
 def _named_elsewhere(system: System, seed: int) -> System:
     chance = random.Random(f"elsewhere {seed}")
     number = len(system.certificates)
-    issuers = frozenset[int]().union(*(realm.identity_ca for realm in system.realms))
+    issuers = frozenset[int]().union(*(trust_domain.identity_ca for trust_domain in system.trust_domains))
     made = replace(
         system.certificates[0], label="somebody else", issuers=issuers, authority=False, fit_to_sign=False, key=9_999
     )
@@ -611,9 +618,9 @@ def _named_elsewhere(system: System, seed: int) -> System:
             replace(grant, names=grant.names | {number}) if place in named else grant
             for place, grant in enumerate(system.grants)
         ),
-        realms=tuple(
-            replace(realm, revoked=realm.revoked | {number}) if chance.random() < 0.2 else realm
-            for realm in system.realms
+        trust_domains=tuple(
+            replace(trust_domain, revoked=trust_domain.revoked | {number}) if chance.random() < 0.2 else trust_domain
+            for trust_domain in system.trust_domains
         ),
     )
 

@@ -51,7 +51,7 @@ def tell(system: System, identifier: str, **atoms: int) -> Counterexample:
 
 
 def test_a_reader_that_forges_in_a_stock_keystore() -> None:
-    told = tell(stock(), "readers-cannot-forge", realm=0, enclave=LISTENER, channel=CHATTER)
+    told = tell(stock(), "readers-cannot-forge", trust_domain=0, enclave=LISTENER, channel=CHATTER)
     assert told.text.startswith("/listener, which may only subscribe to /chatter (topic) in domains 0 to 0, can pass")
     assert "rtps_protection_kind is SIGN, metadata_protection_kind ENCRYPT" in told.text
     channel = "domains 0 to 0, topic rt/chatter"
@@ -72,7 +72,7 @@ def test_the_topic_rule_that_decides_is_named_and_not_one_after_it() -> None:
     b = healthy_builder()
     b.topic_rules[0] = replace(b.topic_rules[0], channels=frozenset({CHATTER}))
     b.topic_rule(0, [CHATTER, OTHER_TOPIC], enable_read_access_control=False)
-    told = tell(b.system(), "nobody-reads-without-a-grant", realm=0, enclave=TALKER, channel=OTHER_TOPIC)
+    told = tell(b.system(), "nobody-reads-without-a-grant", trust_domain=0, enclave=TALKER, channel=OTHER_TOPIC)
     assert [(step.path, step.line) for step in told.steps] == [("0.p7s", 101)]
     assert 'topics such as "any"' in told.text
     assert "enable_read_access_control is false" in told.text
@@ -82,9 +82,9 @@ def test_the_topic_rule_that_decides_is_named_and_not_one_after_it() -> None:
 def test_an_enclave_that_signs_for_itself_is_told_by_its_certificate(fitness: dict[str, bool]) -> None:
     """Or by a signer whom it issues a certificate."""
     b = Builder(**{**structs.asdict(healthy_builder()), "pins_signer": False})
-    b.realms[0] = replace(b.realms[0], permissions_ca=frozenset({IDENTITY_CA}))
+    b.trust_domains[0] = replace(b.trust_domains[0], permissions_ca=frozenset({IDENTITY_CA}))
     b.certificates[TALKER_IDENTITY] = replace(b.certificates[TALKER_IDENTITY], **fitness)
-    told = tell(b.system(), "no-enclave-grants-itself-rights", realm=0, enclave=TALKER)
+    told = tell(b.system(), "no-enclave-grants-itself-rights", trust_domain=0, enclave=TALKER)
     assert "/talker can sign itself permissions" in told.text
     assert [step.path for step in told.steps] == ["2.cert.pem"]
 
@@ -113,7 +113,7 @@ def test_what_could_not_be_read_is_said_to_be_so() -> None:
         "grants-are-enforced": {"channel": CHATTER},
         "nobody-writes-without-a-grant": {"enclave": LISTENER, "channel": CHATTER},
     }.items():
-        told = tell(b.system(), identifier, realm=0, **atoms)
+        told = tell(b.system(), identifier, trust_domain=0, **atoms)
         assert "could not be read" in told.text
         assert told.steps[0].path == "0.p7s"
 
@@ -127,17 +127,17 @@ def test_authorities_that_could_not_be_read_are_said_to_be_so() -> None:
         "no-enclave-grants-itself-rights": {"enclave": TALKER},
         "one-ca-for-one-role": dict.fromkeys(("certificate", "other_certificate"), len(b.certificates) - 1),
     }.items():
-        assert "could not be read" in tell(b.system(), identifier, realm=0, **atoms).text
+        assert "could not be read" in tell(b.system(), identifier, trust_domain=0, **atoms).text
 
 
 def test_grants_that_could_not_be_read_are_said_to_be_so() -> None:
     b = healthy_builder()
     b.documents[TALKER_PERMISSIONS] = replace(b.documents[TALKER_PERMISSIONS], opaque=True)
     b.rules.clear()
-    atoms = {"realm": 0, "enclave": LISTENER, "other": TALKER, "channel": CHATTER}
+    atoms = {"trust_domain": 0, "enclave": LISTENER, "other": TALKER, "channel": CHATTER}
     for identifier in ("no-subject-serves-two-enclaves", "readers-cannot-forge"):
         assert "could not be read" in tell(b.system(), identifier, **atoms).text
-    assert tell(b.system(), "no-enclave-grants-itself-rights", realm=0, enclave=TALKER).text == (
+    assert tell(b.system(), "no-enclave-grants-itself-rights", trust_domain=0, enclave=TALKER).text == (
         "enclaves/talker/permissions.p7s, which /talker uses, could not be read: the permissions CA may not have "
         "signed it, and peers may accept it."
     )
@@ -163,14 +163,14 @@ def test_the_access_control_that_is_off_is_named(topic: Flags, domain: Flags, fl
     b.enclaves[TALKER] = replace(b.enclaves[TALKER], writes_alone=frozenset({CHATTER}))
     b.topic_rules[0] = replace(b.topic_rules[0], **topic)
     b.domain_rules[0] = replace(b.domain_rules[0], **domain)
-    assert f": {flag} is false" in tell(b.system(), "grants-are-enforced", realm=0, channel=CHATTER).text
+    assert f": {flag} is false" in tell(b.system(), "grants-are-enforced", trust_domain=0, channel=CHATTER).text
 
 
 def test_an_enclave_that_has_the_key_of_the_permissions_ca() -> None:
     b = healthy_builder()
     key = b.certificates[PERMISSIONS_CA].key
     b.certificates[TALKER_IDENTITY] = replace(b.certificates[TALKER_IDENTITY], key=key)
-    told = tell(b.system(), "no-enclave-grants-itself-rights", realm=0, enclave=TALKER)
+    told = tell(b.system(), "no-enclave-grants-itself-rights", trust_domain=0, enclave=TALKER)
     assert told.text == "/talker can sign itself permissions: its key is that of the permissions CA."
 
 
@@ -186,7 +186,7 @@ def test_a_permissions_document_of_another_signer_is_named() -> None:
 def test_where_there_is_no_authority_nobody_is_said_to_be_another() -> None:
     """A copy of enclaves/ alone: its links to public/ lead nowhere."""
     b = healthy_builder()
-    b.realms[0] = replace(b.realms[0], identity_ca=frozenset(), permissions_ca=frozenset())
+    b.trust_domains[0] = replace(b.trust_domains[0], identity_ca=frozenset(), permissions_ca=frozenset())
     told = tell(b.system(), "documents-signed-by-the-permissions-ca", enclave=TALKER, document=TALKER_PERMISSIONS)
     assert told.text.endswith(", and there is no certificate of a permissions CA.")
     told = tell(b.system(), "identities-chain-to-the-identity-ca", enclave=TALKER)
@@ -200,7 +200,7 @@ def test_a_grant_behind_one_out_of_date_is_shown_where_that_one_is_passed_over(s
     b.grants[0] = replace(b.grants[0], not_after=1)
     behind = b.grant(TALKER_PERMISSIONS, [TALKER_IDENTITY])
     b.rule(behind, [0], publish=[CHATTER])
-    found = Case(b.system(), {Role.REALM: 0, Role.CHANNEL: CHATTER}).rights(TALKER, Operation.PUBLISH)
+    found = Case(b.system(), {Role.TRUST_DOMAIN: 0, Role.CHANNEL: CHATTER}).rights(TALKER, Operation.PUBLISH)
     assert [right.location for right in found] == [b.rules[-1].location] * skips
 
 
@@ -209,7 +209,7 @@ def test_any_witness_can_be_told(seed: int) -> None:
     """Even one that no engine would give: an explanation must never be what ends an audit."""
     system = random_system(seed)
     sizes = {
-        Role.REALM: len(system.realms),
+        Role.TRUST_DOMAIN: len(system.trust_domains),
         Role.DOMAIN: len(system.domains),
         Role.ENCLAVE: len(system.enclaves),
         Role.OTHER: len(system.enclaves),
@@ -231,7 +231,7 @@ def test_any_witness_can_be_told(seed: int) -> None:
 def test_an_endpoint_that_honest_peers_refuse_is_named_where_there_is_no_other() -> None:
     b = healthy_builder()
     b.rules[0] = replace(b.rules[0], domains=frozenset())
-    asked = {"realm": 0, "channel": CHATTER}
+    asked = {"trust_domain": 0, "channel": CHATTER}
     assert [step.enclave for step in tell(b.system(), "outsiders-cannot-read", **asked).steps] == [None, None]
     b.enclaves[TALKER] = replace(b.enclaves[TALKER], writes_alone=frozenset({CHATTER}))
     last = tell(b.system(), "outsiders-cannot-read", **asked).steps[-1]
@@ -265,9 +265,9 @@ def test_who_joins_and_who_starts_there_by_itself_is_told(starts: set[tuple[int,
 def test_two_whom_different_peers_let_into_one_domain() -> None:
     """Neither starts there by what its own implementation alone makes of its permissions."""
     b = chain()
-    b.realm([b.certificate(authority=True)], [PERMISSIONS_CA], GOVERNANCE)
+    b.trust_domain([b.certificate(authority=True)], [PERMISSIONS_CA], GOVERNANCE)
     b.certificates[-2] = replace(b.certificates[-2], issuers=frozenset({len(b.certificates) - 1}))
-    b.enclaves[THIRD] = replace(b.enclaves[THIRD], realm=1)
+    b.enclaves[THIRD] = replace(b.enclaves[THIRD], trust_domain=1)
     asked = claim(at(TALKER), at(THIRD), kind=ClaimKind.SEPARATE_DOMAINS)
     system = replace(b.system(), claims=(asked,))
     told = describe_claim(system, asked, NativeEngine([system]).answers[0][asked.id])
@@ -275,7 +275,7 @@ def test_two_whom_different_peers_let_into_one_domain() -> None:
 
 
 def test_every_hop_is_explained() -> None:
-    """By a line for each end, whoever attacks and however many realms there are."""
+    """By a line for each end, whoever attacks and however many trust domains there are."""
     told = 0
     for seed in range(tried(240)):
         system = with_claims(random_system(seed), seed, 6)
@@ -324,7 +324,7 @@ def test_of_many_witnesses_the_plainest_is_told() -> None:
         channel._replace(topic=name, partition="p" if name == "rt/a" else "", infinite=name == "rt/c") for name in names
     )
     system = replace(base, channels=channels, rules=(), grants=())
-    witnesses = [{Role.REALM: 0, Role.ENCLAVE: 0, Role.CHANNEL: number} for number in range(len(names))]
+    witnesses = [{Role.TRUST_DOMAIN: 0, Role.ENCLAVE: 0, Role.CHANNEL: number} for number in range(len(names))]
     told = []
     while witnesses:
         best = plainest(system, witnesses)

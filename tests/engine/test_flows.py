@@ -136,19 +136,21 @@ def test_able_rests_on_an_enclaves_own_document() -> None:
 FLOWING = (Attacker.HONEST, Attacker.SOURCE, Attacker.RELAYS)
 
 
-def in_two_realms(own: dict[str, Any], other: dict[str, Any], apart: int) -> Builder:
-    """The enclave `apart` is in a realm of its own with the flags `own`, the other one in one with `other`."""
+def in_two_trust_domains(own: dict[str, Any], other: dict[str, Any], apart: int) -> Builder:
+    """The enclave `apart` is in a trust domain of its own with the flags `own`, the other one in one with `other`."""
     b = healthy_builder()
     b.topic_rules[0] = replace(b.topic_rules[0], **other)
     governance = b.document([PERMISSIONS_CA], label="other governance")
     b.topic_rule(b.domain_rule(governance, [0]), [CHATTER, OTHER_TOPIC], **own)
-    b.enclaves[apart] = replace(b.enclaves[apart], realm=b.realm([IDENTITY_CA], [PERMISSIONS_CA], governance))
+    b.enclaves[apart] = replace(
+        b.enclaves[apart], trust_domain=b.trust_domain([IDENTITY_CA], [PERMISSIONS_CA], governance)
+    )
     return b
 
 
-def test_an_attacker_reads_what_the_realm_of_the_writer_lets_it_whatever_its_own_says() -> None:
+def test_an_attacker_reads_what_the_trust_domain_of_the_writer_lets_it_whatever_its_own_says() -> None:
     """Read access control is on where the listener is and off where the talker is: its own refuses an honest one."""
-    b = in_two_realms({}, {"enable_read_access_control": False}, LISTENER)
+    b = in_two_trust_domains({}, {"enable_read_access_control": False}, LISTENER)
     b.rules[1] = replace(b.rules[1], subscribe=frozenset())
     found = {each: _now(b.system(), _claim(ClaimKind.NO_FLOW, each)).status for each in FLOWING}
     assert found == dict(zip(FLOWING, (Status.HOLDS, Status.HOLDS, Status.VIOLATED), strict=True))
@@ -156,9 +158,9 @@ def test_an_attacker_reads_what_the_realm_of_the_writer_lets_it_whatever_its_own
     assert _now(b.system(), _claim(ClaimKind.NO_FLOW, Attacker.RELAYS)).status is Status.HOLDS
 
 
-def test_able_asks_the_writers_own_realm_too() -> None:
-    """Without a grant it does not create the writer, although the reader's realm would not ask for one."""
-    b = in_two_realms({}, {"enable_write_access_control": False}, TALKER)
+def test_able_asks_the_writers_own_trust_domain_too() -> None:
+    """Without a grant it does not create the writer, although the reader's trust domain would not ask for one."""
+    b = in_two_trust_domains({}, {"enable_write_access_control": False}, TALKER)
     able = _claim(ClaimKind.ABLE, Attacker.HONEST)
     onto = replace(able, target=Place(channels=frozenset({CHATTER})))
     assert [_now(b.system(), each).status for each in (able, onto)] == [Status.HOLDS] * 2

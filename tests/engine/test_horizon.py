@@ -136,8 +136,10 @@ def test_whoever_is_revoked_later_changes_what_holds_then() -> None:
     system, identity = healthy(), healthy().enclaves[TALKER].identity
     assert identity is not None
     then = 2 * system.now + 1
-    changing = [replace(realm, revoked_later=((then, frozenset({identity})),)) for realm in system.realms]
-    native = NativeEngine([replace(system, realms=tuple(changing))])
+    changing = [
+        replace(trust_domain, revoked_later=((then, frozenset({identity})),)) for trust_domain in system.trust_domains
+    ]
+    native = NativeEngine([replace(system, trust_domains=tuple(changing))])
     assert native.statuses(then) != native.statuses(2 * system.now) == NativeEngine([system]).statuses(then)
 
 

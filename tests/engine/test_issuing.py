@@ -77,7 +77,7 @@ def test_the_counterexample_says_by_which_key() -> None:
     told = describe(
         stranger(issues=True, authority=frozenset({PERMISSIONS_CA})),
         BY_ID["no-enclave-grants-itself-rights"],
-        {Role.REALM: 0, Role.ENCLAVE: TALKER},
+        {Role.TRUST_DOMAIN: 0, Role.ENCLAVE: TALKER},
     )
     assert told.text == (
         "/talker can sign itself permissions: the permissions CA also issued a certificate of its key (certificate 5), "

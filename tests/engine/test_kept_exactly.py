@@ -48,7 +48,9 @@ def coming_and_going(chance: random.Random) -> System:
     identities = [enclave.identity for enclave in system.enclaves if enclave.identity is not None]
     first, *later = (frozenset(chance.sample(identities, 2)) for _moment in range(INSTANTS))
     revoked_later = tuple((2 * instant + 1, each) for instant, each in enumerate(later))
-    return replace(system, realms=(replace(system.realms[0], revoked=first, revoked_later=revoked_later),))
+    return replace(
+        system, trust_domains=(replace(system.trust_domains[0], revoked=first, revoked_later=revoked_later),)
+    )
 
 
 def claim(chance: random.Random, system: System) -> ClaimAtom:

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.model.formal.asked import Attacker, ClaimKind, Place
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import union
 from keystore_audit.model.formal.flow import Flows, Search
 from keystore_audit.model.formal.permission import Decisions
@@ -47,18 +47,18 @@ def test_a_key_takes_nothing_away(start: int) -> None:
 
 
 def _flows_of(system: System) -> Flows:
-    return Flows(system, realm_views(system))
+    return Flows(system, trust_domain_views(system))
 
 
 @pytest.mark.parametrize("start", range(0, 200, 50))
 def test_what_honest_enclaves_let_the_outsider_hear_is_what_is_written_and_not_encrypted(start: int) -> None:
-    """Topic by topic, over any number of realms. That enclaves here do not write it says nothing of its encryption."""
+    """Topic by topic, in any number of domains. That enclaves here do not write it says nothing of encryption."""
     told = {True: 0, False: 0}
     for seed in range(start, start + 50):
         system = with_claims(random_system(seed), seed, 1)
         claims = claims_at(system, 2 * system.now, Decisions(system))
         everybody, channels = Place(enclaves=frozenset(range(len(system.enclaves)))), range(len(system.channels))
-        views = realm_views(system)
+        views = trust_domain_views(system)
         clear = union(view.readable for view in views)
         written = union(view.honest(e).writes_at_all & view.readable for view in views for e in everybody.enclaves)
         for channel in channels:

@@ -120,7 +120,7 @@ def test_a_right_by_a_pattern_is_told_with_its_line() -> None:
     b.topic_rule(0, [pattern])
     b.rules[1] = replace(b.rules[1], subscribe=frozenset({pattern}))
     system = replace(b.system(), meets=(frozenset(), frozenset(), frozenset({CHATTER})))
-    on_chatter = {Role.REALM: 0, Role.CHANNEL: CHATTER}
+    on_chatter = {Role.TRUST_DOMAIN: 0, Role.CHANNEL: CHATTER}
     (right,) = Case(system, on_chatter).rights(LISTENER, Operation.SUBSCRIBE)
     assert (right.location, right.by_pattern) == (b.rules[1].location, True)
     assert Case(replace(system, meets=()), on_chatter).rights(LISTENER, Operation.SUBSCRIBE) == []

@@ -10,7 +10,7 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.permission import Permissions, protection
 from keystore_audit.model.inventory import documents_of
@@ -54,8 +54,8 @@ class Asked:
         return bool(self.rights.allowed(self.enclave, self.profile, Operation.PUBLISH) & self.zero)
 
     @property
-    def conceded(self) -> bool:
-        return bool(RealmView(self.system, 0, Permissions(self.system)).abilities(0).may_write & self.zero)
+    def peer_authorised(self) -> bool:
+        return bool(TrustDomainView(self.system, 0, Permissions(self.system)).abilities(0).may_write & self.zero)
 
 
 @pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("cyclonedds-11", False)])
@@ -72,8 +72,8 @@ def test_a_later_domain_rule_switches_join_access_control_off(profile: str, expe
     first = domain_rule(topics=topic_rule(**OFF))
     for name, domains in (("same", "<id>0</id>"), ("more", "<id>0</id><id>5</id>")):
         second = domain_rule(domains, enable_join_access_control="false")
-        assert Asked(governance(first, second), tmp_path / name, profile).conceded is expected
-    assert not Asked(governance(first, domain_rule("<id>5</id>")), tmp_path / "none", profile).conceded
+        assert Asked(governance(first, second), tmp_path / name, profile).peer_authorised is expected
+    assert not Asked(governance(first, domain_rule("<id>5</id>")), tmp_path / "none", profile).peer_authorised
 
 
 @pytest.mark.parametrize(("joining", "expected"), [("false", True), ("true", False)])
@@ -91,12 +91,12 @@ def test_no_partition_is_in_any_list_of_an_allow_rule_and_in_none_of_a_deny_rule
     elsewhere = rule(criterion("publish", "rt/a", partitions=("secret",)))
     own = permissions(grant("/e", elsewhere))
     asked = Asked(by, tmp_path / "allow", profile, own)
-    assert (asked.allowed, asked.conceded) == (expected, expected)
+    assert (asked.allowed, asked.peer_authorised) == (expected, expected)
     for name, partitions, allowed in (("all", ("*",), expected), ("stars", ("**", ""), expected), ("none", (), False)):
         denial = rule(criterion("publish", "rt/a", partitions=partitions), allow=False)
         own = permissions(grant("/e", denial, rule(everywhere)))
         asked = Asked(by, tmp_path / name, profile, own)
-        assert (asked.allowed, asked.conceded) == (allowed, allowed)
+        assert (asked.allowed, asked.peer_authorised) == (allowed, allowed)
 
 
 @pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("cyclonedds-11", False)])
@@ -105,9 +105,9 @@ def test_a_later_domain_rule_adds_topics(profile: str, expected: bool, tmp_path:
     own = permissions(grant("/e", rule(criterion("publish", "rt/a"))))
     first, second = domain_rule(topics=topic_rule("rt/b")), domain_rule("<id>0</id><id>5</id>")
     asked = Asked(governance(first, second), tmp_path / "both", profile, own)
-    assert (asked.allowed, asked.conceded) == (expected, expected)
+    assert (asked.allowed, asked.peer_authorised) == (expected, expected)
     governed = protection(asked.system, 0, Permissions(asked.system)).governed & asked.zero
     assert (governed == asked.zero) is expected
     without = Asked(governance(first, domain_rule("<id>5</id>")), tmp_path / "apart", profile, own)
     assert not without.allowed
-    assert not without.conceded
+    assert not without.peer_authorised

@@ -73,12 +73,14 @@ def test_rights_are_those_of_all_that_have_the_key(start: int) -> None:
         system = random_system(seed)
         radii, know = Radii(system, 0), ByHand(system)
         for enclave in know.enclaves:
-            every = [(e, realm) for e in know.acts_as(enclave) for realm in range(len(system.realms))]
-            written = {c for e, realm in every for c in know.powers(e, realm).writes}
-            forged = {c for e, realm in every for c in know.powers(e, realm).forges}
-            forged = forged.union(*map(know.unguarded, range(len(system.realms)))) - written
-            read = {c for e, realm in every for c in know.powers(e, realm).learns()}
-            read = read.union(*map(know.in_clear, range(len(system.realms))))
+            every = [
+                (e, trust_domain) for e in know.acts_as(enclave) for trust_domain in range(len(system.trust_domains))
+            ]
+            written = {c for e, trust_domain in every for c in know.powers(e, trust_domain).writes}
+            forged = {c for e, trust_domain in every for c in know.powers(e, trust_domain).forges}
+            forged = forged.union(*map(know.unguarded, range(len(system.trust_domains)))) - written
+            read = {c for e, trust_domain in every for c in know.powers(e, trust_domain).learns()}
+            read = read.union(*map(know.in_clear, range(len(system.trust_domains))))
             told = radii.of(enclave)
             assert ({*members(told.written)}, {*members(told.forged)}, {*members(told.read)}) == (written, forged, read)
             assert told.passes_for == {system.enclaves[e].label for e in know.acts_as(enclave) - {enclave}}
@@ -106,19 +108,19 @@ def test_keys_of_authorities_open_what_the_keys_below_them_open() -> None:
         if system.has_doubt:
             continue
         know = ByHand(system)
-        for realm in range(len(system.realms)):
-            for authority in sorted(system.realms[realm].identity_ca):
+        for trust_domain in range(len(system.trust_domains)):
+            for authority in sorted(system.trust_domains[trust_domain].identity_ca):
                 if not system.certificates[authority].authority:
                     continue
                 found = of_key(system, authority)
                 for number, enclave in enumerate(system.enclaves):
                     if enclave.identity is None or authority not in system.certificates[enclave.identity].issuers:
                         continue
-                    view = know.views[realm]
+                    view = know.views[trust_domain]
                     if not view.authenticated(number) or view.self_granting(number):
                         continue
-                    assert know.powers(number, realm).writes <= {*members(found.written)}, seed
-                    assert know.powers(number, realm).reads <= {*members(found.read)}, seed
+                    assert know.powers(number, trust_domain).writes <= {*members(found.written)}, seed
+                    assert know.powers(number, trust_domain).reads <= {*members(found.read)}, seed
                     seen += 1
     assert seen > tried(100)
 

@@ -232,15 +232,15 @@ def test_with_labels_on_everything_every_violation_is_of_one_right() -> None:
             Attacker.HONEST,
         )
         hand = ByHand(system)
-        realms = range(len(system.realms))
+        trust_domains = range(len(system.trust_domains))
         bad = False
         for number, enclave in enumerate(system.enclaves):
             mine = enclaves[enclave.label]
-            written = {c for realm in realms for c in hand.powers(number, realm).honest_writes}
+            written = {c for trust_domain in trust_domains for c in hand.powers(number, trust_domain).honest_writes}
             bad = bad or any(not lattice.flows(mine, topics[system.channels[c].topic]) for c in written)
             bad = bad or any(
                 not lattice.flows(topics[system.channels[c].topic], mine)
-                for c in hand.powers(number, enclave.realm).honest_reads
+                for c in hand.powers(number, enclave.trust_domain).honest_reads
             )
         assert bool(violated(system, given)) == bad, seed
         told[bad] += 1

@@ -15,7 +15,7 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
@@ -37,14 +37,14 @@ def alone(permissions: str, root: Path, profile: str) -> tuple[set[tuple[str, st
     keystore = read_keystore(root)
     accesses = AccessViews(documents_of(keystore), recipe.NOW, None)
     [system] = SystemBuilder(keystore, (VARIANTS[profile],), recipe.NOW, accesses).systems()
-    conceded = RealmView(system, 0, Permissions(system)).abilities(0)
+    peer_authorised = TrustDomainView(system, 0, Permissions(system)).abilities(0)
     enclave = system.enclaves[0]
 
-    def named(channels: frozenset[int], conceded: int) -> set[tuple[str, str]]:
-        found = (system.channels[c] for c in channels if not conceded >> c & 1)
+    def named(channels: frozenset[int], peer_authorised: int) -> set[tuple[str, str]]:
+        found = (system.channels[c] for c in channels if not peer_authorised >> c & 1)
         return {(channel.topic, channel.partition) for channel in found}
 
-    return named(enclave.reads_alone, conceded.may_read), named(enclave.writes_alone, conceded.may_write)
+    return named(enclave.reads_alone, peer_authorised.may_read), named(enclave.writes_alone, peer_authorised.may_write)
 
 
 def test_equal_sets_are_kept_once(tmp_path: Path) -> None:
@@ -154,11 +154,11 @@ def test_whom_the_list_of_an_authority_takes_back_until_that_is_over(lists: int,
     keystore = read_keystore(replace(store, files=files).write(tmp_path))
     accesses, row = AccessViews(documents_of(keystore), recipe.NOW, None), VARIANTS["fastdds-2.9"]
     [system] = SystemBuilder(keystore, (row,), recipe.NOW, accesses).systems()
-    [realm], [identity] = system.realms, {enclave.identity for enclave in system.enclaves}
-    assert realm.revoked == {identity}
+    [trust_domain], [identity] = system.trust_domains, {enclave.identity for enclave in system.enclaves}
+    assert trust_domain.revoked == {identity}
     after = recipe.NOW + timedelta(days=31)
     assert Usabilities(None, accesses).of(keystore.enclaves[0], after, row).usable.must is (lists == 2)
-    by_moment = [each for moment, each in realm.revoked_later if system.instants[moment // 2] <= after]
+    by_moment = [each for moment, each in trust_domain.revoked_later if system.instants[moment // 2] <= after]
     assert by_moment[-1:] == ([frozenset()] if lists == 2 else [])
 
 
@@ -190,10 +190,10 @@ def test_nothing_that_is_read_or_written_is_missing(start: int, tmp_path: Path) 
         starts = [Usabilities(each.intervals[0][0], accesses) for each in channels.domains]
         for profile in EVERY:
             system = systems[profile.name]
-            atom, conceded = system.enclaves[0], RealmView(system, 0, Permissions(system)).abilities(0)
+            atom, peer_authorised = system.enclaves[0], TrustDomainView(system, 0, Permissions(system)).abilities(0)
             sides = (
-                (Operation.SUBSCRIBE, conceded.may_read, bits(atom.reads_alone)),
-                (Operation.PUBLISH, conceded.may_write, bits(atom.writes_alone)),
+                (Operation.SUBSCRIBE, peer_authorised.may_read, bits(atom.reads_alone)),
+                (Operation.PUBLISH, peer_authorised.may_write, bits(atom.writes_alone)),
             )
             for operation, by_peers, kept in sides:
                 found = bits(

@@ -9,7 +9,7 @@ import pytest
 
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.rights import OwnRights
@@ -105,7 +105,7 @@ def test_nothing_that_is_refused_is_missing(start: int, tmp_path: Path) -> None:
                 continue
             possible = (n for n, each in enumerate(system.channels) if each.infinite or is_name(each.topic, profile))
             named = bits(possible)  # topics of other names are left out of every claim of ability
-            able = OwnRights(system, RealmView(system, 0, Permissions(system))).abilities(0)
+            able = OwnRights(system, TrustDomainView(system, 0, Permissions(system))).abilities(0)
             for counted, operation in ((able.may_write, Operation.PUBLISH), (able.may_read, Operation.SUBSCRIBE)):
                 assert named & counted & ~rights.allowed(enclave, profile, operation) == 0, (seed, profile.name)
             refused += bool(system.enclaves[0].refused_writes or system.enclaves[0].refused_reads)

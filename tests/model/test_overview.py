@@ -16,7 +16,7 @@ from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.asked import Attacker, Place
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.flow import Flows, Search
 from keystore_audit.model.inventory import documents_of
@@ -91,7 +91,7 @@ class TestNeighbours:
         points = [(named.topic, named.partition) for named in seen.access.names]
         builder = SystemBuilder(read, [profile], AT, accesses, points)
         system = builder.systems()[0]
-        flows = Flows(system, realm_views(system))
+        flows = Flows(system, trust_domain_views(system))
         labels = [*(enclave.label for enclave in system.enclaves), None]
         places = [*(Place(enclaves=frozenset({n})) for n in range(len(system.enclaves))), Place(outsider=True)]
         everything = frozenset(range(len(system.channels)))

@@ -37,7 +37,7 @@ def small_system(seed: int) -> System:
         now=source.randrange(4),
         certificates=(),
         documents=(),
-        realms=(),
+        trust_domains=(),
         enclaves=(),
         domains=tuple(DomainAtom(label=str(n), intervals=((n, n),)) for n in range(2)),
         channels=tuple(

@@ -96,10 +96,12 @@ def test_whoever_pins_takes_the_first_of_a_number_by_its_key(tmp_path: Path) -> 
         _ca("of the test", file, signer).build(tmp_path / "enclaves" / name)
     builder, alone = builder_of(tmp_path, at)
     system = builder.build(alone("fastdds-3.6"), profiles=(), may=True)
-    realms = {enclave.label: system.realms[enclave.realm].permissions_ca for enclave in system.enclaves}
+    trust_domains = {
+        enclave.label: system.trust_domains[enclave.trust_domain].permissions_ca for enclave in system.enclaves
+    }
     signers = {document.location.path.split("/")[1]: document.signers for document in system.documents}
-    assert realms["/a"] == realms["/b"] >= signers["a"] | signers["b"]
-    assert realms["/c"] == signers["c"]
+    assert trust_domains["/a"] == trust_domains["/b"] >= signers["a"] | signers["b"]
+    assert trust_domains["/c"] == signers["c"]
 
 
 def bringing(document: bytes, signer: Signed, *brought: Signed) -> bytes:

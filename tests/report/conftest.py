@@ -16,7 +16,7 @@ from keystore_audit.findings import (
     Result,
     Row,
     Severity,
-    Suppression,
+    Suppressed,
     decision,
     fingerprint,
 )
@@ -109,7 +109,7 @@ def _findings(name: str) -> tuple[Finding, ...]:
         None,
         "enclaves/governance.p7s",
         message="The governance names domain 231.",
-        suppressed=Suppression(reason="no Cyclone", until="2026-01-01", owner="me", source="baseline.json"),
+        suppressed=Suppressed(reason="no Cyclone", until="2026-01-01", owner="me", source="baseline.json"),
     )
     return (signed, grants_itself, expires, accepted, ca_key)
 

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from keystore_audit.findings import Finding, Severity, Suppression
+from keystore_audit.findings import Finding, Severity, Suppressed
 from keystore_audit.properties.result import Counterexample, Step
 from keystore_audit.report import junit, markdown, sarif, text
 from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_MEDIUM, MAX_MINOR
@@ -188,7 +188,7 @@ def test_long_ways_are_cut_and_said(make_report: MakeReport) -> None:
 
 def accepted(report: Report, count: int, words: str) -> Report:
     """With so many findings that somebody accepts."""
-    mark = Suppression(reason=words, until="2027-01-31", owner=words, source="b.toml:1")
+    mark = Suppressed(reason=words, until="2027-01-31", owner=words, source="b.toml:1")
     (first, *rest) = report.findings
     some = tuple(replace(first, message=f"{number} {words}", suppressed=mark) for number in range(count))
     return replace(report, findings=(*rest, *some))

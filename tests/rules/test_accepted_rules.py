@@ -18,9 +18,9 @@ from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Violation
 from keystore_audit.settings.suppressions import (
-    Acceptance,
     Fate,
     FileOfUses,
+    Suppression,
     accepted,
     check_dates,
     uses,
@@ -31,14 +31,16 @@ from tests.rules.test_judge import made
 PROFILES = ("spec", "fastdds-3.6")
 
 
-def acceptance(code: str = "KA205", **more: Any) -> Acceptance:
+def suppression(code: str = "KA205", **more: Any) -> Suppression:
     """One until the day after the audit's."""
     if "fingerprint" not in more:
         more = {"where": ("*",), **more}
     more = {"reason": "it is so", "owner": "Ada", "until": (AT + DAY).date(), **more}
     line = more.pop("line", 3)
     file = more.pop("file", "keystore-audit.toml")
-    return Acceptance(code=code, location=Location(path=file, line=line, beside=True), place=f"{file}:{line}:1", **more)
+    return Suppression(
+        code=code, location=Location(path=file, line=line, beside=True), place=f"{file}:{line}:1", **more
+    )
 
 
 def expiring(*paths: str) -> Any:
@@ -55,8 +57,8 @@ def expiring(*paths: str) -> Any:
 
 
 CASES: dict[str, dict[str, Any]] = {
-    "KA909": {"acceptances": (acceptance(until=date(2026, 11, 20)),)},
-    "KA910": {"acceptances": (acceptance(),)},
+    "KA909": {"suppressions": (suppression(until=date(2026, 11, 20)),)},
+    "KA910": {"suppressions": (suppression(),)},
 }
 
 
@@ -67,36 +69,36 @@ def marked(judgement: Judgement) -> list[tuple[str, str | None, bool]]:
 def test_a_place_is_accepted_and_the_same_elsewhere_is_not() -> None:
     store = expiring("/talker", "/listener")
     for where in ("/talker", "/t*", "enclaves/talker/*"):
-        judgement = judged(store, acceptances=(acceptance(where=(where,)),))
+        judgement = judged(store, suppressions=(suppression(where=(where,)),))
         assert marked(judgement) == [("KA205", "/listener", False), ("KA205", "/talker", True)]
     for where in ("/", "/talke", "talker", "enclaves/talker", "/talker/*", "cert.pem"):
-        judgement = judged(store, acceptances=(acceptance(where=(where,)),))
+        judgement = judged(store, suppressions=(suppression(where=(where,)),))
         assert [code for code, _enclave, hidden in marked(judgement) if hidden] == []
         assert ("KA910", None, False) in marked(judgement)
 
 
 @pytest.mark.parametrize(("days", "hidden"), [(-1, False), (0, True), (1, True)])
 def test_the_last_day_counts_and_the_next_does_not(days: int, hidden: bool) -> None:
-    judgement = judged(expiring("/talker"), acceptances=(acceptance(until=(AT + days * DAY).date()),))
+    judgement = judged(expiring("/talker"), suppressions=(suppression(until=(AT + days * DAY).date()),))
     assert marked(judgement) == (
         [("KA205", "/talker", True)] if hidden else [("KA909", None, False), ("KA205", "/talker", False)]
     )
 
 
 def test_one_that_ended_takes_nothing_from_one_that_holds() -> None:
-    ended, holds = acceptance(until=date(2026, 1, 1), line=1), acceptance(line=9)
-    judgement = judged(expiring("/talker"), acceptances=(ended, holds))
+    ended, holds = suppression(until=date(2026, 1, 1), line=1), suppression(line=9)
+    judgement = judged(expiring("/talker"), suppressions=(ended, holds))
     assert marked(judgement) == [("KA909", None, False), ("KA205", "/talker", True)]
     (mark,) = (f.suppressed for f in judgement.findings if f.suppressed)
     assert mark.source.endswith(":9")
 
 
 def test_nothing_accepts_what_the_audit_says_of_itself() -> None:
-    case = {"acceptances": tuple(acceptance(code, until=date(2026, 1, 1)) for code in ("KA909", "KA910", "KA901"))}
+    case = {"suppressions": tuple(suppression(code, until=date(2026, 1, 1)) for code in ("KA909", "KA910", "KA901"))}
     judgement = judged(**case)
     assert {f.code for f in judgement.findings} == {"KA909"}
     assert all(f.suppressed is None for f in judgement.findings)
-    unused = judged(acceptances=(acceptance("KA910"), acceptance("KA909")))
+    unused = judged(suppressions=(suppression("KA910"), suppression("KA909")))
     assert [(f.code, f.suppressed) for f in unused.findings] == [("KA910", None)]
 
 
@@ -106,18 +108,18 @@ def test_nothing_accepts_what_is_undecided() -> None:
     linked = replace(store, layout=replace(store.layout, directory_links=(link,)))
     (plain,) = judged(linked).findings
     assert plain.undecided
-    for entry in (acceptance(plain.code), acceptance(plain.code, fingerprint=plain.fingerprint)):
-        judgement = judged(linked, acceptances=(entry,))
+    for entry in (suppression(plain.code), suppression(plain.code, fingerprint=plain.fingerprint)):
+        judgement = judged(linked, suppressions=(entry,))
         assert [(f.code, f.suppressed) for f in judgement.findings] == [(plain.code, None), ("KA910", None)]
         assert "undecided, and nothing accepts that" in judgement.findings[1].message
         assert any(outcome.outcome is Result.OPEN for outcome in judgement.outcomes)
 
 
 def test_rules_that_were_left_out_leave_nothing_unused_and_what_ended_is_said_all_the_same() -> None:
-    case = context(expiring("/talker"), acceptances=(acceptance("KA203"),))
+    case = context(expiring("/talker"), suppressions=(suppression("KA203"),))
     assert not [f for f in judge(case, RULES, ignore=["KA2"]).findings if f.code == "KA910"]
     assert not [f for f in judge(case, RULES, select=["KA3"]).findings if f.code == "KA910"]
-    ended = context(acceptances=(acceptance("KA203", until=date(2026, 1, 1)),))
+    ended = context(suppressions=(suppression("KA203", until=date(2026, 1, 1)),))
     assert [f.code for f in judge(ended, RULES, select=["KA3"]).findings] == ["KA909"]
 
 
@@ -132,17 +134,17 @@ def finding(code: str = "KA205", mark: str = "a", **more: Any) -> Finding:
     return Finding(code=code, fingerprint=mark * 64, **more)
 
 
-def fate(entry: Acceptance, *findings: Finding) -> tuple[Fate, str]:
+def fate(entry: Suppression, *findings: Finding) -> tuple[Fate, str]:
     ((use,),) = (file.uses for file in uses(findings, [entry], AT, PROFILES))
     assert bool(use.findings) is (use.fate is Fate.USED)
     return use.fate, use.why
 
 
 def test_a_fingerprint_is_one_finding_of_its_rule() -> None:
-    entry = acceptance(fingerprint="a" * 64)
+    entry = suppression(fingerprint="a" * 64)
     assert fate(entry, finding()) == (Fate.USED, "")
     assert fate(entry, finding(mark="b"))[0] is Fate.UNUSED
-    assert fate(acceptance("KA203", fingerprint="a" * 64), finding())[0] is Fate.UNUSED
+    assert fate(suppression("KA203", fingerprint="a" * 64), finding())[0] is Fate.UNUSED
 
 
 @pytest.mark.parametrize(
@@ -157,21 +159,21 @@ def test_a_fingerprint_is_one_finding_of_its_rule() -> None:
 def test_one_that_became_worse_or_another_is_not_accepted(
     limits: dict[str, Any], changed: dict[str, Any], why: str
 ) -> None:
-    entry = acceptance(fingerprint="a" * 64, **limits)
+    entry = suppression(fingerprint="a" * 64, **limits)
     assert fate(entry, finding(profiles=("spec",))) == (Fate.USED, "")
     assert fate(entry, finding(**{"profiles": ("spec",), **changed})) == (Fate.UNUSED, why)
 
 
 def test_one_that_became_less_is_accepted() -> None:
-    entry = acceptance(fingerprint="a" * 64, severity=Severity.HIGH, profiles=frozenset(PROFILES))
+    entry = suppression(fingerprint="a" * 64, severity=Severity.HIGH, profiles=frozenset(PROFILES))
     assert fate(entry, finding(severity=Severity.LOW, profiles=("spec",)))[0] is Fate.USED
     assert fate(entry, finding(profiles=()))[0] is Fate.USED  # all that were asked
 
 
 def test_every_place_of_a_finding_must_be_accepted() -> None:
-    """A finding that folds several files is hidden by no acceptance of one of them."""
+    """A finding that folds several files is hidden by no suppression of one of them."""
     here, there = Location(path="enclaves/talker/cert.pem"), Location(path="enclaves/listener/cert.pem")
-    entry = acceptance(where=("enclaves/talker/*",))
+    entry = suppression(where=("enclaves/talker/*",))
     assert fate(entry, finding(locations=(here,)))[0] is Fate.USED
     assert fate(entry, finding(locations=(here, there))) == (Fate.UNUSED, "what was found is not, or not only, there")
     beside = Location(path="policy.xml", beside=True)
@@ -188,7 +190,7 @@ def test_an_enclave_is_no_name_for_what_lies_outside_all_enclaves() -> None:
 
     def taken(where: tuple[str, ...], *paths: str) -> bool:
         said = Violation(message="so", locations=tuple(Location(path=path) for path in paths), enclave="/talker")
-        (found,) = judge(context(acceptances=(acceptance(where=where),)), [made("KA205", said)]).findings
+        (found,) = judge(context(suppressions=(suppression(where=where),)), [made("KA205", said)]).findings
         return found.suppressed is not None
 
     assert taken(("/talker",), here, shared)
@@ -204,7 +206,7 @@ def test_a_crash_on_what_is_accepted_is_said() -> None:
     """It leaves the audit incomplete, which is never without a finding."""
     crashing = replace(made("KA910", error=RuntimeError()), on=FileOfUses)
     rules = [*(rule for rule in RULES if rule.code == "KA905"), crashing]
-    (found,) = judge(context(acceptances=(acceptance(where=("/talker",)),)), rules).findings
+    (found,) = judge(context(suppressions=(suppression(where=("/talker",)),)), rules).findings
     assert (found.code, found.undecided) == ("KA905", True)
     assert "Rule KA910 ended in an error (RuntimeError)" in found.message
 
@@ -213,13 +215,13 @@ def test_a_property_is_one_of_the_whole_keystore() -> None:
     """Its enclave and lines are those of an example, which another may replace tomorrow."""
     violated = finding("KA711", enclave="/talker")
     for where in (("/talker",), ("enclaves/talker/*",), ("*",)):
-        assert fate(acceptance("KA711", where=where), violated)[0] is Fate.UNUSED
-    assert fate(acceptance("KA711", fingerprint="a" * 64), violated)[0] is Fate.USED
+        assert fate(suppression("KA711", where=where), violated)[0] is Fate.UNUSED
+    assert fate(suppression("KA711", fingerprint="a" * 64), violated)[0] is Fate.USED
 
 
 def test_dates_too_far_away() -> None:
-    check_dates([acceptance(until=(AT + 180 * DAY).date())], AT)
-    far = acceptance(until=(AT + 181 * DAY).date())
+    check_dates([suppression(until=(AT + 180 * DAY).date())], AT)
+    far = suppression(until=(AT + 181 * DAY).date())
     with pytest.raises(UsageError, match=r"^keystore-audit\.toml:3:1: 2027-05-21 is too far .* 2027-05-20 or sooner"):
         check_dates([far], AT)
     check_dates([far], AT, days=181)
@@ -240,19 +242,19 @@ FINDINGS = st.builds(
     undecided=st.booleans(),
 )
 ENTRIES = st.builds(
-    acceptance,
+    suppression,
     code=st.sampled_from(["KA205", "KA711", "KA901"]),
     where=st.lists(GLOBS, min_size=1, max_size=2).map(tuple),
     severity=st.none() | st.sampled_from(Severity),
     until=st.integers(-1, 1).map(lambda days: (AT + timedelta(days=days)).date()),
 ) | st.builds(
-    lambda mark, **more: acceptance(fingerprint=mark * 64, **more),
+    lambda mark, **more: suppression(fingerprint=mark * 64, **more),
     mark=st.sampled_from("abc"),
     code=st.sampled_from(["KA205", "KA711", "KA901"]),
 )
 
 
-def speaks(entry: Acceptance, one: Finding) -> bool:
+def speaks(entry: Suppression, one: Finding) -> bool:
     def like(name: str, *globs: str) -> bool:
         return any(re.fullmatch(re.escape(glob).replace(r"\*", ".*"), name) for glob in globs)
 
@@ -273,7 +275,7 @@ def speaks(entry: Acceptance, one: Finding) -> bool:
 
 @settings(max_examples=300, derandomize=True, deadline=None)
 @given(st.lists(FINDINGS, max_size=4, unique_by=lambda f: f.fingerprint), st.lists(ENTRIES, max_size=4))
-def test_accepted_is_what_some_entry_speaks_of(found: list[Finding], entries: list[Acceptance]) -> None:
+def test_accepted_is_what_some_entry_speaks_of(found: list[Finding], entries: list[Suppression]) -> None:
     files = uses(found, entries, AT, PROFILES)
     for before, after in zip(found, accepted(found, files), strict=True):
         assert (after.suppressed is not None) is any(speaks(entry, before) for entry in entries)
@@ -282,4 +284,4 @@ def test_accepted_is_what_some_entry_speaks_of(found: list[Finding], entries: li
     assert len(told) == len(entries)
     for use in told:
         if use.fate is not Fate.ENDED:
-            assert (use.fate is Fate.USED) is any(speaks(use.acceptance, one) for one in found)
+            assert (use.fate is Fate.USED) is any(speaks(use.suppression, one) for one in found)

@@ -71,7 +71,7 @@ def beside(root: Path, *profiles: str) -> list[Severity]:
 
 
 def test_an_enclave_of_its_subject_counts_where_whoever_takes_it_takes_that_enclave(tmp_path: Path) -> None:
-    """Peers of another realm refuse the enclave: it has none of the rights there that this one has."""
+    """Peers of another trust domain refuse the enclave: it has none of the rights there that this one has."""
     trusting = replace(STORE, members={**STORE.members, "/admin": ADMIN})
     assert beside(written(tmp_path / "a", LYING_ABOUT)) == [Severity.HIGH]
     assert beside(written(tmp_path / "b", LYING_ABOUT, trusting)) == [Severity.MEDIUM]

@@ -195,8 +195,8 @@ def test_an_identity_that_signed_is_ka302_and_gives_nothing_where_signers_are_pi
     assert codes["KA302"].severity is Severity.CRITICAL
 
 
-def test_two_realms_judge_for_themselves(fleet: Fleet, tmp_path: Path) -> None:
-    """What one authority signed is no forgery because another realm refuses it."""
+def test_two_trust_domains_judge_for_themselves(fleet: Fleet, tmp_path: Path) -> None:
+    """What one authority signed is no forgery because another trust domain refuses it."""
     root = fleet.robot(tmp_path / "robot")
     other = Fleet().robot(tmp_path / "other", "/camera")
     shutil.copytree(other / "enclaves/camera", root / "enclaves/camera")

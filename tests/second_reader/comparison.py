@@ -66,7 +66,7 @@ class _System(Struct):
             self.by_name.setdefault(each.folder.name, []).append(each)
         yield from self._certificates()
         yield from self._enclaves()
-        yield from self._realms()
+        yield from self._trust_domains()
         yield from self._documents()
         yield from self._rights()
         yield from self._unmanaged()
@@ -170,38 +170,40 @@ class _System(Struct):
         return self.listing.contents.get(place)
 
     def _members(self) -> Iterator[tuple[Any, Enclave]]:
-        """Each realm with an enclave of it whose trust is known."""
+        """Each trust domain with an enclave of it whose trust is known."""
         done = set()
         for atom in self.system.enclaves:
             here = self.by_name.get(unquote(atom.label), [])
-            if atom.unmanaged or atom.realm in done or len(here) != 1 or here[0].doubtful:
+            if atom.unmanaged or atom.trust_domain in done or len(here) != 1 or here[0].doubtful:
                 continue
-            realm = self.system.realms[atom.realm]
-            if not any(self.system.certificates[n].opaque for n in realm.identity_ca):
-                done.add(atom.realm)
-                yield realm, here[0]
+            trust_domain = self.system.trust_domains[atom.trust_domain]
+            if not any(self.system.certificates[n].opaque for n in trust_domain.identity_ca):
+                done.add(atom.trust_domain)
+                yield trust_domain, here[0]
 
-    def _realms(self) -> Iterator[str]:
+    def _trust_domains(self) -> Iterator[str]:
         apart: dict[object, set[int]] = {}
         for atom in self.system.enclaves:
             here = self.by_name.get(unquote(atom.label), [])
             if not atom.unmanaged and len(here) == 1 and not here[0].doubtful:
-                apart.setdefault(here[0].trust, set()).add(atom.realm)
-        yield from (f"enclaves of equal files are in realms {sorted(each)}" for each in apart.values() if len(each) > 1)
-        for realm, mine in self._members():
+                apart.setdefault(here[0].trust, set()).add(atom.trust_domain)
+        yield from (
+            f"enclaves of equal files are in trust domains {sorted(each)}" for each in apart.values() if len(each) > 1
+        )
+        for trust_domain, mine in self._members():
             name = mine.folder.name
-            self.seen["realm"] += 1
+            self.seen["trust_domain"] += 1
             yield from self._anchors(
-                name, "identity", realm.identity_ca, self.listing.anchors(mine, "identity_ca", self.way)
+                name, "identity", trust_domain.identity_ca, self.listing.anchors(mine, "identity_ca", self.way)
             )
             signing = self.listing.anchors(mine, "permissions_ca", self.way)
-            yield from self._anchors(name, "permissions", realm.permissions_ca, signing)
-            governance = None if realm.governance is None else self._content(realm.governance)
-            if realm.governance is not None and governance != mine.governance:
+            yield from self._anchors(name, "permissions", trust_domain.permissions_ca, signing)
+            governance = None if trust_domain.governance is None else self._content(trust_domain.governance)
+            if trust_domain.governance is not None and governance != mine.governance:
                 yield f"{name} has another governance than its folder"
-            if realm.governance is None and mine.governance in self.listing.messages and not self._must:
+            if trust_domain.governance is None and mine.governance in self.listing.messages and not self._must:
                 yield f"{name} has a governance, and none is given"
-            yield from self._identities(realm, mine)
+            yield from self._identities(trust_domain, mine)
 
     def _anchors(self, name: str, role: str, given: Iterable[int], anchors: Sequence[Certificate]) -> Iterator[str]:
         """Anchors by key: one that was certified anew in the same file or message is the same authority."""
@@ -220,15 +222,15 @@ class _System(Struct):
             told = sorted(c.subject for c in self.listing.certificates.values() if c.key in odd)
             yield f"{role} anchors of {name} differ by {told}: given {len(theirs)}, in the file {len(certain)}"
 
-    def _identities(self, realm: Any, mine: Enclave) -> Iterator[str]:
+    def _identities(self, trust_domain: Any, mine: Enclave) -> Iterator[str]:
         identities = {e.identity for e in self.system.enclaves if e.identity is not None}
         for n in sorted(identities):
             certificate = self.held[n]
             if certificate is None:
                 continue
-            self.seen["identity under a realm"] += 1
+            self.seen["identity under a trust domain"] += 1
             authorities = self.system.certificates
-            given = any(authorities[i].authority for i in authorities[n].issuers & realm.identity_ca)
+            given = any(authorities[i].authority for i in authorities[n].issuers & trust_domain.identity_ca)
             if not given and certificate in mine.identity_ca:  # an opaque participant stands for it, or (MUST) nobody
                 continue
             if self._differs(given, self.listing.lets_in(mine, certificate, self.way)):
@@ -258,7 +260,7 @@ class _System(Struct):
         members = list(self._members())
         carried = {content for e in self.listing.enclaves for content in (e.governance, e.permissions)}
         for content, places in self.listing.messages.items():
-            taking = [mine for _realm, mine in members if self._any_way(mine, content)]
+            taking = [mine for _trust_domain, mine in members if self._any_way(mine, content)]
             is_governance = self.listing.says(content)[0] is not None
             if content not in given and taking and not is_governance and not self._must:
                 yield f"{places[0]} is taken by {taking[0].folder.name}, and is not given"
@@ -269,9 +271,9 @@ class _System(Struct):
                 continue
             self.seen["document"] += 1
             yield from self._signers(content, atom)
-            for realm, mine in members:
-                self.seen["document under a realm"] += 1
-                theirs = self._accepted(realm, atom)
+            for trust_domain, mine in members:
+                self.seen["document under a trust domain"] += 1
+                theirs = self._accepted(trust_domain, atom)
                 if self._differs(theirs, self.listing.obeys(mine, content, self.way)):
                     yield f"{mine.folder.name} takes {atom.label}: {theirs}"
 
@@ -288,22 +290,22 @@ class _System(Struct):
     def _any_way(self, mine: Enclave, content: bytes) -> bool:
         return any(self.listing.obeys(mine, content, way).certain for way in IMPLEMENTATIONS.values())
 
-    def _accepted(self, realm: Any, atom: Any) -> bool:
+    def _accepted(self, trust_domain: Any, atom: Any) -> bool:
         if not atom.intact or not atom.signers:
             return False
-        return bool(atom.signers <= self._trusted_signers(realm))
+        return bool(atom.signers <= self._trusted_signers(trust_domain))
 
-    def _trusted_signers(self, realm: Any) -> set[int]:
+    def _trusted_signers(self, trust_domain: Any) -> set[int]:
         """As alloy/documents.als has it."""
         if self.system.pins_signer:
-            return set(realm.permissions_ca)
+            return set(trust_domain.permissions_ca)
         atoms = self.system.certificates
-        chained = self._below(realm)
-        return {n for n in chained | set(realm.permissions_ca) if atoms[n].fit_to_sign}
+        chained = self._below(trust_domain)
+        return {n for n in chained | set(trust_domain.permissions_ca) if atoms[n].fit_to_sign}
 
-    def _below(self, realm: Any) -> set[int]:
+    def _below(self, trust_domain: Any) -> set[int]:
         atoms, chained = self.system.certificates, set()
-        above = set(realm.permissions_ca)
+        above = set(trust_domain.permissions_ca)
         while above:
             issuing = {n for n in above if atoms[n].authority}
             above = {n for n, atom in enumerate(atoms) if atom.issuers & issuing} - chained
@@ -313,10 +315,10 @@ class _System(Struct):
     def _signing(self) -> Iterator[str]:
         """Whether an enclave's key signs what others take, over whatever certificate of the tree."""
         atoms = self.system.certificates
-        for realm, mine in self._members():
-            signing = self._trusted_signers(realm) | set(realm.permissions_ca)
+        for trust_domain, mine in self._members():
+            signing = self._trusted_signers(trust_domain) | set(trust_domain.permissions_ca)
             if not self.system.pins_signer:
-                signing |= {n for n in self._below(realm) if atoms[n].authority}
+                signing |= {n for n in self._below(trust_domain) if atoms[n].authority}
             keys = {atoms[n].key for n in signing}
             for atom in self.system.enclaves:
                 certificate = None if atom.identity is None else self.held[atom.identity]
@@ -514,7 +516,7 @@ class _System(Struct):
     # who is nobody's
 
     def _unmanaged(self) -> Iterator[str]:
-        """Certificates of no enclave that a realm lets in: somebody there acts with that key and is named so."""
+        """Certificates of no enclave that a trust domain lets in: somebody there acts with that key and is named so."""
         s = self.system
         mine = self.listing.unmanaged
         for atom in s.enclaves:
@@ -526,12 +528,12 @@ class _System(Struct):
                     yield f"{certificate.subject} at {atom.location} is given as unmanaged"
         if self._must:
             return
-        numbers = {realm: n for n, realm in reversed(list(enumerate(s.realms)))}
-        for realm, enclave in self._members():
+        numbers = {trust_domain: n for n, trust_domain in reversed(list(enumerate(s.trust_domains)))}
+        for trust_domain, enclave in self._members():
             for certificate in mine.values():
                 if certificate.not_after < self.at or not self.listing.lets_in(enclave, certificate, self.way).certain:
                     continue
-                there = [e for e in s.enclaves if e.realm == numbers[realm]]
+                there = [e for e in s.enclaves if e.trust_domain == numbers[trust_domain]]
                 named = self._names_of(certificate)
                 if not any(
                     e.opaque or (self._is(e, certificate) and named <= self._names_of(self.held[e.identity]))

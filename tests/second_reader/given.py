@@ -22,7 +22,7 @@ _SORTS = frozenset(
         "Key",
         "Instant",
         "Document",
-        "Realm",
+        "TrustDomain",
         "Enclave",
         "Domain",
         "Channel",
@@ -134,18 +134,18 @@ def of_system(system: Any) -> Relations:  # noqa: C901 - a list
     put("signer", rows("P", "C", [d.signers for d in s.documents]))
     opaque = [("P", s.documents), ("E", s.enclaves), ("C", s.certificates)]
     put("opaque", (row for letter, several in opaque for row in flags(letter, [each.opaque for each in several])))
-    every_realm = [(f"R{n}",) for n in range(len(s.realms))]
+    every_trust_domain = [(f"R{n}",) for n in range(len(s.trust_domains))]
     every = {each.value for each in type(next(iter(s.assumed)))} if s.assumed else set()
     told = {each.value for each in s.assumed}
     names = {"".join(word.capitalize() for word in each.split("-")) for each in told}
     put("assumed", [("Assumption",)] if told == every else [(name,) for name in names])
-    put("asks_announced_only", every_realm if s.asks_announced_only else [])
-    put("pins_signer", every_realm if s.pins_signer else [])
-    put("requires_grant", every_realm if s.requires_grant else [])
+    put("asks_announced_only", every_trust_domain if s.asks_announced_only else [])
+    put("pins_signer", every_trust_domain if s.pins_signer else [])
+    put("requires_grant", every_trust_domain if s.requires_grant else [])
     for name in ("identity_ca", "permissions_ca", "revoked", "refuses"):
-        put(name, rows("R", "C", [getattr(realm, name) for realm in s.realms]))
-    put("governance", rows("R", "P", [lone(realm.governance) for realm in s.realms]))
-    put("in_realm", rows("E", "R", [[e.realm] for e in s.enclaves]))
+        put(name, rows("R", "C", [getattr(trust_domain, name) for trust_domain in s.trust_domains]))
+    put("governance", rows("R", "P", [lone(trust_domain.governance) for trust_domain in s.trust_domains]))
+    put("in_trust_domain", rows("E", "R", [[e.trust_domain] for e in s.enclaves]))
     put("identity", rows("E", "C", [lone(e.identity) for e in s.enclaves]))
     put("permissions", rows("E", "P", [lone(e.permissions) for e in s.enclaves]))
     for name in ("reads_alone", "writes_alone", "refused_writes", "refused_reads"):
@@ -202,7 +202,7 @@ def _following(letter: str, parents: list[int]) -> Iterator[tuple[str, str]]:
 def differences(system: Any, text: str) -> list[str]:
     """Where the text for Alloy does not say what the system says."""
     native, alloy = of_system(system), of_alloy(text)
-    alloy.pop("refuses_realm", None)  # worked out from what realms tell one another
+    alloy.pop("refuses_trust_domain", None)  # worked out from what trust domains tell one another
     return [
         f"{name}: native alone {sorted(native.get(name, set()) - alloy.get(name, set()))[:3]}, "
         f"Alloy alone {sorted(alloy.get(name, set()) - native.get(name, set()))[:3]}"

@@ -138,7 +138,7 @@ class Listing:
         return held[:1] if way.first_only else held
 
     def lets_in(self, enclave: Enclave, certificate: Certificate, way: Implementation) -> Bounds:
-        """Whether the enclave takes a certificate for an identity of its realm, whatever the dates."""
+        """Whether the enclave takes a certificate for an identity of its trust domain, whatever the dates."""
         anchors = self.anchors(enclave, "identity_ca", way)
         how = {"partial": not way.needs_root, "checks_root": way.checks_root}
         return _bounds(lambda some, _all: openssl.chains(certificate, some, **how), anchors, ())

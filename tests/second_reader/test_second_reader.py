@@ -80,9 +80,9 @@ def test_random_stores_are_read_alike(part: int, tmp_path: Path) -> None:
     for seed in range(part * SLICE, (part + 1) * SLICE):
         assert check_seed(seed, tmp_path, seen) == [], f"seed {seed}"
     assert {"store: cross certificate", "store: several identity CAs", "store: unmanaged permissions"} <= seen.keys()
-    for what in ("unmanaged identity", "unmanaged document", "rule", "identity under a realm", "further name"):
+    for what in ("unmanaged identity", "unmanaged document", "rule", "identity under a trust domain", "further name"):
         assert seen[what] > SLICE / 2, what
-    assert seen["given, and not as the files are"] < seen["document under a realm"] / 20
+    assert seen["given, and not as the files are"] < seen["document under a trust domain"] / 20
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +131,7 @@ def _expiry(system: System) -> System:
 
 
 def _anchor(role: str) -> Callable[[System], System]:
-    return lambda system: replace(system, realms=_changed(system.realms, 0, **{role: frozenset()}))
+    return lambda system: replace(system, trust_domains=_changed(system.trust_domains, 0, **{role: frozenset()}))
 
 
 def _signer(system: System) -> System:
@@ -141,7 +141,7 @@ def _signer(system: System) -> System:
 
 def _accepted(system: System) -> System:
     """With the permissions CA as the signer of a document that somebody else signed."""
-    ca = system.realms[0].permissions_ca
+    ca = system.trust_domains[0].permissions_ca
     number = next(n for n, each in enumerate(system.documents) if not each.signers <= ca)
     return replace(system, documents=_changed(system.documents, number, signers=frozenset({min(ca)})))
 
@@ -156,7 +156,7 @@ def _without_enclave(system: System) -> System:
 
 def _without_stray(system: System) -> System:
     """Documents are numbers: an unmanaged one is put out of reach by being another one's copy."""
-    carried = {e.permissions for e in system.enclaves} | {r.governance for r in system.realms}
+    carried = {e.permissions for e in system.enclaves} | {r.governance for r in system.trust_domains}
     number = next(n for n, _each in enumerate(system.documents) if n not in carried)
     other = next(n for n in carried if n is not None)
     return replace(system, documents=_changed(system.documents, number, label=system.documents[other].label))
@@ -203,7 +203,7 @@ def _rule_domains(system: System) -> System:
 
 
 def _kind(system: System) -> System:
-    n = next(r.governance for r in system.realms if r.governance is not None)
+    n = next(r.governance for r in system.trust_domains if r.governance is not None)
     m = next(m for m, each in enumerate(system.domain_rules) if each.document == n)
     kind = system.domain_rules[m].rtps_protection_kind
     other = next(each for each in ProtectionKind if each is not kind)

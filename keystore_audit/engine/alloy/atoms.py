@@ -32,7 +32,7 @@ SORTS: Final = {
     "keys": ("K", "Key"),
     "certificates": ("C", "Certificate"),
     "documents": ("P", "Document"),
-    "realms": ("R", "Realm"),
+    "trust_domains": ("R", "TrustDomain"),
     "enclaves": ("E", "Enclave"),
     "domain_rules": ("DR", "DomainRule"),
     "topic_rules": ("TR", "TopicRule"),
@@ -46,7 +46,7 @@ LETTERS: Final = {letters: sort for sort, (letters, _sig) in SORTS.items()}
 """What the letters of an atom's name say."""
 
 ROLE_SORTS: Final = {
-    Role.REALM: "realms",
+    Role.TRUST_DOMAIN: "trust_domains",
     Role.DOMAIN: "domains",
     Role.ENCLAVE: "enclaves",
     Role.OTHER: "enclaves",
@@ -98,7 +98,7 @@ class Atoms(Struct, frozen=True, kw_only=True):
     keys: Sort
     certificates: Sort
     documents: Sort
-    realms: Sort
+    trust_domains: Sort
     enclaves: Sort
     domain_rules: Sort
     topic_rules: Sort
@@ -138,8 +138,8 @@ def _entries(system: System, sort: str) -> Iterable[tuple[str, ...]]:
             return [("", instant.isoformat()) for instant in system.instants]
         case "keys":
             return [("", f"key {key}") for key in keys_of(system)]
-        case "realms":
-            return [("", _members(system, number)) for number in range(len(system.realms))]
+        case "trust_domains":
+            return [("", _members(system, number)) for number in range(len(system.trust_domains))]
         case "enclaves":
             return [(e.label, str(e.location), "Unmanaged" if e.unmanaged else "") for e in system.enclaves]
     return [(getattr(each, "label", ""), str(each.location)) for each in getattr(system, sort)]
@@ -200,8 +200,8 @@ def _decoration(label: str) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "_", last[: 4 * MAX_DECORATION]).strip("_")[:MAX_DECORATION].rstrip("_")
 
 
-def _members(system: System, realm: int) -> str:
-    members = [enclave.label for enclave in system.enclaves if enclave.realm == realm]
+def _members(system: System, trust_domain: int) -> str:
+    members = [enclave.label for enclave in system.enclaves if enclave.trust_domain == trust_domain]
     return "what is trusted by " + ", ".join(members)
 
 

@@ -40,10 +40,10 @@ SOME_INSIDE: Final = f"some inside: {PARTICIPANTS} |"
 _OR: Final = "\n\t\tor "
 
 _ROLES: Final = {
-    (ClaimKind.ONLY_PUBLISH, None): (Role.REALM, Role.PUBLISHER, Role.CHANNEL),
-    (ClaimKind.ENCRYPTED, Attacker.OUTSIDER): (Role.REALM, Role.CHANNEL),
-    (ClaimKind.ENCRYPTED, Attacker.INSIDER): (Role.REALM, Role.INSIDER, Role.CHANNEL),
-    (ClaimKind.SEPARATE_DOMAINS, None): (Role.REALM, Role.ENCLAVE, Role.OTHER, Role.DOMAIN),
+    (ClaimKind.ONLY_PUBLISH, None): (Role.TRUST_DOMAIN, Role.PUBLISHER, Role.CHANNEL),
+    (ClaimKind.ENCRYPTED, Attacker.OUTSIDER): (Role.TRUST_DOMAIN, Role.CHANNEL),
+    (ClaimKind.ENCRYPTED, Attacker.INSIDER): (Role.TRUST_DOMAIN, Role.INSIDER, Role.CHANNEL),
+    (ClaimKind.SEPARATE_DOMAINS, None): (Role.TRUST_DOMAIN, Role.ENCLAVE, Role.OTHER, Role.DOMAIN),
 }
 """The variables of a check; of `encrypted` by attacker."""
 
@@ -164,16 +164,17 @@ def condition(claim: ClaimAtom, number: int) -> str:
     if claim.kind is ClaimKind.ONLY_PUBLISH:
         permitted = f"({at.source} + {at.certificates})" if claim.source.certificates else at.source
         who = f"publisher: Enclave + Certificate + Outsider - {permitted}, channel: {at.last}"
-        return f"all realm: Realm, {who} | channel not in publisher.(publishes[realm])"
+        return f"all trust_domain: TrustDomain, {who} | channel not in publisher.(publishes[trust_domain])"
     if claim.kind is ClaimKind.SEPARATE_DOMAINS:
         who = f"enclave: Enclave & {at.source}, other: Enclave & {at.target}, domain: Domain"
         somewhere = f"(enters_somewhere + {at.starts})" if claim.starts else "enters_somewhere"
         there = f"enclave.{somewhere} & other.{somewhere}"
-        return f"all realm: Realm, {who} |\n\t\tdomain not in {there} & (enclave + other).(enters[realm])"
+        entered = "(enclave + other).(enters[trust_domain])"
+        return f"all trust_domain: TrustDomain, {who} |\n\t\tdomain not in {there} & {entered}"
     if claim.attacker is Attacker.INSIDER:
         who = f"insider: insiders + Certificate + Outsider, channel: {at.last}"
-        return f"all realm: Realm, {who} | channel not in insider.(listens_in[realm])"
-    return f"all realm: Realm, channel: {at.last} | channel not in realm.in_clear"
+        return f"all trust_domain: TrustDomain, {who} | channel not in insider.(listens_in[trust_domain])"
+    return f"all trust_domain: TrustDomain, channel: {at.last} | channel not in trust_domain.in_clear"
 
 
 def inhabited(claims: Sequence[ClaimAtom]) -> str:

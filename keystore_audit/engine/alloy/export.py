@@ -71,20 +71,20 @@ _DRAWN: Final = """\
 fun has_identity: Enclave -> Certificate { identity }
 /** Who carries which permissions document. */
 fun has_permissions: Enclave -> Document { permissions }
-/** Whose realm has which governance document. */
-fun has_governance: Enclave -> Document { in_realm.governance }
+/** Whose trust domain has which governance document. */
+fun has_governance: Enclave -> Document { in_trust_domain.governance }
 /** Who signed a document. */
 fun signed_by: Document -> Certificate { signer }
 /** Who issued a certificate; of one that signed itself, nobody else. */
 fun issued_by: Certificate -> Certificate { issuer - iden }
 
-/** Who can write in some realm. */
-fun writes: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_write[r]) } }
-/** Who can read in some realm. */
-fun reads: Enclave -> Channel { { e: Enclave, c: Channel | some r: Realm | c in e.(may_read[r]) } }
-/** Who can write or read in some realm without a grant. */
+/** Who can write in some trust domain. */
+fun writes: Enclave -> Channel { { e: Enclave, c: Channel | some r: TrustDomain | c in e.(may_write[r]) } }
+/** Who can read in some trust domain. */
+fun reads: Enclave -> Channel { { e: Enclave, c: Channel | some r: TrustDomain | c in e.(may_read[r]) } }
+/** Who can write or read in some trust domain without a grant. */
 fun ungranted: Enclave -> Channel {
-	{ e: Enclave, c: Channel | some r: Realm | c in e.(writes_without_a_grant[r] + reads_without_a_grant[r]) }
+	{ e: Enclave, c: Channel | some r: TrustDomain | c in e.(writes_without_a_grant[r] + reads_without_a_grant[r]) }
 }
 """
 """Relations for pictures, in the words of `keystore_audit.thm`."""
@@ -249,8 +249,8 @@ permitted: execute `application_audit.als`. A check without counterexample holds
 
 _ATOMS: Final = """\
 An atom is called by letters for its kind (D domains, T channel of a topic, I instant, K key, C certificate, P document,
-R realm, E enclave, DR domain rule, TR topic rule, G grant, PR rule, N node), a number, and a piece of its name. A
-channel stands for all topics that no document tells apart, and is called by one of them: `rt/` begins the DDS name of
+R trust domain, E enclave, DR domain rule, TR topic rule, G grant, PR rule, N node), a number, and a piece of its name.
+A channel stands for all topics that no document tells apart, and is called by one of them: `rt/` begins the DDS name of
 a ROS 2 topic, `rq/` and `rr/` those of a service's requests and replies; "DDS only" says that no name of ROS 2 is
 among them.
 """

@@ -59,11 +59,12 @@ fun audit_instant: one Instant { Clock }"""
 """What stands for the audit instant where it moves."""
 
 _DEPENDENT: Final = re.compile(
-    r"^fun (?P<name>\w+)\[(?P<realms>realm|sending, receiving): Realm\]: (?P<declared>[^{]+) \{(?P<body>.*?)\}$"
+    r"^fun (?P<name>\w+)\[(?P<trust_domains>trust_domain|sending, receiving): TrustDomain\]: "
+    r"(?P<declared>[^{]+) \{(?P<body>.*?)\}$"
     r"(?=\s*(?:^(?:/\*\*|--|fun|pred|assert)|\Z))",
     re.MULTILINE | re.DOTALL,
 )
-"""A function of realms and nothing else, as our modules write it."""
+"""A function of trust domains and nothing else, as our modules write it."""
 
 CHILDREN: Final = {
     "domain_rules": ("domain_rule", "document", "documents"),
@@ -76,7 +77,7 @@ CHILDREN: Final = {
 REFERENCES: Final[Mapping[str, Mapping[str, str]]] = {
     "certificates": {"issuers": "certificates"},
     "documents": {"signers": "certificates"},
-    "realms": {
+    "trust_domains": {
         **dict.fromkeys(("identity_ca", "permissions_ca"), "certificates"),
         "governance": "documents",
         **dict.fromkeys(("revoked", "refuses"), "certificates"),
@@ -152,22 +153,22 @@ def module_texts(names: Sequence[str]) -> dict[str, str]:
         raise EngineFailed(f"This installation is incomplete: an Alloy module cannot be read ({error}).") from error
 
 
-def with_one_realm(modules: Mapping[str, str]) -> dict[str, str]:
-    """Return the same modules for systems with exactly one realm, so that what depends on it is worked out once.
+def with_one_trust_domain(modules: Mapping[str, str]) -> dict[str, str]:
+    """Return the same modules for systems with exactly one trust domain, so that what depends on it is worked out once.
 
     The translator works out a function without arguments once, and one with arguments anew wherever it is called.
-    Rights have the realm of a peer as their argument, because a relation of realms, enclaves and channels would have a
-    place for each three atoms. Where there is one realm only, `Realm` is that one: then each such function calls one
+    Rights have the trust domain of a peer as their argument, since one of domains, enclaves and channels would have a
+    place for each three atoms. Where there is one only, `TrustDomain` is that one: then each such one calls one
     without arguments, of which it is the name for others. No other text changes.
     """
     return {name: _DEPENDENT.sub(_named, module) for name, module in modules.items()}
 
 
 def _named(function: re.Match[str]) -> str:
-    name, realms, declared, body = function.group("name", "realms", "declared", "body")
-    only = ", ".join(f"{realm} = Realm" for realm in realms.split(", "))
+    name, trust_domains, declared, body = function.group("name", "trust_domains", "declared", "body")
+    only = ", ".join(f"{trust_domain} = TrustDomain" for trust_domain in trust_domains.split(", "))
     return (
-        f"fun {name}[{realms}: Realm]: {declared} {{ only_{name} }}\n"
+        f"fun {name}[{trust_domains}: TrustDomain]: {declared} {{ only_{name} }}\n"
         f"fun only_{name}: {declared} {{\n\tlet {only} | {{{body}}}\n}}"
     )
 
@@ -205,7 +206,7 @@ class _Facts:
         for title, functions in (
             ("certificates and dates", self._certificates()),
             ("documents", self._documents()),
-            ("realms and enclaves", self._enclaves()),
+            ("trust domains and enclaves", self._enclaves()),
             ("order: each entry and its next sibling", self._precedes()),
             ("governance: domain rules", self._domain_rules()),
             ("governance: topic rules", self._topic_rules()),
@@ -240,14 +241,14 @@ class _Facts:
         assumed = " + ".join(sorted(each.atom for each in system.assumed)) or "none"
         yield function("assumed", "set Assumption", "Assumption" if system.assumed == EVERY else assumed)
         for name in ("asks_announced_only", "pins_signer", "requires_grant"):
-            yield function(name, "set Realm", "Realm" if getattr(system, name) else "none")
+            yield function(name, "set TrustDomain", "TrustDomain" if getattr(system, name) else "none")
 
     def _enclaves(self) -> Iterator[str]:
-        realms = self._system.realms
-        yield from self._references("realms")
-        refused = [{n for n, other in enumerate(realms) if not r.talks_to(other)} for r in realms]
-        yield self._map("refuses_realm", "realms", "realms", refused)
-        yield self._reference("in_realm", "enclaves", "realm", "realms")
+        trust_domains = self._system.trust_domains
+        yield from self._references("trust_domains")
+        refused = [{n for n, other in enumerate(trust_domains) if not r.talks_to(other)} for r in trust_domains]
+        yield self._map("refuses_trust_domain", "trust_domains", "trust_domains", refused)
+        yield self._reference("in_trust_domain", "enclaves", "trust_domain", "trust_domains")
         yield from self._references("enclaves")
 
     def _precedes(self) -> Iterator[str]:

@@ -127,7 +127,7 @@ def _spare(system: System) -> tuple[dict[str, Collection[int]], dict[int, int]]:
 def _idle(system: System) -> frozenset[int]:
     """Documents that no enclave has, that govern nothing and grant nothing: copies of a governance document."""
     used = {grant.document for grant in system.grants} | {enclave.permissions for enclave in system.enclaves}
-    used |= {realm.governance for realm in system.realms}
+    used |= {trust_domain.governance for trust_domain in system.trust_domains}
     return frozenset(n for n, document in enumerate(system.documents) if n not in used and not document.opaque)
 
 
@@ -147,7 +147,10 @@ def _without(merged: Merged, spare: Mapping[str, Collection[int]], alike: Mappin
     system = replace(
         old,
         **remaining,
-        realms=tuple(replace(of("realms", realm), revoked_later=(), refuses_later=()) for realm in old.realms),
+        trust_domains=tuple(
+            replace(of("trust_domains", trust_domain), revoked_later=(), refuses_later=())
+            for trust_domain in old.trust_domains
+        ),
         claims=tuple(_claim(claim, of, numbers["enclaves"]) for claim in old.claims),
         meets=_meets(old.meets, numbers["channels"], alike),
     )

@@ -76,9 +76,9 @@ def every(system: System) -> System:
 
 
 def _in_force(system: System, moment: int) -> tuple[object, ...]:
-    """Grants; by realm, whom it does not take, and why; and what implementations make of enclaves by themselves."""
+    """Grants; by trust domain, whom it does not take, why; and what implementations make of enclaves by themselves."""
     grants = enumerate(system.grants)
     found = frozenset(number for number, grant in grants if 2 * grant.not_before <= moment <= 2 * grant.not_after)
     then = system.at(moment)
-    refused = ((realm.revoked, realm.refuses) for realm in then.realms)
+    refused = ((trust_domain.revoked, trust_domain.refuses) for trust_domain in then.trust_domains)
     return found, *refused, *(enclave.by_itself for enclave in then.enclaves)

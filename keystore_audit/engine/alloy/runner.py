@@ -28,13 +28,13 @@ from keystore_audit.engine.alloy.facts import (
     count_atoms,
     fact_modules,
     module_texts,
-    with_one_realm,
+    with_one_trust_domain,
 )
 from keystore_audit.engine.alloy.merging import Merged, merge
 from keystore_audit.engine.alloy.process import Analyzer, Command, Job, run, witness
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.formal.asked import ClaimAtom, ClaimKind
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.flow import Flows, Leg, search_of
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES
@@ -131,7 +131,7 @@ class _Case(Struct, frozen=True, kw_only=True):
         text, commands = main_file(system, together, alone)
         return Job(
             files={
-                **(with_one_realm(modules) if len(system.realms) == 1 else modules),
+                **(with_one_trust_domain(modules) if len(system.trust_domains) == 1 else modules),
                 **fact_modules(system),
                 MAIN: text,
             },
@@ -293,7 +293,7 @@ def known_flows(system: System, numbers: Sequence[int]) -> dict[int, str]:
 
     If the condition is true, the command of the claim (`claims.condition`) has no instance.
     """
-    flows, atoms = Flows(system, realm_views(system)), name_atoms(system)
+    flows, atoms = Flows(system, trust_domain_views(system)), name_atoms(system)
     found = {}
     for number in numbers:
         claim = system.claims[number]

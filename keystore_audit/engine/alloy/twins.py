@@ -130,10 +130,16 @@ class _Twins:
         identities = Counter(enclave.identity for enclave in system.enclaves)
         carried = Counter(enclave.permissions for enclave in system.enclaves)
         keys = Counter(certificate.key for certificate in system.certificates)
-        bound = {c for realm in system.realms for c in (*realm.identity_ca, *realm.permissions_ca)}
+        bound = {
+            c
+            for trust_domain in system.trust_domains
+            for c in (*trust_domain.identity_ca, *trust_domain.permissions_ca)
+        }
         bound |= {c for document in system.documents for c in document.signers}
         bound |= {i for n, certificate in enumerate(system.certificates) for i in certificate.issuers if i != n}
-        governing = {realm.governance for realm in system.realms} | {rule.document for rule in system.domain_rules}
+        governing = {trust_domain.governance for trust_domain in system.trust_domains} | {
+            rule.document for rule in system.domain_rules
+        }
         for number, enclave in enumerate(system.enclaves):
             identity, permissions = enclave.identity, enclave.permissions
             if identity is None or enclave.opaque or identity in bound or identities[identity] > 1:
@@ -171,10 +177,13 @@ class _Twins:
         identity, atom = self.candidates[enclave], self._system.enclaves[enclave]
         certificate = self._system.certificates[identity]
         return (
-            (atom.realm, atom.unmanaged),
+            (atom.trust_domain, atom.unmanaged),
             self._but_own(certificate.issuers, identity),
             (certificate.authority, certificate.fit_to_sign, certificate.not_before, certificate.not_after),
-            tuple((identity in realm.revoked, identity in realm.refuses) for realm in self._system.realms),
+            tuple(
+                (identity in trust_domain.revoked, identity in trust_domain.refuses)
+                for trust_domain in self._system.trust_domains
+            ),
             frozenset(self._naming.get(identity, ())) - set(self._granted(enclave)),
         )
 

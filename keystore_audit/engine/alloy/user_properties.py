@@ -250,8 +250,8 @@ def _meaning(system: System, atom: str) -> tuple[str, Location | None]:
                 name = f"topics such as {name}" if channel.infinite else name
                 partition = f" in partition {channel.partition!r}" if channel.partition else ""
                 return f"{name}{partition} ({system.domains[channel.domain].label})", None
-            case "realms":
-                members = [enclave.label for enclave in system.enclaves if enclave.realm == index]
+            case "trust_domains":
+                members = [enclave.label for enclave in system.enclaves if enclave.trust_domain == index]
                 return f"the trust of {', '.join(members[:3])}{' and others' if len(members) > 3 else ''}", None
             case "instants":
                 return instant(system.instants[index]), None

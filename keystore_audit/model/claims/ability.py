@@ -120,14 +120,17 @@ def stopping(system: System, keystore: Keystore, usabilities: Usabilities | None
 def with_refusals(system: System, keystore: Keystore) -> System:
     """With whom enclaves refuse under some profile, from the audit instant on.
 
-    Realms come apart by that: two may trust alike, and read the same authorities in another order.
+    Trust domains come apart by that: two may trust alike, and read the same authorities in another order.
     """
     number = {atom.label: n for n, atom in enumerate(system.enclaves)}
     there = [(number[each.path], each) for each in keystore.enclaves if each.path in number]
     identities = [(system.enclaves[n].identity, each.identity) for n, each in there]
     known = {n: certificate for n, certificate in identities if n is not None and certificate is not None}
     trusts = dict.fromkeys(VARIANTS[name].trust for name in system.profiles)
-    enclaves, realms = list(system.enclaves), {realm: n for n, realm in enumerate(system.realms)}
+    enclaves, trust_domains = (
+        list(system.enclaves),
+        {trust_domain: n for n, trust_domain in enumerate(system.trust_domains)},
+    )
     refused: dict[object, list[tuple[int, frozenset[int]]]] = {}
     for n, enclave in there:
         file, crl = enclave.identity_ca, enclave.files.files[Role.CRL]
@@ -136,9 +139,11 @@ def with_refusals(system: System, keystore: Keystore) -> System:
             asked = [trust for trust in trusts if may_refuse_peers(enclave, trust)]
             refused[files] = list(_refused(enclave, known, asked, _moments(system, enclave, asked)))
         (_now, refuses), *later = refused[files]
-        realm = replace(system.realms[enclaves[n].realm], refuses=refuses, refuses_later=tuple(later))
-        enclaves[n] = replace(enclaves[n], realm=realms.setdefault(realm, len(realms)))
-    return replace(system, enclaves=tuple(enclaves), realms=tuple(realms))
+        trust_domain = replace(
+            system.trust_domains[enclaves[n].trust_domain], refuses=refuses, refuses_later=tuple(later)
+        )
+        enclaves[n] = replace(enclaves[n], trust_domain=trust_domains.setdefault(trust_domain, len(trust_domains)))
+    return replace(system, enclaves=tuple(enclaves), trust_domains=tuple(trust_domains))
 
 
 def _moments(system: System, enclave: Enclave, trusts: Iterable[Trust]) -> Iterator[tuple[int, datetime]]:
@@ -216,19 +221,19 @@ def _closed(
             continue
         starting = [each for each in enclaves if usabilities.of(each, at, profile).usable.may]
         governed = _governed(system)
-        realms = {enclave.label: enclave.realm for enclave in system.enclaves}
+        trust_domains = {enclave.label: enclave.trust_domain for enclave in system.enclaves}
         for number, domain in enumerate(channels.domains):
             there = usabilities.in_domain(domain.intervals[0][0])
             for enclave in starting:
-                covered = number in governed[realms[enclave.path]] if enclave.path in realms else False
+                covered = number in governed[trust_domains[enclave.path]] if enclave.path in trust_domains else False
                 if covered and there.of(enclave, at, profile).usable is Truth.NO:
                     yield number
                     break
 
 
 def _governed(system: System) -> list[set[int]]:
-    """By realm: the domain classes that its governance covers."""
+    """By trust domain: the domain classes that its governance covers."""
     by_document: dict[int | None, set[int]] = {}
     for rule in system.domain_rules:
         by_document.setdefault(rule.document, set()).update(rule.domains)
-    return [by_document.get(realm.governance, set()) for realm in system.realms]
+    return [by_document.get(trust_domain.governance, set()) for trust_domain in system.trust_domains]

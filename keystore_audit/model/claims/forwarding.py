@@ -25,7 +25,7 @@ from keystore_audit.model.formal.asked import (
     SlotAtom,
     Spread,
 )
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.flow import Flows, Lane
 from keystore_audit.model.formal.permission import Permissions
@@ -67,7 +67,7 @@ class Forwarding:
         self._domains = [
             number for number, each in enumerate(channels.domains) if domain is None or contains(each.intervals, domain)
         ]
-        views = realm_views(system, permissions)
+        views = trust_domain_views(system, permissions)
         self._own = [OwnRights(system, view) for view in views]
         self._lanes = Flows(system, views).by_right()
         regions = channels.regions
@@ -136,7 +136,7 @@ class Forwarding:
     def _lacking(self, forward: Forward, domain: int) -> str | None:
         """A topic that the forward's enclave may not use in the domain by its own permissions; None where it may."""
         number = self._number[forward.enclave]
-        able = self._own[self.system.enclaves[number].realm].abilities(number)
+        able = self._own[self.system.enclaves[number].trust_domain].abilities(number)
         here = self._within[domain]
         for topic in forward.sources:
             if not able.may_read & self._by_default[topic] & here:

@@ -26,9 +26,9 @@ from keystore_audit.model.claims.globs import (
 )
 from keystore_audit.model.claims.stated import Marks, check_granted, granted_channels
 from keystore_audit.model.formal.asked import Place, PlaceAtom, Scheduler
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits
-from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, Participant, RealmAtom, System
+from keystore_audit.model.formal.system import CertificateAtom, GrantAtom, Participant, System, TrustDomainAtom
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.subjects.told import Meaning, grants_naming, meaning
 
@@ -105,7 +105,7 @@ UNREAD_IDENTITY = "somebody whom a document names that could not be read"
 def with_subjects_elsewhere(systems: Iterable[System]) -> tuple[System, ...]:
     """The systems, each with a certificate for every subject that its grants name and that is no enclave's here.
 
-    That an enclave has it counts where its peers take the enclave for whom it says: in realms that refuse its own
+    That an enclave has it counts where its peers take the enclave for whom it says: where they refuse its own
     certificate somebody else may have one that they take.
     """
     known: dict[object, tuple[GrantAtom, ...]] = {}
@@ -129,7 +129,7 @@ def _with_subjects(system: System, known: dict[object, tuple[GrantAtom, ...]]) -
     for grant in system.grants:
         places.setdefault(grant.subject, grant.location)
         named.setdefault(grant.subject, set()).update(grant.names)
-    lacking = {text: realms for text in places if (realms := here.lacking(text, named[text]))}
+    lacking = {text: trust_domains for text in places if (trust_domains := here.lacking(text, named[text]))}
     unread = next((document.location for document in system.documents if document.opaque), None)
     first_key = 1 + max((certificate.key for certificate in system.certificates), default=-1)
     made: list[CertificateAtom] = []
@@ -140,7 +140,7 @@ def _with_subjects(system: System, known: dict[object, tuple[GrantAtom, ...]]) -
                 naming.setdefault(number, set()).add(len(system.certificates) + len(made))
             made.append(_certificate(system, text, places[text], lacking[text], first_key + len(made)))
     if unread is not None:
-        made.append(_certificate(system, UNREAD_IDENTITY, unread, system.realms, first_key + len(made)))
+        made.append(_certificate(system, UNREAD_IDENTITY, unread, system.trust_domains, first_key + len(made)))
     if not made:
         return system
     key = (id(system.grants), tuple((number, frozenset(naming[number])) for number in sorted(naming)))
@@ -153,13 +153,13 @@ def _with_subjects(system: System, known: dict[object, tuple[GrantAtom, ...]]) -
 
 
 def _certificate(
-    system: System, subject: str, place: Location, realms: Iterable[RealmAtom], key: int
+    system: System, subject: str, place: Location, trust_domains: Iterable[TrustDomainAtom], key: int
 ) -> CertificateAtom:
-    """One that the identity CAs of these realms issued, with this key."""
+    """One that the identity CAs of these trust domains issued, with this key."""
     return CertificateAtom(
         label=subject,
         location=place,
-        issuers=frozenset[int]().union(*(realm.identity_ca for realm in realms)),
+        issuers=frozenset[int]().union(*(trust_domain.identity_ca for trust_domain in trust_domains)),
         authority=False,
         fit_to_sign=False,
         key=key,
@@ -179,34 +179,38 @@ class _Here:
         self._meant: dict[Meaning, list[int]] = {}
         for identity in sorted(each for each in identities if each is not None):
             self._meant.setdefault(meaning(system.certificates[identity].label), []).append(identity)
-        # Most realms differ in their governance alone.
-        self._realms = list(
-            {(each.identity_ca, each.ever_revoked, self._open(each)): each for each in system.realms}.values()
+        # Most trust domains differ in their governance alone.
+        self._trust_domains = list(
+            {(each.identity_ca, each.ever_revoked, self._open(each)): each for each in system.trust_domains}.values()
         )
 
-    def lacking(self, subject: str, named: set[int]) -> Sequence[RealmAtom]:
-        """Realms in which nobody here has the subject. `named`: whom grants name that have it.
+    def lacking(self, subject: str, named: set[int]) -> Sequence[TrustDomainAtom]:
+        """TrustDomains in which nobody here has the subject. `named`: whom grants name that have it.
 
         Of an enclave that was left out nobody knows which do.
         """
         having = named.intersection(self._meant.get(meaning(subject), ()))
         if having & self._left_out:
             return ()
-        return [realm for realm in self._realms if not any(self._introduced(realm, each) for each in having)]
+        return [
+            trust_domain
+            for trust_domain in self._trust_domains
+            if not any(self._introduced(trust_domain, each) for each in having)
+        ]
 
-    def _introduced(self, realm: RealmAtom, identity: int) -> bool:
-        """Whether the realm takes it for who it says it is, at each moment, whatever the dates of certificates."""
-        if self._open(realm):
+    def _introduced(self, trust_domain: TrustDomainAtom, identity: int) -> bool:
+        """Whether the trust domain takes it for who it says, at each moment, whatever the dates of certificates."""
+        if self._open(trust_domain):
             return True
         certificates = self._system.certificates
         # (MUST) Where the list could not be read, everybody counts as revoked, and nobody is for certain.
-        unread = not self._system.may and len(realm.revoked) == len(certificates)
-        revoked = frozenset[int]() if unread else realm.ever_revoked
-        vouching = certificates[identity].issuers & realm.identity_ca
+        unread = not self._system.may and len(trust_domain.revoked) == len(certificates)
+        revoked = frozenset[int]() if unread else trust_domain.ever_revoked
+        vouching = certificates[identity].issuers & trust_domain.identity_ca
         return identity not in revoked and any(certificates[number].authority for number in vouching)
 
-    def _open(self, realm: RealmAtom) -> bool:
-        return realm.governance is not None and self._system.documents[realm.governance].opaque
+    def _open(self, trust_domain: TrustDomainAtom) -> bool:
+        return trust_domain.governance is not None and self._system.documents[trust_domain.governance].opaque
 
 
 # Who may publish by a claim of only-publish: whom it names, or the one enclave that does now.
@@ -246,7 +250,7 @@ def _some_writer(system: System, channels: frozenset[int]) -> frozenset[int]:
     whose subject alone may, elsewhere, where there is no other. That nobody else writes there is not said.
     """
     asked = bits(channels)
-    views = realm_views(system)
+    views = trust_domain_views(system)
     enclaves = [number for number, enclave in enumerate(system.enclaves) if not enclave.unmanaged]
     for number in sorted(enclaves, key=lambda number: system.enclaves[number].opaque):
         if any(view.abilities(number).may_write & asked for view in views):

@@ -64,7 +64,7 @@ def same_protection(pair: Pair, path: str) -> bool:
 
 
 def _document(view: View, path: str) -> int | None:
-    return view.system.realms[view.enclave(path).realm].governance
+    return view.system.trust_domains[view.enclave(path).trust_domain].governance
 
 
 def _parts(view: View, document: int | None) -> list[_Part]:

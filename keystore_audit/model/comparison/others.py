@@ -199,7 +199,9 @@ def _granted(view: View, unguarded: int, skipped: frozenset[str]) -> dict[str, _
 
 def _unguarded(view: View) -> int:
     """The domains that peers let everybody join whom some grant names, whatever it gives."""
-    protections = (realm.protection for realm in (view.realms if view.system.requires_grant else ()))
+    protections = (
+        trust_domain.protection for trust_domain in (view.trust_domains if view.system.requires_grant else ())
+    )
     return union(each.ruled & ~each.join_controlled for each in protections)
 
 

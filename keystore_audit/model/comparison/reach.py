@@ -28,7 +28,7 @@ from keystore_audit.model.comparison.grants import (
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.formal import rights as outsiders
 from keystore_audit.model.formal.asked import Attacker, Place
-from keystore_audit.model.formal.attacker import RealmView, realm_views
+from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
 from keystore_audit.model.formal.flow import Flows, Lane, Leg, Search
 from keystore_audit.model.formal.influence import Influence
@@ -39,7 +39,7 @@ PRESENTED: Final = "right-presented"
 OWN: Final = "own-endpoint"
 CAPABILITY: Final = "capability"
 
-_OUTSIDE: Final[Mapping[str, Callable[[RealmView], int]]] = {
+_OUTSIDE: Final[Mapping[str, Callable[[TrustDomainView], int]]] = {
     "read": outsiders.read,
     "inject samples into": outsiders.inject_into,
     "learn the names of": outsiders.learn_of,
@@ -87,7 +87,8 @@ def _insider(sides: Sides, causes: Causes, pair: Pair, path: str) -> Iterator[Dr
         ("pass for a writer of", "forges", Operation.PUBLISH),
     ):
         before, after = (
-            union(getattr(realm.abilities(number), of) for realm in view.realms) & ~by_right[operation]
+            union(getattr(trust_domain.abilities(number), of) for trust_domain in view.trust_domains)
+            & ~by_right[operation]
             for view, number in views
         )
         for gained, channels in both_ways(sides, before, after):
@@ -145,7 +146,7 @@ def _presented(sides: Sides, causes: Causes, pair: Pair, path: str) -> Iterator[
 def _outsiders(sides: Sides, pair: Pair) -> Iterator[Draft]:
     """What somebody without any key can do."""
     for what, of in _OUTSIDE.items():
-        before, after = (union(map(of, view.realms)) for view in (pair.old, pair.new))
+        before, after = (union(map(of, view.trust_domains)) for view in (pair.old, pair.new))
         for gained, channels in both_ways(sides, before, after):
             yield _shown(pair, CAPABILITY, f" {what}", channels, gained=gained)
 
@@ -240,7 +241,7 @@ class _Side:
     """One keystore: the compared enclaves come first, in one order on both sides, then those that it alone has."""
 
     def __init__(self, view: View, paths: Sequence[str], left_out: int, kept: int) -> None:
-        self._flows = Flows(view.system, realm_views(view.system, view.permissions))
+        self._flows = Flows(view.system, trust_domain_views(view.system, view.permissions))
         self._left_out = frozenset(members(left_out))
         self._nobody = frozenset(range(len(view.system.enclaves))) - {view.numbers[path] for path in paths}
         self._numbers = [view.numbers[path] for path in paths]

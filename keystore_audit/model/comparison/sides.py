@@ -69,26 +69,34 @@ class View(Peers):
         return found
 
     def letting_in(self, path: str) -> tuple[int, ...]:
-        """The realms, by their places, that take the enclave for who it says it is, whatever the dates."""
+        """The trust domains, by their places, that take the enclave for who it says it is, whatever the dates."""
         number = self.numbers.get(path)
-        return () if number is None else tuple(n for n, each in enumerate(self.realms) if each.authenticated(number))
+        return (
+            ()
+            if number is None
+            else tuple(n for n, each in enumerate(self.trust_domains) if each.authenticated(number))
+        )
 
-    def members(self, realms: Iterable[int]) -> frozenset[str]:
-        """The paths of the enclaves of these realms."""
-        numbers = self.system.realms_of_enclaves()
-        wanted = {numbers[place] for place in realms}
-        return frozenset(each.label for each in self.system.enclaves if each.realm in wanted and not each.unmanaged)
+    def members(self, trust_domains: Iterable[int]) -> frozenset[str]:
+        """The paths of the enclaves of these trust domains."""
+        numbers = self.system.trust_domains_of_enclaves()
+        wanted = {numbers[place] for place in trust_domains}
+        return frozenset(
+            each.label for each in self.system.enclaves if each.trust_domain in wanted and not each.unmanaged
+        )
 
     @cached_property
     def taken(self) -> frozenset[int]:
         """The documents that some peer takes."""
-        return frozenset(document for realm in self.realms for document in realm.accepted)
+        return frozenset(document for trust_domain in self.trust_domains for document in trust_domain.accepted)
 
     @cached_property
     def let_in(self) -> frozenset[int]:
         """The enclaves that some peer takes for who they say they are."""
         known = (number for number, each in enumerate(self.system.enclaves) if each.identity is not None)
-        return frozenset(number for number in known if any(realm.authenticated(number) for realm in self.realms))
+        return frozenset(
+            number for number in known if any(trust_domain.authenticated(number) for trust_domain in self.trust_domains)
+        )
 
     @cached_property
     def named(self) -> Mapping[str, list[int]]:
@@ -129,12 +137,12 @@ class View(Peers):
         """
         atom = self.system.enclaves[enclave]
         alone = atom.writes_alone if operation is Operation.PUBLISH else atom.reads_alone
-        conceded = union(each.abilities(enclave).by_right(operation) for each in self._own_rights)
-        return bits(alone) | self.decisions.met(conceded)
+        peer_authorised = union(each.abilities(enclave).by_right(operation) for each in self._own_rights)
+        return bits(alone) | self.decisions.met(peer_authorised)
 
     @cached_property
     def _own_rights(self) -> list[OwnRights]:
-        return [OwnRights(self.system, realm) for realm in self.realms]
+        return [OwnRights(self.system, trust_domain) for trust_domain in self.trust_domains]
 
 
 class Pair(Struct, frozen=True, kw_only=True):

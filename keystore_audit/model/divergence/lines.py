@@ -209,26 +209,34 @@ class DecidingLines:
         """Of channels on which peers accept the operation from the enclave under one of the two alone."""
         ours, theirs = map(peers.view, (before, after))
         number = ours.numbers.get(path)
-        for realm in range(min(len(ours.realms), len(theirs.realms)) if number is not None else 0):
-            rights = [each.realms[realm].abilities(number or 0).by_right(operation) for each in (ours, theirs)]
+        for trust_domain in range(min(len(ours.trust_domains), len(theirs.trust_domains)) if number is not None else 0):
+            rights = [
+                each.trust_domains[trust_domain].abilities(number or 0).by_right(operation) for each in (ours, theirs)
+            ]
             here = (rights[0] ^ rights[1]) & channels
-            for part in self._in_realm(ours, theirs, realm, number or 0, operation, (before, after)) if here else ():
+            for part in (
+                self._in_trust_domain(ours, theirs, trust_domain, number or 0, operation, (before, after))
+                if here
+                else ()
+            ):
                 found = part.channels & here
                 if found:
                     here &= ~found
                     channels &= ~found
                     yield part._replace(channels=found)
 
-    def _in_realm(
-        self, ours: _Peers, theirs: _Peers, realm: int, number: int, operation: Operation, both: _Both
+    def _in_trust_domain(
+        self, ours: _Peers, theirs: _Peers, trust_domain: int, number: int, operation: Operation, both: _Both
     ) -> Iterator[Part]:
-        """Every line that the peers of a realm take differently, the governance's first, whatever channels it names."""
+        """Every line that peers in a trust domain take differently, the governance's first, whatever it names."""
         for topics in (_topics, _open_topics):
-            yield from self._parts(topics(ours, realm, operation), topics(theirs, realm, operation), -1, both[0])
+            yield from self._parts(
+                topics(ours, trust_domain, operation), topics(theirs, trust_domain, operation), -1, both[0]
+            )
         identity = ours.system.enclaves[number].identity
         joins: list[Part] = []
-        for document in sorted(ours.realms[realm].accepted | theirs.realms[realm].accepted):
-            mine, other = (each.chosen(realm, identity, document) for each in (ours, theirs))
+        for document in sorted(ours.trust_domains[trust_domain].accepted | theirs.trust_domains[trust_domain].accepted):
+            mine, other = (each.chosen(trust_domain, identity, document) for each in (ours, theirs))
             if mine is not None and other is not None and ours.order(mine) == theirs.order(other):
                 yield from self._parts(_rules(ours, mine, operation), _rules(theirs, other, operation), -1, both[0])
                 domains = ours.permissions.joins(mine) ^ theirs.permissions.joins(other)
@@ -295,9 +303,9 @@ class DecidingLines:
 
 
 class _Peers(Peers):
-    def chosen(self, realm: int, identity: int | None, document: int) -> int | None:
-        """The grant of a document that the realm's peers take for the certificate's."""
-        accepted = self.realms[realm].accepted & {document}
+    def chosen(self, trust_domain: int, identity: int | None, document: int) -> int | None:
+        """The grant of a document that the trust domain's peers take for the certificate's."""
+        accepted = self.trust_domains[trust_domain].accepted & {document}
         return next(iter(self.permissions.chosen(identity, accepted)), None)
 
     def order(self, grant: int) -> int:
@@ -335,22 +343,22 @@ def _steps(local: LocalValues, enclave: Enclave, profile: Profile, operation: Op
         yield Step(step.channels, step.allow, line)
 
 
-def _topics(peers: _Peers, realm: int, _operation: Operation) -> Iterator[_Step]:
+def _topics(peers: _Peers, trust_domain: int, _operation: Operation) -> Iterator[_Step]:
     """Which topics there are by the governance."""
     for rule in peers.system.topic_rules:
         parent = peers.system.domain_rules[rule.domain_rule]
-        if parent.document == peers.system.realms[realm].governance:
+        if parent.document == peers.system.trust_domains[trust_domain].governance:
             named = bits(rule.channels) & peers.permissions.within(parent.domains)
-            yield Step(named & peers.realms[realm].protection.governed, True, _Line(rule.location, True))
+            yield Step(named & peers.trust_domains[trust_domain].protection.governed, True, _Line(rule.location, True))
     yield Step(-1, False, _Line(None, False))
 
 
-def _open_topics(peers: _Peers, realm: int, operation: Operation) -> Iterator[_Step]:
+def _open_topics(peers: _Peers, trust_domain: int, operation: Operation) -> Iterator[_Step]:
     """Which of them are everybody's: permissions are not asked."""
-    protection = peers.realms[realm].protection
+    protection = peers.trust_domains[trust_domain].protection
     controlled = protection.write_controlled if operation is Operation.PUBLISH else protection.read_controlled
     free = 0 if operation is Operation.RELAY else protection.governed & ~controlled
-    for step in _topics(peers, realm, operation):
+    for step in _topics(peers, trust_domain, operation):
         yield Step(step.channels & free, True, step.by)
         yield Step(step.channels & ~free, False, step.by)
 

@@ -1,6 +1,6 @@
 """What peers accept from an enclave, and what its keys let it do beyond its rights (docs/model.md).
 
-Everything is asked of a realm: the verdict of a peer depends on nothing else.
+Everything is asked of a trust_domain: the verdict of a peer depends on nothing else.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from keystore_audit.model.formal.permission import Permissions, Protection, open
 from keystore_audit.model.formal.system import System
 
 
-class RealmView:
-    """How the peers of one realm see every enclave. Sets of channels and domains are bit sets."""
+class TrustDomainView:
+    """How the peers of one trust domain see every enclave. Sets of channels and domains are bit sets."""
 
-    def __init__(self, system: System, realm: int, permissions: Permissions) -> None:
+    def __init__(self, system: System, trust_domain: int, permissions: Permissions) -> None:
         self._system = system
-        self._number = realm
-        self._realm = system.realms[realm].at(permissions.moment)
+        self._number = trust_domain
+        self._trust_domain = system.trust_domains[trust_domain].at(permissions.moment)
         self._permissions = permissions
         self.moment = permissions.moment
-        self.refuses = self._realm.refuses
-        governance = self._realm.governance
+        self.refuses = self._trust_domain.refuses
+        governance = self._trust_domain.governance
         unread = governance is not None and system.documents[governance].opaque
         self.open = unread or Assumption.ROBOTS_ENFORCE not in system.assumed
         self._any_opaque = system.anything_granted
@@ -55,13 +55,13 @@ class RealmView:
         return identity is not None and self._known(identity, in_force=in_force)
 
     def _known(self, certificate: int, *, in_force: bool = False) -> bool:
-        pool = self._realm.identity_ca
-        return certificate not in self._realm.revoked and self.vouched(pool, certificate, in_force=in_force)
+        pool = self._trust_domain.identity_ca
+        return certificate not in self._trust_domain.revoked and self.vouched(pool, certificate, in_force=in_force)
 
     @cached_property
     def genuine(self) -> frozenset[int]:
         """Documents that the permissions CA itself signed."""
-        documents, trusted = enumerate(self._system.documents), self._realm.permissions_ca
+        documents, trusted = enumerate(self._system.documents), self._trust_domain.permissions_ca
         return frozenset(n for n, d in documents if d.intact and not d.opaque and d.signers and d.signers <= trusted)
 
     @cached_property
@@ -76,16 +76,16 @@ class RealmView:
 
     def _may_sign(self, certificate: int) -> bool:
         if self._system.pins_signer:
-            return certificate in self._realm.permissions_ca
+            return certificate in self._trust_domain.permissions_ca
         fit = self._system.certificates[certificate].fit_to_sign
-        return fit and (certificate in self._realm.permissions_ca or certificate in self._chained)
+        return fit and (certificate in self._trust_domain.permissions_ca or certificate in self._chained)
 
     @cached_property
     def _chained(self) -> frozenset[int]:
         """Certificates below the permissions CAs, over authorities that any document may bring along."""
         certificates = self._system.certificates
         found: set[int] = set()
-        pending = set(self._realm.permissions_ca)
+        pending = set(self._trust_domain.permissions_ca)
         while pending:
             trusted = {number for number in pending if certificates[number].authority}
             issued = {number for number, c in enumerate(certificates) if c.issuers & trusted}
@@ -104,7 +104,7 @@ class RealmView:
         atom = self._system.enclaves[enclave]
         if not (self.issuing(enclave) or self.authenticated(enclave)):
             return False
-        unread = any(self._system.certificates[number].opaque for number in self._realm.permissions_ca)
+        unread = any(self._system.certificates[number].opaque for number in self._trust_domain.permissions_ca)
         if unread or self._system.anybody(enclave) or self._signed_elsewhere:
             return True
         if atom.identity is None:
@@ -138,19 +138,21 @@ class RealmView:
     @cached_property
     def _issuing_keys(self) -> frozenset[int]:
         certificates = self._system.certificates
-        return frozenset(certificates[each].key for each in self._realm.identity_ca if certificates[each].authority)
+        return frozenset(
+            certificates[each].key for each in self._trust_domain.identity_ca if certificates[each].authority
+        )
 
     @cached_property
     def authority_keys(self) -> frozenset[int]:
         """The keys of the permissions CAs."""
-        return frozenset(self._system.certificates[authority].key for authority in self._realm.permissions_ca)
+        return frozenset(self._system.certificates[authority].key for authority in self._trust_domain.permissions_ca)
 
     @cached_property
     def protection(self) -> Protection:
-        """What the realm's governance protects."""
+        """What the trust domain's governance protects."""
         if self.open:
             return open_protection(self._permissions)
-        governance = self._realm.governance
+        governance = self._trust_domain.governance
         applies = governance is not None and governance in self.accepted
         return protection(self._system, governance if applies else None, self._permissions)
 
@@ -239,7 +241,7 @@ class RealmView:
         return p.ruled & (joined | union(map(self._permissions.joins, grants)))
 
     def abilities(self, enclave: int) -> Abilities:
-        """What the enclave can do to the realm's channels; worked out once."""
+        """What the enclave can do to the trust domain's channels; worked out once."""
         if enclave not in self._abilities:
             rights = [self.presentable(enclave, operation) for operation in Operation]
             self._abilities[enclave] = self._able(self.joined(enclave), rights, *self._alone(enclave))
@@ -261,7 +263,7 @@ class RealmView:
     def _alone(self, enclave: int) -> tuple[int, int]:
         """What its own implementation lets a member write, and read."""
         atom = self._system.enclaves[enclave].at(self.moment)
-        return (bits(atom.writes_alone), bits(atom.reads_alone)) if atom.realm == self._number else (0, 0)
+        return (bits(atom.writes_alone), bits(atom.reads_alone)) if atom.trust_domain == self._number else (0, 0)
 
     def everybody(self) -> Iterator[Abilities]:
         """What each enclave can do."""
@@ -328,14 +330,14 @@ class RealmView:
         """Identity CAs that are permissions CAs too, or chain to one, where signers are not pinned."""
         if self._system.pins_signer:
             return frozenset()
-        shared = self._realm.identity_ca & (self._realm.permissions_ca | self._chained)
+        shared = self._trust_domain.identity_ca & (self._trust_domain.permissions_ca | self._chained)
         return frozenset(number for number in shared if self._system.certificates[number].authority)
 
     @cached_property
     def _open_to_known(self) -> int:
         """Channels of domains that whoever has an identity of the CA joins: there are others than are here."""
         p, certificates = self.protection, self._system.certificates
-        if not self.open and not any(certificates[number].authority for number in self._realm.identity_ca):
+        if not self.open and not any(certificates[number].authority for number in self._trust_domain.identity_ca):
             return 0
         return self._reach(p.ruled & ~p.join_controlled)
 
@@ -386,13 +388,13 @@ class RealmView:
         return reach & (~p.write_controlled | published), reach & (~p.read_controlled | subscribed)
 
 
-def realm_views(system: System, permissions: Permissions | None = None) -> list[RealmView]:
-    """How the peers of each realm see every enclave. `permissions`: those of another moment, None: of the audit's."""
+def trust_domain_views(system: System, permissions: Permissions | None = None) -> list[TrustDomainView]:
+    """How peers in each trust domain see every enclave. `permissions`: those of another moment, or of the audit's."""
     permissions = permissions or Permissions(system)
-    return [RealmView(system, realm, permissions) for realm in range(len(system.realms))]
+    return [TrustDomainView(system, trust_domain, permissions) for trust_domain in range(len(system.trust_domains))]
 
 
-def enclaves_views(system: System, permissions: Permissions | None = None) -> list[RealmView]:
-    """The same of the realms that enclaves are of alone: how the keystore is meant to be used."""
-    views = realm_views(system, permissions)
-    return [views[realm] for realm in system.realms_of_enclaves()]
+def enclaves_views(system: System, permissions: Permissions | None = None) -> list[TrustDomainView]:
+    """The same of the trust domains that enclaves are of alone: how the keystore is meant to be used."""
+    views = trust_domain_views(system, permissions)
+    return [views[trust_domain] for trust_domain in system.trust_domains_of_enclaves()]

@@ -16,7 +16,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.rights import OwnRights
 from keystore_audit.model.formal.system import System, easiest
@@ -91,12 +91,12 @@ def search_of(claim: ClaimAtom) -> Search:
 
 
 class Flows:
-    """Flows of one system at one moment. `realms`: how the peers of each realm see every enclave, then."""
+    """Flows of one system at one moment. `trust_domains`: how peers in each see every enclave, then."""
 
-    def __init__(self, system: System, realms: Sequence[RealmView]) -> None:
+    def __init__(self, system: System, trust_domains: Sequence[TrustDomainView]) -> None:
         self._system = system
-        self._realms = realms
-        self._member = [enclave.realm for enclave in system.enclaves]
+        self._trust_domains = trust_domains
+        self._member = [enclave.trust_domain for enclave in system.enclaves]
         self.outsider = len(system.enclaves)
         self._lanes: dict[tuple[Attacker, bool], list[Lane]] = {}
 
@@ -125,8 +125,8 @@ class Flows:
         return [*lanes, *self.of_sources(search.source)] if attacking else lanes
 
     def by_right(self, *, own: bool = False) -> list[Lane]:
-        """By realm of sender and receiver: what may be written and read by right, on both sides."""
-        rights = [each.abilities for each in self._own] if own else [each.honest for each in self._realms]
+        """By trust domain of sender and receiver: what may be written and read by right, on both sides."""
+        rights = [each.abilities for each in self._own] if own else [each.honest for each in self._trust_domains]
         everybody = range(len(self._system.enclaves))
         used = sorted(set(self._member))
         lanes = []
@@ -134,7 +134,7 @@ class Flows:
             written = [rights[there](enclave).may_write for enclave in everybody]
             read = [rights[there](e).may_read if self._member[e] == there else 0 for e in everybody]
             for here in used:
-                if own and not self._system.realms[here].talks_to(self._system.realms[there]):
+                if own and not self._system.trust_domains[here].talks_to(self._system.trust_domains[there]):
                     continue
                 sent, shared = written, read
                 if here != there:
@@ -149,7 +149,7 @@ class Flows:
     def _listened(self) -> Lane:
         """Whoever is on the network listens, and honest enclaves do not hide what their governance leaves in clear."""
         puts = [0] * (self.outsider + 1)
-        for view in self._realms:
+        for view in self._trust_domains:
             if view.readable:
                 for enclave in range(self.outsider):
                     puts[enclave] |= view.honest(enclave).writes_at_all & view.readable
@@ -162,10 +162,10 @@ class Flows:
         """
         everybody = range(self.outsider)
         lanes = []
-        for realm, view in enumerate(self._realms):
+        for trust_domain, view in enumerate(self._trust_domains):
             made = self._joined(self.as_any([self._forged(view, enclave) for enclave in everybody]), view.injectable)
-            lanes.append(Lane(made, [*self.as_any(self._of_members(realm, view.abilities)), 0]))
-            shown = [*self.as_any(self._shows(realm)), 0]
+            lanes.append(Lane(made, [*self.as_any(self._of_members(trust_domain, view.abilities)), 0]))
+            shown = [*self.as_any(self._shows(trust_domain)), 0]
             known = self.as_any([able.knows for able in view.everybody()])
             sent = [one | other for one, other in zip(made, shown, strict=True)]
             lanes.append(Lane(sent, self._joined(known, view.readable)))
@@ -174,8 +174,8 @@ class Flows:
     def of_sources(self, source: Place) -> list[Lane]:
         """The source attacks, honest enclaves take, and whoever is on the network listens."""
         lanes = []
-        for realm, view in enumerate(self._realms):
-            shown = self._shows(realm)
+        for trust_domain, view in enumerate(self._trust_domains):
+            shown = self._shows(trust_domain)
             made, sent = [0] * (self.outsider + 1), [0] * (self.outsider + 1)
             for enclave in source.enclaves:
                 acting = self.acting(enclave)
@@ -183,7 +183,7 @@ class Flows:
                 sent[enclave] = made[enclave] | union(shown[each] for each in acting)
             if source.outsider:
                 made[self.outsider] = view.injectable
-            lanes.append(Lane(made, [*self._of_members(realm, view.honest), 0]))
+            lanes.append(Lane(made, [*self._of_members(trust_domain, view.honest), 0]))
             lanes.append(Lane(sent, [*([0] * self.outsider), view.readable], heard=True))
         return lanes
 
@@ -194,30 +194,30 @@ class Flows:
 
     @cached_property
     def readable(self) -> int:
-        """Channels that some realm leaves in clear."""
-        return union(view.readable for view in self._realms)
+        """Channels that some trust domain leaves in clear."""
+        return union(view.readable for view in self._trust_domains)
 
     @cached_property
     def injectable(self) -> int:
-        """Channels on which readers of some realm take samples from anybody."""
-        return union(view.injectable for view in self._realms)
+        """Channels on which readers of some trust domain take samples from anybody."""
+        return union(view.injectable for view in self._trust_domains)
 
-    def _of_members(self, realm: int, able: Callable[[int], Abilities]) -> list[int]:
+    def _of_members(self, trust_domain: int, able: Callable[[int], Abilities]) -> list[int]:
         """By enclave: the channels that it reads if whoever writes is ready to give its keys to anybody."""
-        return [able(e).reads_at_all if m == realm else 0 for e, m in enumerate(self._member)]
+        return [able(e).reads_at_all if m == trust_domain else 0 for e, m in enumerate(self._member)]
 
-    def _shows(self, realm: int) -> list[int]:
-        """By enclave: the channels that it writes for the realm, by right, or for those who ask for none."""
-        return [self._realms[realm].abilities(enclave).writes_at_all for enclave in range(self.outsider)]
+    def _shows(self, trust_domain: int) -> list[int]:
+        """By enclave: the channels that it writes for the trust domain, by right, or for those who ask for none."""
+        return [self._trust_domains[trust_domain].abilities(enclave).writes_at_all for enclave in range(self.outsider)]
 
     @cached_property
     def _own(self) -> list[OwnRights]:
-        """By realm, what enclaves may do that use their own permissions documents alone."""
-        return [OwnRights(self._system, view, view.refuses) for view in self._realms]
+        """By trust domain, what enclaves may do that use their own permissions documents alone."""
+        return [OwnRights(self._system, view, view.refuses) for view in self._trust_domains]
 
     @staticmethod
-    def _forged(view: RealmView, enclave: int) -> int:
-        """Channels of which members of the realm take its samples for those of some writer."""
+    def _forged(view: TrustDomainView, enclave: int) -> int:
+        """Channels of which members of the trust domain take its samples for those of some writer."""
         able = view.abilities(enclave)
         return able.may_write | able.forges if able.forges else able.may_write
 

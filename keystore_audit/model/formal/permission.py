@@ -163,7 +163,7 @@ class Permissions:
         ]
 
 
-# What the governance of a realm protects, and against whom (DDS-Security 1.1, 9.4.1.2).
+# What the governance of a trust domain protects, and against whom (DDS-Security 1.1, 9.4.1.2).
 #
 # All sets are bit sets over channels, except `unauthenticated`, `ruled` and `join_controlled`: over domains.
 
@@ -207,7 +207,7 @@ def protection(system: System, document: int | None, permissions: Permissions) -
 
 
 def open_protection(permissions: Permissions) -> Protection:
-    """What an open realm protects: nothing, though everything is governed and everybody may come."""
+    """What an open trust domain protects: nothing, though everything is governed and everybody may come."""
     return Protection(
         ruled=permissions.all_domains,
         unauthenticated=permissions.all_domains,

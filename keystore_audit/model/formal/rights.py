@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.attacker import RealmView, enclaves_views
+from keystore_audit.model.formal.attacker import TrustDomainView, enclaves_views
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.permission import Decisions, Permissions, Protection
 from keystore_audit.model.formal.system import Participant, System
@@ -35,8 +35,8 @@ class Peers:
         self._accepted: dict[tuple[str, Operation], int] = {}
 
     @cached_property
-    def realms(self) -> list[RealmView]:
-        """How the peers of each realm that enclaves are of see every enclave."""
+    def trust_domains(self) -> list[TrustDomainView]:
+        """How the peers of each trust domain that enclaves are of see every enclave."""
         return enclaves_views(self.system, self.permissions)
 
     def enclave(self, path: str) -> Participant:
@@ -44,11 +44,11 @@ class Peers:
         return self.system.enclaves[self.numbers[path]]
 
     def accepted(self, path: str, operation: Operation) -> int:
-        """The channels on which some realm accepts the operation; none of an enclave that is left out."""
+        """The channels on which some trust domain accepts the operation; none of an enclave that is left out."""
         key = (path, operation)
         if key not in self._accepted:
             number = self.numbers.get(path)
-            able = [realm.abilities(number) for realm in self.realms] if number is not None else []
+            able = [trust_domain.abilities(number) for trust_domain in self.trust_domains] if number is not None else []
             self._accepted[key] = union(each.by_right(operation) | each.unannounced for each in able)
         return self._accepted[key]
 
@@ -76,9 +76,9 @@ class EffectiveRights:
 
 
 class OwnRights:
-    """How the peers of one realm see enclaves that present their own documents. `refuses`: as of a `RealmAtom`."""
+    """How peers in one trust domain see enclaves with their own documents. `refuses`: as of a `TrustDomainAtom`."""
 
-    def __init__(self, system: System, view: RealmView, refuses: frozenset[int] = frozenset()) -> None:
+    def __init__(self, system: System, view: TrustDomainView, refuses: frozenset[int] = frozenset()) -> None:
         self._system = system
         self._view = view
         self._refuses = refuses
@@ -111,46 +111,46 @@ class OwnRights:
         )
 
 
-# What somebody without any key can do in a realm, as sets of channels: where there is somebody to do it to.
+# What somebody without any key can do in a trust domain, as sets of channels: where there is somebody to do it to.
 #
 # The definitions are in docs/model.md. Where there is nothing in the clear, nobody is asked what enclaves do.
 
 
-def read(view: RealmView) -> int:
+def read(view: TrustDomainView) -> int:
     """Channels whose payload is readable."""
     return view.readable and view.readable & _written(view)
 
 
-def learn_of(view: RealmView) -> int:
+def learn_of(view: TrustDomainView) -> int:
     """Channels whose topic name is readable in discovery."""
     p = view.protection
     clear = p.governed & ~(p.rtps_encrypts | p.discovery_hidden)
     return clear and clear & (_written(view) | _read(view))
 
 
-def inject_into(view: RealmView) -> int:
+def inject_into(view: TrustDomainView) -> int:
     """Channels on which a reader takes samples."""
     return view.injectable and view.injectable & _read(view)
 
 
-def replay(view: RealmView) -> int:
+def replay(view: TrustDomainView) -> int:
     """Channels on which a reader takes old samples again."""
     clear = view.unauthenticated & ~view.protection.metadata_authenticates
     return clear and clear & _read(view)
 
 
-def assert_liveliness_of(view: RealmView) -> int:
+def assert_liveliness_of(view: TrustDomainView) -> int:
     """Channels on which it can be said that a writer is alive."""
     clear = view.unauthenticated & ~view.protection.liveliness_authenticates
     return clear and clear & _read(view)
 
 
-def _written(view: RealmView) -> int:
+def _written(view: TrustDomainView) -> int:
     """Channels with a writer, though it may be one that honest readers refuse."""
     return union(able.writes_at_all for able in view.everybody())
 
 
-def _read(view: RealmView) -> int:
+def _read(view: TrustDomainView) -> int:
     """Channels with a reader, though it may be one that honest writers refuse."""
     return union(able.reads_at_all for able in view.everybody())
 
@@ -202,7 +202,7 @@ def _joined(one: UnmanagedGrant, other: UnmanagedGrant) -> UnmanagedGrant:
 
 
 class _System:
-    """One system, in which a realm is asked about the enclaves that unmanaged documents name."""
+    """One system, in which a trust domain is asked about the enclaves that unmanaged documents name."""
 
     def __init__(self, system: System, places: Collection[str]) -> None:
         self._system = system
@@ -211,7 +211,7 @@ class _System:
         self._unmanaged = frozenset(n for n, document in numbered if document.label in places and not document.opaque)
 
     def grants(self) -> Iterator[UnmanagedGrant]:
-        """Each with the realm that takes it; one without a surplus may come before one with it."""
+        """Each with the trust domain that takes it; one without a surplus may come before one with it."""
         named = [
             number
             for number, enclave in enumerate(self._system.enclaves)
@@ -222,8 +222,8 @@ class _System:
                 if view.authenticated(enclave):
                     yield from self._taken(view, enclave)
 
-    def _taken(self, view: RealmView, enclave: int) -> Iterator[UnmanagedGrant]:
-        """The grants of unmanaged documents that the realm takes from the enclave."""
+    def _taken(self, view: TrustDomainView, enclave: int) -> Iterator[UnmanagedGrant]:
+        """The grants of unmanaged documents that the trust domain takes from the enclave."""
         atom, permissions = self._system.enclaves[enclave], self._permissions
         others = permissions.chosen(atom.identity, view.accepted - self._unmanaged)
         for grant in permissions.chosen(atom.identity, view.accepted & self._unmanaged):
@@ -236,7 +236,7 @@ class _System:
                 profiles=self._system.profiles,
             )
 
-    def _surplus(self, view: RealmView, grant: int, others: Collection[int]) -> Surplus | None:
+    def _surplus(self, view: TrustDomainView, grant: int, others: Collection[int]) -> Surplus | None:
         """A channel on which none of the other grants gives what this one does; one of ROS 2 first."""
         for operation in Operation:
             more = self._permissions.allowed(grant, operation) & view.protection.governed
@@ -276,9 +276,9 @@ class Safeguard(Struct, frozen=True, kw_only=True):
 
 
 def safeguards(system: System, channels: range, domain: int) -> tuple[tuple[Safeguard, ...], ...]:
-    """By channel, all of one domain class: what the governances of the realms say of it, each different one once.
+    """By channel, all of one domain class: what governances of trust domains say of it, each different one once.
 
-    A realm whose governance could not be read, or is not in force in the domain, says nothing, unless none does.
+    A trust domain whose governance could not be read, or is not in force in the domain, says nothing, unless none does.
     """
     views = enclaves_views(system)
     spoken = [view.protection for view in views if not view.open and view.protection.ruled >> domain & 1]

@@ -64,14 +64,14 @@ class DocumentAtom(Struct, frozen=True, kw_only=True):
     opaque: bool
 
 
-class RealmAtom(Struct, frozen=True, kw_only=True):
+class TrustDomainAtom(Struct, frozen=True, kw_only=True):
     """Enclaves that trust alike: same identity CAs, permissions CAs, governance document and revocations.
 
-    A peer's verdict depends on its realm only. `identity_ca`, `permissions_ca`: the certificates of those
+    A peer's verdict depends on its trust domain only. `identity_ca`, `permissions_ca`: the certificates of those
     files; `governance`: the document, None where it is missing or (MUST) unreadable; `revoked`: certificates
     on its CRL; `revoked_later`: the same from moments on (`permission.Permissions`) at which another one of several
     lists counts, ascending; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be revoked.
-    `told`: what its members tell peers of their permissions CA, if they and their peers compare that: members of realms
+    `told`: what members tell peers of their permissions CA, if they and their peers compare that: members of domains
     that tell different things refuse each other, unless one of them tells what the other wants to hear. None: unknown.
     `refuses`: certificates that members refuse although an identity CA vouches for them; for claims of ability alone.
     `refuses_later`: from moments on at which these are others.
@@ -87,7 +87,7 @@ class RealmAtom(Struct, frozen=True, kw_only=True):
     revoked_later: tuple[tuple[int, frozenset[int]], ...] = ()
     refuses_later: tuple[tuple[int, frozenset[int]], ...] = ()
 
-    def at(self, moment: int) -> RealmAtom:
+    def at(self, moment: int) -> TrustDomainAtom:
         """The same as it is then."""
         if not (self.revoked_later or self.refuses_later):
             return self
@@ -105,13 +105,13 @@ class RealmAtom(Struct, frozen=True, kw_only=True):
         """Certificates that are revoked at some moment."""
         return self.revoked.union(*(each for _begin, each in self.revoked_later))
 
-    def talks_to(self, other: RealmAtom) -> bool:
+    def talks_to(self, other: TrustDomainAtom) -> bool:
         """Whether members of both may talk, as far as what they tell of their permissions CAs goes."""
         return self.told == other.told or None in (self.told, other.told)
 
 
 NOWHERE: Final = -1
-"""The realm of those that were left out."""
+"""The trust domain of those that were left out."""
 
 
 class ParticipantKind(Enum):
@@ -138,7 +138,7 @@ class Participant(Struct, frozen=True, kw_only=True):
 
     label: str
     location: Location
-    realm: int
+    trust_domain: int
     identity: int | None
     permissions: int | None
     kind: ParticipantKind = ParticipantKind.ENCLAVE
@@ -283,7 +283,7 @@ class System(Struct, frozen=True, kw_only=True):
     """One keystore as one kind of implementation reads it, at one instant, in one of two readings: MAY and MUST.
 
     `may`: what could not be read may do, grant and open anything; else it does, grants and opens nothing, and is left
-    out: `left_out` are enclaves of which it is unknown who they are or whom they trust, of no realm.
+    out: `left_out` are enclaves of which it is unknown who they are or whom they trust, of no trust domain.
     `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a permissions
     CA certificate itself; otherwise by any certificate that chains to one and is fit to sign (CVE-2023-24010).
     `skips_grants_out_of_date`: of a document the first grant in force that names a certificate counts; otherwise the
@@ -308,7 +308,7 @@ class System(Struct, frozen=True, kw_only=True):
     now: int
     certificates: tuple[CertificateAtom, ...]
     documents: tuple[DocumentAtom, ...]
-    realms: tuple[RealmAtom, ...]
+    trust_domains: tuple[TrustDomainAtom, ...]
     enclaves: tuple[Participant, ...]
     domains: tuple[DomainAtom, ...]
     channels: tuple[ChannelAtom, ...]
@@ -334,9 +334,11 @@ class System(Struct, frozen=True, kw_only=True):
         return replace(rule.location, line=text.line, message="" if text.text == topic else text.text)
 
     def at(self, moment: int) -> System:
-        """The same with realms and enclaves as they are then, and for good; what is in force is asked of dates."""
-        realms = tuple(realm.at(moment) for realm in self.realms)
-        return replace(self, realms=realms, enclaves=tuple(enclave.at(moment) for enclave in self.enclaves))
+        """The same with trust domains and enclaves as they are then, and for good; what is in force, dates say."""
+        trust_domains = tuple(trust_domain.at(moment) for trust_domain in self.trust_domains)
+        return replace(
+            self, trust_domains=trust_domains, enclaves=tuple(enclave.at(moment) for enclave in self.enclaves)
+        )
 
     def key_of(self, enclave: int) -> int | None:
         """The key of the enclave's identity, None where it has none that is known. Who has equal keys is one."""
@@ -362,15 +364,17 @@ class System(Struct, frozen=True, kw_only=True):
         """Whether an attacker gets past the permissions of endpoints by what it announces of them."""
         return self.asks_announced_only and Assumption.TRUTHFUL_ANNOUNCEMENTS not in self.assumed
 
-    def realms_of_enclaves(self) -> list[int]:
-        """The realms that enclaves are of; in others are unmanaged identities alone, with files of their own."""
-        return sorted({enclave.realm for enclave in self.enclaves if not enclave.unmanaged})
+    def trust_domains_of_enclaves(self) -> list[int]:
+        """The trust domains that enclaves are of; in others are unmanaged identities alone, with files of their own."""
+        return sorted({enclave.trust_domain for enclave in self.enclaves if not enclave.unmanaged})
 
     @property
     def has_doubt(self) -> bool:
         """Whether anything in it is opaque, unread or not taken for granted, so that the other reading may differ."""
         opaque = any(d.opaque for d in self.documents) or any(e.opaque or e.possible for e in self.enclaves)
-        return opaque or any(realm.list_unread for realm in self.realms) or not self.assumed >= WORLD
+        return (
+            opaque or any(trust_domain.list_unread for trust_domain in self.trust_domains) or not self.assumed >= WORLD
+        )
 
 
 def apart(systems: Iterable[System]) -> tuple[System, ...]:

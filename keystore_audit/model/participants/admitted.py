@@ -135,7 +135,7 @@ class _Signers:
                 yield Location(path=peer.enclave.permissions_ca.file.place, line=1)
 
     def peers(self, peers: Iterable[_Peer], certificate: Certificate) -> Iterator[_Peer]:
-        """Those of the peers that take what it signs for itself (`attacker.RealmView.self_granting`)."""
+        """Those of the peers that take what it signs for itself (`attacker.TrustDomainView.self_granting`)."""
         for peer in peers:
             ca, trust = peer.enclave.permissions_ca, peer.trust
             roots = signing_authorities(ca, trust) if ca is not None else ()

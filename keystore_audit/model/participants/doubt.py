@@ -73,7 +73,7 @@ def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Ac
 @lru_cache(maxsize=16_384)
 def file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
     """What about its files is in doubt for every implementation alike."""
-    found = [identity_doubt(enclave), realm_doubt(enclave), _key_doubt(enclave)]
+    found = [identity_doubt(enclave), trust_domain_doubt(enclave), _key_doubt(enclave)]
     file = enclave.files.files[Role.PERMISSIONS]
     if file.status.unknown:
         found.append(_doubt(enclave, file.path, f"permissions could not be read: {file.detail}"))
@@ -176,7 +176,7 @@ def _constrained(enclave: str | None, certificates: Iterable[Certificate]) -> Do
 
 
 @lru_cache(maxsize=16_384)
-def realm_doubt(enclave: Enclave) -> Doubt | None:
+def trust_domain_doubt(enclave: Enclave) -> Doubt | None:
     """Why it is unknown whom the enclave trusts: it may then accept everything.
 
     A governance document that was read but has no single meaning is not among these: it is opaque as a

@@ -268,4 +268,4 @@ class LoneRefusals:
 
 
 def _conceded_not_allowed(local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation) -> int:
-    return local.conceded(enclave, profile, operation) & ~local.allowed(enclave, profile, operation)
+    return local.peer_authorised(enclave, profile, operation) & ~local.allowed(enclave, profile, operation)

@@ -11,7 +11,7 @@ from datetime import datetime
 
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.participants.usability import Usabilities
@@ -34,7 +34,7 @@ def starts_alone(
     if not profiles:
         return frozenset()
     permissions = Permissions(system)
-    views = realm_views(system, permissions)
+    views = trust_domain_views(system, permissions)
     by_path = {enclave.path: enclave for enclave in keystore.enclaves}
     now = system.instants[system.now]
     last = now if until is None else max(now, until)

@@ -32,7 +32,7 @@ from keystore_audit.keystore.layout import EnclaveFiles, Role
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.keystore.unmanaged import UnmanagedIdentity
-from keystore_audit.model.formal.system import CertificateAtom, Participant, ParticipantKind, RealmAtom
+from keystore_audit.model.formal.system import CertificateAtom, Participant, ParticipantKind, TrustDomainAtom
 from keystore_audit.model.inventory import (
     Document,
     TrustFiles,
@@ -43,7 +43,7 @@ from keystore_audit.model.inventory import (
     unmanaged_identities,
     unmanaged_permissions,
 )
-from keystore_audit.model.participants.doubt import realm_doubt, unmanaged_doubt
+from keystore_audit.model.participants.doubt import trust_domain_doubt, unmanaged_doubt
 from keystore_audit.model.participants.lone_endpoints import Alone, Endpoints, Timeline, joined, made_alone, within
 from keystore_audit.model.trust.verdicts import MAX_AUTHORITIES, may_take
 from keystore_audit.profiles import Profile, Trust
@@ -56,10 +56,10 @@ MAX_PARTICIPANTS: Final = 2_000
 """Participants that are no enclaves; in large keystores each costs as much as an enclave does."""
 
 MAX_HOLDERS: Final = 4_000
-"""Identities, each with the documents that name it in each realm: as many as enclaves."""
+"""Identities, each with the documents that name it in each trust domain: as many as enclaves."""
 
 Holder = tuple[int, TrustFiles, Enclave]
-"""Whoever has an identity, by the number of its certificate, in a realm, and the folder that it starts with."""
+"""Whoever has an identity, by the number of its certificate, in a trust domain, and the folder that it starts with."""
 
 
 class Unmanaged:
@@ -124,66 +124,68 @@ class Unmanaged:
     def let_in(
         self,
         enclaves: Iterable[Participant],
-        realms: Sequence[RealmAtom],
+        trust_domains: Sequence[TrustDomainAtom],
         certificates: Sequence[CertificateAtom],
         *,
         may: bool,
     ) -> list[UnmanagedIdentity]:
-        """Those that some enclave takes for one of its realm, possibly (MAY) or certainly (MUST): others have
+        """Those that some enclave takes for one of its trust domain, possibly (MAY) or certainly (MUST): others have
         nobody to talk to, whatever they start with.
         """
-        peers = [realms[number] for number in sorted({enclave.realm for enclave in enclaves})]
+        peers = [trust_domains[number] for number in sorted({enclave.trust_domain for enclave in enclaves})]
         asked = (each for each in self.identities if may or (each.held and unmanaged_doubt(each) is None))
         return [each for each in asked if any(self.admits(peer, each, certificates) for peer in peers)]
 
-    def admits(self, realm: RealmAtom, each: UnmanagedIdentity, certificates: Sequence[CertificateAtom]) -> bool:
-        """Whether members of the realm take who has the certificate for one of theirs, whatever the dates.
+    def admits(
+        self, trust_domain: TrustDomainAtom, each: UnmanagedIdentity, certificates: Sequence[CertificateAtom]
+    ) -> bool:
+        """Whether members of the trust domain take who has the certificate for one of theirs, whatever the dates.
 
-        One that stands in an identity CA file itself is no authority of a realm, so that any may be the one that
+        One that stands in an identity CA file itself is no authority of a trust domain, so that any may be the one that
         takes it.
         """
         number = self.number(each)
-        issuers = certificates[number].issuers & realm.identity_ca
+        issuers = certificates[number].issuers & trust_domain.identity_ca
         vouched = each.certificate in each.authorities or any(certificates[issuer].authority for issuer in issuers)
-        return vouched and number not in realm.always_revoked
+        return vouched and number not in trust_domain.always_revoked
 
     def participants(
         self,
         let_in: Iterable[UnmanagedIdentity],
         enclaves: Sequence[Participant],
-        realms: Sequence[RealmAtom],
+        trust_domains: Sequence[TrustDomainAtom],
         certificates: Sequence[CertificateAtom],
         names: Mapping[str, frozenset[int]],
         own: Mapping[tuple[int, int], Sequence[Timeline]],
     ) -> Iterator[Participant]:
-        """The identities that a realm lets in, in each that does.
+        """The identities that a trust domain lets in, in each that does.
 
-        Whose realm it is matters for what it takes itself, and nobody knows which files it is started with
+        Whose trust domain it is matters for what it takes itself, and nobody knows which files it is started with
         (`hosts`): an enclave that has its key need not use its own, nor need anybody else.
-        `names`: the certificates that subjects of grants mean. `own`: by certificate and realm, the endpoints
+        `names`: the certificates that subjects of grants mean. `own`: by certificate and trust domain, the endpoints
         that their implementation creates with each document that names them. One that is like an enclave's own, or like
         another, in all that peers look at, and that has no endpoints beyond those of that one, adds nothing to its
-        realm and is left out there: a certificate that was renewed, for instance. Raises errors.BudgetExceeded.
+        trust domain and is left out there: a certificate that was renewed, for instance. Raises errors.BudgetExceeded.
         """
         let_in = tuple(let_in)
         if not let_in:  # nearly always
             return
-        told = _told(realms, certificates, names)
+        told = _told(trust_domains, certificates, names)
         known: dict[tuple[int, object], list[Timeline]] = {}
         for enclave in enclaves:
             if enclave.identity is not None:
                 moments = ((0, enclave), *enclave.later)
                 timeline = tuple((begin, Endpoints(atom.reads_alone, atom.writes_alone)) for begin, atom in moments)
-                known.setdefault((enclave.realm, told(enclave.identity)), []).append(timeline)
+                known.setdefault((enclave.trust_domain, told(enclave.identity)), []).append(timeline)
         count = 0
         for each in let_in:
             number, doubted = self.number(each), unmanaged_doubt(each) is not None
             about = told(number)
-            for realm, atom in enumerate(realms):
+            for trust_domain, atom in enumerate(trust_domains):
                 if not self.admits(atom, each, certificates):
                     continue
-                timeline = joined(own.get((number, realm), ()))
-                alike = known.setdefault((realm, about), [])
+                timeline = joined(own.get((number, trust_domain), ()))
+                alike = known.setdefault((trust_domain, about), [])
                 if not doubted and any(within(timeline, other) for other in alike):
                     continue
                 alike.append(timeline)
@@ -196,7 +198,7 @@ class Unmanaged:
                 made = Participant(
                     label=f"{shorten(each.certificate.subject, MAX_SUBJECT)} ({each.certificate.path}, no enclave)",
                     location=Location(path=each.certificate.path, line=each.certificate.line),
-                    realm=realm,
+                    trust_domain=trust_domain,
                     identity=None if doubted else number,
                     permissions=None,
                     kind=ParticipantKind.UNMANAGED,
@@ -205,36 +207,36 @@ class Unmanaged:
                 yield made_alone(made, timeline)
 
     def own_endpoints(
-        self, alone: Sequence[Alone], realms: Mapping[TrustFiles, int], *, may: bool
+        self, alone: Sequence[Alone], trust_domains: Mapping[TrustFiles, int], *, may: bool
     ) -> dict[tuple[int, int], list[Timeline]]:
-        """By certificate and realm what their own implementation creates, possibly (MAY) or certainly (MUST).
+        """By certificate and trust domain what their own implementation creates, possibly (MAY) or certainly (MUST).
 
-        `alone`: by holder; empty where it creates nothing. Whose realm could not be read is left out: there
+        `alone`: by holder; empty where it creates nothing. Whose trust domain could not be read is left out: there
         everybody may do anything.
         """
         return gathered(
-            ((number, realms[files]), each.possible if may else each.certain)
+            ((number, trust_domains[files]), each.possible if may else each.certain)
             for (number, files, _enclave), each in zip(self.holders if alone else (), alone, strict=True)
-            if files in realms
+            if files in trust_domains
         )
 
 
-def unread_participants(places: Sequence[str], realms: Sequence[RealmAtom]) -> Iterator[Participant]:
-    """(MAY) Identities in files outside enclaves that were not read: one stands for all, in each realm."""
-    for realm in range(len(realms)) if places else ():
+def unread_participants(places: Sequence[str], trust_domains: Sequence[TrustDomainAtom]) -> Iterator[Participant]:
+    """(MAY) Identities in files outside enclaves that were not read: one stands for all, in each trust domain."""
+    for trust_domain in range(len(trust_domains)) if places else ():
         yield Participant(
             label=f"whoever is in {places[0]}{f' and {len(places) - 1} more files' if len(places) > 1 else ''}",
             location=Location(path=places[0]),
-            realm=realm,
+            trust_domain=trust_domain,
             identity=None,
             permissions=None,
             kind=ParticipantKind.UNMANAGED,
         )
 
 
-def trusting_all(realms: Iterable[RealmAtom], unread: RealmAtom) -> RealmAtom:
-    """(MAY) The realm of a governance that could not be read, with the authorities of all these."""
-    several = tuple(realms)
+def trusting_all(trust_domains: Iterable[TrustDomainAtom], unread: TrustDomainAtom) -> TrustDomainAtom:
+    """(MAY) The trust domain of a governance that could not be read, with the authorities of all these."""
+    several = tuple(trust_domains)
     return replace(
         unread,
         identity_ca=frozenset[int]().union(*(each.identity_ca for each in several)),
@@ -243,15 +245,15 @@ def trusting_all(realms: Iterable[RealmAtom], unread: RealmAtom) -> RealmAtom:
 
 
 def _told(
-    realms: Sequence[RealmAtom],
+    trust_domains: Sequence[TrustDomainAtom],
     certificates: Sequence[CertificateAtom],
     names: Mapping[str, frozenset[int]],
 ) -> Callable[[int], object]:
     """All that a peer looks at in a certificate, dates apart; equal for certificates that serve alike."""
     revoked = gathered(
         (certificate, (number, moment))
-        for number, realm in enumerate(realms)
-        for moment, several in ((-1, realm.revoked), *realm.revoked_later)
+        for number, trust_domain in enumerate(trust_domains)
+        for moment, several in ((-1, trust_domain.revoked), *trust_domain.revoked_later)
         for certificate in several
     )
     named = gathered((certificate, text) for text, several in names.items() for certificate in several)
@@ -265,14 +267,14 @@ def _told(
 
 
 def _hosts(keystore: Keystore) -> dict[TrustFiles, Enclave]:
-    """Whose place they may take: enclaves, by realm; and with each identity CA file, each permissions CA file
+    """Whose place they may take: enclaves, by trust domain; and with each identity CA file, each permissions CA file
     and each governance there is, without revocation lists.
 
     Who has no list refuses nobody whom others take, and nobody knows what else stands in its CA files: all authorities
     there are. Where it is unknown whom an enclave trusts, all is open already. Raises errors.BudgetExceeded.
     """
     found = {trust_files(enclave): enclave for enclave in keystore.enclaves}
-    known = [enclave for enclave in found.values() if realm_doubt(enclave) is None]
+    known = [enclave for enclave in found.values() if trust_domain_doubt(enclave) is None]
     others = (each.document for each in unmanaged_governance(keystore))
     several = (*(enclave.governance for enclave in known), *others)
     governances = {each.signed.file.sha256: each for each in several if isinstance(each, GovernanceFile)}

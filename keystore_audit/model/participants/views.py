@@ -12,7 +12,7 @@ from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.formal.system import RealmAtom
+from keystore_audit.model.formal.system import TrustDomainAtom
 from keystore_audit.model.inventory import Document, TrustFiles, permissions_cas, trust_files
 from keystore_audit.model.participants.doubt import may_say_anything
 from keystore_audit.model.participants.lone_endpoints import Alone, LoneEndpoints, LoneRefusals, Timeline
@@ -46,25 +46,25 @@ class Kind(NamedTuple):
     refusals: tuple[Timeline, ...] = ()
 
 
-class Realms:
-    """The realms of a system, numbered in the order in which they come.
+class TrustDomains:
+    """The trust domains of a system, numbered in the order in which they come.
 
     `known`: by files those of which nothing is unknown.
     """
 
     def __init__(self) -> None:
-        self._numbers: dict[RealmAtom, int] = {}
+        self._numbers: dict[TrustDomainAtom, int] = {}
         self.known: dict[TrustFiles, int] = {}
 
-    def __contains__(self, realm: RealmAtom) -> bool:
-        return realm in self._numbers
+    def __contains__(self, trust_domain: TrustDomainAtom) -> bool:
+        return trust_domain in self._numbers
 
-    def number(self, realm: RealmAtom) -> int:
+    def number(self, trust_domain: TrustDomainAtom) -> int:
         """The number of one, a new one for a new one."""
-        return self._numbers.setdefault(realm, len(self._numbers))
+        return self._numbers.setdefault(trust_domain, len(self._numbers))
 
     @property
-    def atoms(self) -> tuple[RealmAtom, ...]:
+    def atoms(self) -> tuple[TrustDomainAtom, ...]:
         """All so far."""
         return tuple(self._numbers)
 
@@ -90,7 +90,7 @@ class Views:
         self._certificates = certificates
         self._number = {certificate.sha256: number for number, certificate in enumerate(certificates)}
         self._with_key = grouped(certificates, lambda certificate: certificate.key)
-        self._realms = list({trust_files(enclave): enclave for enclave in (*keystore.enclaves, *hosts)}.values())
+        self._trust_domains = list({trust_files(enclave): enclave for enclave in (*keystore.enclaves, *hosts)}.values())
         self._permissions_cas = permissions_cas(keystore)
         self._told: dict[tuple[str, bool], int] = {}
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
@@ -115,10 +115,10 @@ class Views:
             kind.refusals,
             trust.pins_signer,
             trust.trusts_declarations and Assumption.TRUTHFUL_ANNOUNCEMENTS not in self._accesses.assumed,
-            tuple(self.authorities(enclave, trust) for enclave in self._realms),
-            tuple(list_unread(enclave, trust) is not None for enclave in self._realms),
-            tuple(tuple(self._later(enclave, trust)) for enclave in self._realms),
-            tuple(self.told(enclave, trust) for enclave in self._realms),
+            tuple(self.authorities(enclave, trust) for enclave in self._trust_domains),
+            tuple(list_unread(enclave, trust) is not None for enclave in self._trust_domains),
+            tuple(tuple(self._later(enclave, trust)) for enclave in self._trust_domains),
+            tuple(self.told(enclave, trust) for enclave in self._trust_domains),
             tuple(self.names(trust).items()),
             self.opaque(kind),
             () if trust.pins_signer else tuple(self.signers(document, trust) for document in self._documents),
@@ -154,7 +154,7 @@ class Views:
     def list_dates(self, profiles: Iterable[Profile]) -> set[datetime]:
         """All these instants, and those at which a list begins or ends."""
         trusts = dict.fromkeys(profile.trust for profile in profiles)
-        asked = [(each, trust, self._at) for trust in trusts for each in self._realms]
+        asked = [(each, trust, self._at) for trust in trusts for each in self._trust_domains]
         return {date for each in asked for date in (*list_dates(*each), *ends_of_lists(*each))}
 
     def told(self, enclave: Enclave, trust: Trust) -> int:

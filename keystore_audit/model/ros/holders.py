@@ -12,7 +12,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.permissions import Grant, Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval, contains
-from keystore_audit.model.formal.attacker import RealmView, enclaves_views
+from keystore_audit.model.formal.attacker import TrustDomainView, enclaves_views
 from keystore_audit.model.formal.bit_sets import bits, union
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.steps import Step, decided
@@ -226,10 +226,10 @@ class Holders:
         Nodes are in enclaves: unmanaged identities are no holders.
         """
         permissions = Permissions(system)
-        realms = enclaves_views(system, permissions)
+        trust_domains = enclaves_views(system, permissions)
         placed = list(self._grants(system, row))
         return tuple(
-            self._holder(number, enclave, realms, permissions, placed)
+            self._holder(number, enclave, trust_domains, permissions, placed)
             for number, enclave in enumerate(system.enclaves)
             if not enclave.unmanaged
         )
@@ -238,14 +238,14 @@ class Holders:
         self,
         number: int,
         enclave: Participant,
-        realms: Sequence[RealmView],
+        trust_domains: Sequence[TrustDomainView],
         permissions: Permissions,
         placed: Sequence[Placed | None],
     ) -> Holder:
         taken: dict[int, None] = {}
-        for realm in realms:
-            if realm.authenticated(number):
-                taken.update(dict.fromkeys(permissions.chosen(enclave.identity, realm.accepted)))
+        for trust_domain in trust_domains:
+            if trust_domain.authenticated(number):
+                taken.update(dict.fromkeys(permissions.chosen(enclave.identity, trust_domain.accepted)))
         carried = frozenset(() if enclave.permissions is None else (enclave.permissions,))
         own = permissions.chosen(enclave.identity, carried)
         grants = tuple(each for each in (placed[grant] for grant in taken) if each is not None)

@@ -302,7 +302,7 @@ def ros_patterns(
         if not system.may:
             continue
         row = accesses.row(VARIANTS[system.profiles[0]].access)
-        applied = {system.realms[each.realm].governance for each in system.enclaves if not each.unmanaged}
+        applied = {system.trust_domains[each.trust_domain].governance for each in system.enclaves if not each.unmanaged}
         governed = frozenset().union(*(each.domains for each in system.domain_rules if each.document in applied))
         domains = [system.domains[number].intervals[0][0] for number in sorted(governed)]
         key = holders.of(system, row), row.matcher, tuple(domains)

@@ -13,7 +13,7 @@ from msgspec import Struct
 
 from keystore_audit.grouped import gathered
 from keystore_audit.model.formal.asked import Attacker, Place
-from keystore_audit.model.formal.attacker import realm_views
+from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.flow import Flows, Lane, Search
 from keystore_audit.model.formal.system import System
@@ -45,7 +45,7 @@ class Neighbourhood(Struct, frozen=True, kw_only=True):
 
 def neighbourhoods(system: System, window: Window, left_out: int, limit: int) -> tuple[Neighbourhood, ...]:
     """Of the first `limit` enclaves of the system. `left_out`: names (bit set) that are not looked at."""
-    flows = Flows(system, realm_views(system))
+    flows = Flows(system, trust_domain_views(system))
     kept = window.all & ~left_out if window.governed else 0
     honest = _Lanes(flows.by_right(), window, kept)
     attacked = _Lanes(flows.lanes(Search(attacker=Attacker.RELAYS, source=Place(), target=Place())), window, kept)

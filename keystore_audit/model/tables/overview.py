@@ -89,7 +89,7 @@ def issuance(keystore: Keystore, system: System) -> Issuance:
     for document in system.documents:
         for signer in document.signers:
             signed[signer].append(document.location.path)
-    revoked = {certificate for realm in system.realms for certificate in realm.revoked}
+    revoked = {certificate for trust_domain in system.trust_domains for certificate in trust_domain.revoked}
     identities = gathered((each.identity.sha256, each.path) for each in keystore.enclaves if each.identity is not None)
     trusting = {
         role: Counter(sha256 for each in keystore.enclaves for sha256 in {c.sha256 for c in each.trusts(role)})
@@ -184,7 +184,7 @@ MAX_NEIGHBOURHOODS: Final = 400
 """Enclaves whose neighbours are looked for: each is held against each, and nobody looks at more pictures."""
 
 MAX_VIEWS: Final = 10_000
-"""Pairs of an enclave and a realm beyond which no neighbours are looked for: hundreds of enclaves, each with a
+"""Pairs of an enclave and a trust domain beyond which no neighbours are looked for: hundreds of enclaves, each with a
 governance file of its own."""
 
 
@@ -245,14 +245,16 @@ def overview(
     window = Window(builder.channels, table.domain, len(points))
     local = LocalRights(accesses, builder.channels, at)
     system = builder.systems()[0]
-    many = len(system.realms) * len(system.enclaves) > MAX_VIEWS
+    many = len(system.trust_domains) * len(system.enclaves) > MAX_VIEWS
     ambient = bits(number for number, name in enumerate(table.names) if name.topic in AMBIENT and not name.several)
     return Overview(
         access=table,
         refused="",
         allowances={each.path: tuple(_allowances(each, shown, local, window)) for each in keystore.enclaves},
         neighbourhoods=() if many else neighbourhoods(system, window, ambient, MAX_NEIGHBOURHOODS),
-        undrawn=f"{len(system.realms)} ways to trust are too many to hold each enclave against each." if many else "",
+        undrawn=f"{len(system.trust_domains)} ways to trust are too many to hold each enclave against each."
+        if many
+        else "",
         ambient=ambient,
         issuance=issued,
         periods=dates,

@@ -9,7 +9,7 @@ from typing import TypeVar
 from msgspec.structs import replace
 
 from keystore_audit.model.formal.asked import ClaimAtom, Place
-from keystore_audit.model.formal.system import ParticipantKind, RealmAtom, RuleAtom, System
+from keystore_audit.model.formal.system import ParticipantKind, RuleAtom, System, TrustDomainAtom
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
@@ -100,7 +100,9 @@ def _with_copy(system: System, enclave: int, own: frozenset[int]) -> System:
         system,
         certificates=(*system.certificates, replace(theirs, issuers=issuers, key=key)),
         documents=(*system.documents, system.documents[atom.permissions]),
-        realms=tuple(_revoking(realm, atom.identity, certificate) for realm in system.realms),
+        trust_domains=tuple(
+            _revoking(trust_domain, atom.identity, certificate) for trust_domain in system.trust_domains
+        ),
         enclaves=(*system.enclaves, replace(atom, identity=certificate, permissions=document)),
         channels=(*system.channels, *(system.channels[channel] for channel in sorted(own))),
         topic_rules=tuple(replace(rule, channels=also(rule.channels)) for rule in system.topic_rules),
@@ -125,8 +127,12 @@ def _rule(rule: RuleAtom, change: Change) -> RuleAtom:
     return replace(rule, publish=change(rule.publish), subscribe=change(rule.subscribe), relay=change(rule.relay))
 
 
-def _revoking(realm: RealmAtom, certificate: int, copy: int) -> RealmAtom:
-    return replace(realm, revoked=realm.revoked | {copy}) if certificate in realm.revoked else realm
+def _revoking(trust_domain: TrustDomainAtom, certificate: int, copy: int) -> TrustDomainAtom:
+    return (
+        replace(trust_domain, revoked=trust_domain.revoked | {copy})
+        if certificate in trust_domain.revoked
+        else trust_domain
+    )
 
 
 def _claim(claim: ClaimAtom, enclave: int, copy: int, also: Change) -> ClaimAtom:
@@ -163,9 +169,13 @@ def _about_enclave(system: System, chance: random.Random, identity: int, permiss
     del identity, permissions
     kind = chance.randrange(5)
     if kind == 0:
-        realm = len(system.realms)
-        other = replace(system.realms[0], governance=None)
-        return replace(system, realms=(*system.realms, other), enclaves=_last(system.enclaves, realm=realm))
+        trust_domain = len(system.trust_domains)
+        other = replace(system.trust_domains[0], governance=None)
+        return replace(
+            system,
+            trust_domains=(*system.trust_domains, other),
+            enclaves=_last(system.enclaves, trust_domain=trust_domain),
+        )
     if kind == 1:
         return replace(system, may=True, enclaves=_last(system.enclaves, kind=ParticipantKind.UNREAD))
     if kind == 2:
@@ -178,11 +188,16 @@ def _about_certificate(system: System, chance: random.Random, identity: int, per
     del permissions
     kind = chance.randrange(7)
     if kind == 0:
-        revoked = [replace(realm, revoked=realm.revoked ^ {identity}) for realm in system.realms]
-        return replace(system, realms=tuple(revoked))
+        revoked = [
+            replace(trust_domain, revoked=trust_domain.revoked ^ {identity}) for trust_domain in system.trust_domains
+        ]
+        return replace(system, trust_domains=tuple(revoked))
     if kind == 1:
-        trusting = [replace(realm, permissions_ca=realm.permissions_ca | {identity}) for realm in system.realms]
-        return replace(system, realms=tuple(trusting))
+        trusting = [
+            replace(trust_domain, permissions_ca=trust_domain.permissions_ca | {identity})
+            for trust_domain in system.trust_domains
+        ]
+        return replace(system, trust_domains=tuple(trusting))
     if kind == 2:
         number = chance.randrange(len(system.grants)) if system.grants else 0
         grants = _at(system.grants, number, names=frozenset({identity, system.enclaves[0].identity or 0}))

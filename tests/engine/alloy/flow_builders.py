@@ -163,7 +163,7 @@ def self_granting(b: Builder) -> Builder:
 def one_ca(b: Builder, *, pins_signer: bool = False) -> Builder:
     """One CA for both roles, and whoever it vouches for signs permissions, unless the signer is pinned."""
     b.pins_signer = pins_signer
-    b.realms[0] = replace(b.realms[0], permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA}))
+    b.trust_domains[0] = replace(b.trust_domains[0], permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA}))
     return b
 
 
@@ -190,7 +190,7 @@ def issuing(b: Builder, enclave: int) -> Builder:
     assert identity is not None
     authority = b.certificate([IDENTITY_CA], authority=True)
     b.certificates[authority] = replace(b.certificates[authority], key=b.certificates[identity].key)
-    b.realms[0] = replace(b.realms[0], identity_ca=frozenset({IDENTITY_CA, authority}))
+    b.trust_domains[0] = replace(b.trust_domains[0], identity_ca=frozenset({IDENTITY_CA, authority}))
     return b
 
 

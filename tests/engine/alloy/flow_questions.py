@@ -81,12 +81,12 @@ def questions() -> list[Question]:
         b.grants[0] = replace(b.grants[0], not_after=1)
         return b
 
-    def two_realms() -> Builder:
-        """The listener's document counts in its own realm only, the talker's in both."""
+    def two_trust_domains() -> Builder:
+        """The listener's document counts in its own trust domain only, the talker's in both."""
         b = chain()
         authority = b.certificate(authority=True)
-        b.realm([IDENTITY_CA], [PERMISSIONS_CA, authority], GOVERNANCE)
-        b.enclaves[LISTENER] = replace(b.enclaves[LISTENER], realm=1)
+        b.trust_domain([IDENTITY_CA], [PERMISSIONS_CA, authority], GOVERNANCE)
+        b.enclaves[LISTENER] = replace(b.enclaves[LISTENER], trust_domain=1)
         b.documents[LISTENER_PERMISSIONS] = replace(b.documents[LISTENER_PERMISSIONS], signers=frozenset({authority}))
         return b
 
@@ -149,9 +149,9 @@ def questions() -> list[Question]:
             "packets that members open",
         ),
         (weak(metadata=sign, data=none), claim(at(TALKER), at(THIRD), honest, left_out=(OTHER_TOPIC,)), False),
-        # realms that trust differently
-        (two_realms(), claim(at(TALKER), at(LISTENER), honest), False, "a realm that trusts less"),
-        (two_realms(), claim(at(TALKER), at(LISTENER), source), True),
+        # trust domains that trust differently
+        (two_trust_domains(), claim(at(TALKER), at(LISTENER), honest), False, "a trust domain that trusts less"),
+        (two_trust_domains(), claim(at(TALKER), at(LISTENER), source), True),
         # channels as places
         (chain(), claim(on_channel(CHATTER), on_channel(OTHER_TOPIC)), True, "channel to channel"),
         (chain(), claim(on_channel(CHATTER), at(THIRD), through=(LISTENER,)), False),

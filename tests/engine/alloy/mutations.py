@@ -129,13 +129,13 @@ def second_domain(b: Builder) -> None:
     b.topic_rules[0] = replace(b.topic_rules[0], channels=frozenset({CHATTER, OTHER_TOPIC, ELSEWHERE}))
 
 
-def second_realm(b: Builder) -> None:
+def second_trust_domain(b: Builder) -> None:
     """A domain that another governance covers, of an enclave that may do nothing."""
     b.channel(b.domain(1, 1), "rt/elsewhere")
     governance = b.document([PERMISSIONS_CA])
     b.topic_rule(b.domain_rule(governance, [1]), [ELSEWHERE])
-    realm = b.realm([IDENTITY_CA], [PERMISSIONS_CA], governance)
-    b.enclave(realm, b.certificate([IDENTITY_CA]), b.document([PERMISSIONS_CA]))
+    trust_domain = b.trust_domain([IDENTITY_CA], [PERMISSIONS_CA], governance)
+    b.enclave(trust_domain, b.certificate([IDENTITY_CA]), b.document([PERMISSIONS_CA]))
 
 
 def listener_publishes(channel: int, domain: int) -> Change:
@@ -207,7 +207,7 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     "identity not yet valid": (on("certificates", TALKER_IDENTITY, not_before=3), AUTHENTICATION),
     "identity ends at the audit instant": (on("certificates", TALKER_IDENTITY, not_before=2, not_after=2), set()),
     "identity CA expired": (on("certificates", IDENTITY_CA, not_after=1), AUTHENTICATION),
-    "identity revoked": (on("realms", 0, revoked=frozenset({TALKER_IDENTITY})), AUTHENTICATION),
+    "identity revoked": (on("trust_domains", 0, revoked=frozenset({TALKER_IDENTITY})), AUTHENTICATION),
     "permissions CA expired": (
         on("certificates", PERMISSIONS_CA, not_after=1),
         {"documents-signed-by-the-permissions-ca"},
@@ -235,17 +235,17 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     ),
     "one key": (on("certificates", LISTENER_IDENTITY, key=102), {"no-identity-serves-two-enclaves"}),
     "one CA, pinned": (
-        on("realms", 0, permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA})),
+        on("trust_domains", 0, permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA})),
         {"one-ca-for-one-role"},
     ),
     "one CA, not pinned": (
-        both(unpinned, on("realms", 0, permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA}))),
+        both(unpinned, on("trust_domains", 0, permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA}))),
         {"no-enclave-grants-itself-rights", "one-ca-for-one-role"} | INSIDERS,
     ),
     "one CA, not pinned, identities unfit to sign": (
         both(
             unpinned,
-            on("realms", 0, permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA})),
+            on("trust_domains", 0, permissions_ca=frozenset({IDENTITY_CA, PERMISSIONS_CA})),
             on("certificates", TALKER_IDENTITY, fit_to_sign=False),
             on("certificates", LISTENER_IDENTITY, fit_to_sign=False),
         ),
@@ -302,8 +302,8 @@ MUTATIONS: dict[str, tuple[Change, set[str]]] = {
     ),
     "a second domain": (second_domain, set()),
     "a bridge": (both(second_domain, listener_publishes(ELSEWHERE, 1)), {BRIDGES}),
-    "a second domain under another governance": (second_realm, set()),
-    "a bridge between two governances": (both(second_realm, listener_publishes(ELSEWHERE, 1)), {BRIDGES}),
+    "a second domain under another governance": (second_trust_domain, set()),
+    "a bridge between two governances": (both(second_trust_domain, listener_publishes(ELSEWHERE, 1)), {BRIDGES}),
     "one reads in one domain, another writes in the other": (both(second_domain, talker_publishes_there), set()),
     "the same with one key": (
         both(second_domain, talker_publishes_there, on("certificates", LISTENER_IDENTITY, key=102)),
@@ -544,8 +544,8 @@ MODEL_MUTANTS = {
     ),
     "messages tell whose they are": (
         "messages alone tell whose they are",
-        "realm.(submessage_protection[authenticating_origin])",
-        "realm.(message_protection[authenticating_origin] + submessage_protection[authenticating_origin])",
+        "trust_domain.(submessage_protection[authenticating_origin])",
+        "trust_domain.(message_protection[authenticating_origin] + submessage_protection[authenticating_origin])",
     ),
 }
 """What it would mean; a change of the above that finds it out; one change of the modules."""

@@ -69,7 +69,7 @@ def test_alloy_finds_the_missing_and_the_unused_rights_that_graphs_show(name: st
     story = name.partition("-")[0]
     system, observed = told(story, [read_graph(SAMPLES / "graphs" / f"{name}.graph.json")])
     asked = ["publishes_without_right", "subscribes_without_right", "unused_to_write", "unused_to_read"]
-    union = "{{ {who}, c: Channel | some r: Realm | c in {who_}.({name}[r]) }}"
+    union = "{{ {who}, c: Channel | some r: TrustDomain | c in {who_}.({name}[r]) }}"
     expressions = [union.format(who="n: Node", who_="n", name=each) for each in asked[:2]]
     expressions += [union.format(who="e: Enclave", who_="e", name=each) for each in asked[2:]]
     texts = modules(system)
@@ -215,12 +215,12 @@ def test_theorems_about_every_application_hold(tmp_path: Path) -> None:
 
 
 MUTANTS = {
-    "a writer's own realm is enough": (" & writes_by_own[receiving]", "", "WhatNodesTellIsAHop"),
-    "a reader's own realm is enough": (" & reads_by_own[sending]", "", "WhatNodesTellIsAHop"),
+    "a writer's own trust domain is enough": (" & writes_by_own[receiving]", "", "WhatNodesTellIsAHop"),
+    "a reader's own trust domain is enough": (" & reads_by_own[sending]", "", "WhatNodesTellIsAHop"),
     "nodes without an enclave tell": ("\tnodes_of[sending] <: runs_in.", "\tNode <: runs_in.", "WhatNodesTellIsAHop"),
     "what is wired is permitted": (
-        "\tsome sending, receiving: Realm |\n",
-        "\tsome Channel or some sending, receiving: Realm |\n",
+        "\tsome sending, receiving: TrustDomain |\n",
+        "\tsome Channel or some sending, receiving: TrustDomain |\n",
         "AFlowIsWiredAndNotPermitted",
     ),
     "who may tell, tells": ("(publishes_to & may_publish[", "(may_publish[", "NodesTellWhatIsWiredAndPermitted"),

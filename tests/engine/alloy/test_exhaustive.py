@@ -42,12 +42,12 @@ OUTCOMES = {
     "outsiders-cannot-inject": "injectable_outside",
     "outsiders-cannot-replay": "replayable_outside",
     "grants-are-enforced": "unenforced",
-    "nobody-writes-without-a-grant": "writes_without_a_grant[Realm]",
-    "nobody-reads-without-a-grant": "reads_without_a_grant[Realm]",
-    "readers-cannot-forge": "forged_by_readers[Realm]",
-    "relays-cannot-read": "read_by_relays[Realm]",
+    "nobody-writes-without-a-grant": "writes_without_a_grant[TrustDomain]",
+    "nobody-reads-without-a-grant": "reads_without_a_grant[TrustDomain]",
+    "readers-cannot-forge": "forged_by_readers[TrustDomain]",
+    "relays-cannot-read": "read_by_relays[TrustDomain]",
 }
-"""For each property what the model says it is about: channels of the realm, or of enclaves."""
+"""For each property what the model says it is about: channels of the trust domain, or of enclaves."""
 
 WRITER, READER, RELAY, STRANGER = range(4)
 
@@ -124,11 +124,11 @@ def governed(rtps: ProtectionKind, discovery: ProtectionKind, *, unauthenticated
 
 
 def natively(system: System) -> dict[str, frozenset[tuple[int, int]]]:
-    """For each property the realm or enclave and the channel of each violation."""
+    """For each property the trust domain or enclave and the channel of each violation."""
     answers = NativeEngine([system]).answers[0]
     return {
         property_id: frozenset(
-            (witness[Role.ENCLAVE if is_by_enclave(property_id) else Role.REALM], witness[Role.CHANNEL])
+            (witness[Role.ENCLAVE if is_by_enclave(property_id) else Role.TRUST_DOMAIN], witness[Role.CHANNEL])
             for witness in answers[property_id].witnesses
         )
         for property_id in OUTCOMES
@@ -155,7 +155,7 @@ def otherwise_in_alloy(system: System, found: Mapping[str, frozenset[tuple[int, 
         directory,
         shipped() | {"keystore.als": facts(system)},
         {
-            expression: (atoms.enclaves if is_by_enclave(property_id) else atoms.realms, found[property_id])
+            expression: (atoms.enclaves if is_by_enclave(property_id) else atoms.trust_domains, found[property_id])
             for property_id, expression in OUTCOMES.items()
         },
         atoms.channels,

@@ -14,7 +14,7 @@ from keystore_audit.engine.alloy.export import write_model
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.formal.asked import ClaimAtom, ClaimKind
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from tests.engine.alloy_batch import outcomes, shipped
@@ -129,12 +129,12 @@ def violated_later_only(hands: list[ByHand], claim: ClaimAtom) -> bool:
 def _rights(system: System, moment: int) -> set[tuple[object, ...]]:
     permissions = Permissions(system, moment)
     return {
-        (realm, enclave, operation, channel)
-        for realm in range(len(system.realms))
+        (trust_domain, enclave, operation, channel)
+        for trust_domain in range(len(system.trust_domains))
         for enclave in range(len(system.enclaves))
         for operation in (Operation.PUBLISH, Operation.SUBSCRIBE)
         for channel in range(len(system.channels))
-        if RealmView(system, realm, permissions).presentable(enclave, operation) >> channel & 1
+        if TrustDomainView(system, trust_domain, permissions).presentable(enclave, operation) >> channel & 1
     }
 
 

@@ -86,7 +86,7 @@ def test_an_atom_is_an_identifier_that_leads_back_to_its_index(name: str) -> Non
         sort = getattr(name_atoms(renamed(healthy(), name)), ROLE_SORTS[role])
         for index, atom in enumerate(sort.atoms):
             assert index_of(f"vacuity/properties/keystore/{atom.name}$0", role, healthy()) == index
-            assert index_of(f"{atom.name}$0", Role.REALM, healthy()) is None
+            assert index_of(f"{atom.name}$0", Role.TRUST_DOMAIN, healthy()) is None
 
 
 @pytest.mark.parametrize("answer", ["", "E1", "E1$1", "E1 $0", "E1$0\n", "e1$0", "E$0", "E1-x$0", "E٣$0", "x/E1$0/"])

@@ -10,7 +10,7 @@ from keystore_audit.engine.alloy.facts import count_atoms
 from keystore_audit.engine.alloy.merging import KEPT, Merged, merge
 from keystore_audit.engine.native import MAX_WITNESSES, NativeEngine
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
@@ -134,7 +134,7 @@ def test_every_field_of_a_system_is_merged_or_left_out_on_purpose() -> None:
 
 CHANGED = frozenset({"instants", "now", "certificates", "documents", "enclaves", "channels", "grants", "rules"}) | {
     "topic_rules",
-    "realms",
+    "trust_domains",
     "domain_rules",
 }
 """Fields that are renumbered."""
@@ -178,15 +178,15 @@ def test_exchanging_two_twins_exchanges_what_they_can_do_and_changes_nothing_els
 
 
 Abilities = dict[tuple[int, int, str], frozenset[int]]
-"""By realm, enclave and kind of right: channels (domains for `joined`)."""
+"""By trust domain, enclave and kind of right: channels (domains for `joined`)."""
 
 
 def abilities(system: System) -> Abilities:
-    """All that each enclave is granted and can do in each realm."""
+    """All that each enclave is granted and can do in each trust domain."""
     permissions = Permissions(system)
     found: Abilities = {}
-    for realm in range(len(system.realms)):
-        view = RealmView(system, realm, permissions)
+    for trust_domain in range(len(system.trust_domains)):
+        view = TrustDomainView(system, trust_domain, permissions)
         for enclave in range(len(system.enclaves)):
             able = view.abilities(enclave)
             rights = {
@@ -198,8 +198,8 @@ def abilities(system: System) -> Abilities:
                 **{operation.value: view.granted(enclave, operation) for operation in Operation},
             }
             for kind, channels in rights.items():
-                found[realm, enclave, kind] = frozenset(members(channels))
-            found[realm, enclave, "joined"] = frozenset(members(view.joined(enclave)))
+                found[trust_domain, enclave, kind] = frozenset(members(channels))
+            found[trust_domain, enclave, "joined"] = frozenset(members(view.joined(enclave)))
     return found
 
 
@@ -208,8 +208,8 @@ def moved(able: Abilities, enclaves: tuple[int, int], channels: list[tuple[int, 
     other = dict([enclaves, enclaves[::-1]])
     place = dict([*channels, *(pair[::-1] for pair in channels)])
     return {
-        (realm, other.get(enclave, enclave), kind): (
+        (trust_domain, other.get(enclave, enclave), kind): (
             rights if kind == "joined" else frozenset(place.get(channel, channel) for channel in rights)
         )
-        for (realm, enclave, kind), rights in able.items()
+        for (trust_domain, enclave, kind), rights in able.items()
     }

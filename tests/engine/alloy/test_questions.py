@@ -95,10 +95,10 @@ def test_an_assertion_that_is_not_there_is_a_fault() -> None:
 
 @pytest.mark.usefixtures("resident_analyzer")
 def test_witnesses_are_violations(tmp_path: Path, analyzer: Engine) -> None:
-    """Each makes its condition false, in systems of one realm and of several."""
+    """Each makes its condition false, in systems of one trust domain and of several."""
     modules = shipped()
     systems = [with_claims(lively(random_system(seed), seed), seed) for seed in (0, 1, 2, 5, 8)]
-    assert len({len(system.realms) for system in systems}) > 1
+    assert len({len(system.trust_domains) for system in systems}) > 1
     told = examine(
         systems, java=analyzer.java, jar=analyzer.jar, timeout=240, expected=[expected(system) for system in systems]
     )

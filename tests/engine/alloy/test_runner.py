@@ -62,7 +62,7 @@ def test_a_violated_property_comes_with_its_witness(analyzer: Engine) -> None:
     [decision] = examine([stock()], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
     answer = decision.answers["readers-cannot-forge"]
     assert answer.status is Status.VIOLATED
-    assert answer.witnesses == ({Role.REALM: 0, Role.ENCLAVE: LISTENER, Role.CHANNEL: CHATTER},)
+    assert answer.witnesses == ({Role.TRUST_DOMAIN: 0, Role.ENCLAVE: LISTENER, Role.CHANNEL: CHATTER},)
 
 
 def test_many_systems_keep_their_order(analyzer: Engine) -> None:
@@ -301,7 +301,7 @@ def test_a_counterexample_is_no_place_for_entities(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("keystore/E0$0")
     (tmp_path / "ReadersCannotForge-solution-0.xml").write_text(
         f'<!DOCTYPE alloy [<!ENTITY e SYSTEM "{tmp_path}/secret">]>'
-        '<alloy><instance><skolem label="$ReadersCannotForge_realm"><tuple><atom label="&e;"/></tuple></skolem>'
+        '<alloy><instance><skolem label="$ReadersCannotForge_trust_domain"><tuple><atom label="&e;"/></tuple></skolem>'
         "</instance></alloy>"
     )
     prop = BY_ID["readers-cannot-forge"]

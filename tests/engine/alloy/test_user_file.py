@@ -77,8 +77,8 @@ REFUSED = {
     "A: check { no Enclave } for 0": "3 expected one of the modules",
     "check A for 0 check A for 0": "3 a second command",
     "check A for 0 expect 2": "3 expected `check NAME for 0`",
-    "assert A { #Enclave = Realm }": "3 expected Alloy without texts, numbers",
-    "assert A { some Enclave and 1 in Realm }": "3 expected no numbers",
+    "assert A { #Enclave = TrustDomain }": "3 expected Alloy without texts, numbers",
+    "assert A { some Enclave and 1 in TrustDomain }": "3 expected no numbers",
     "assert A { Int in none }": "3 'Int'",
     'assert A { some "x" }': "3 expected Alloy without texts",
     "assert A { some Enclave' }": "3 expected Alloy without texts",
@@ -129,9 +129,9 @@ def test_what_is_refused_is_said_with_its_line(text: str) -> None:
     [
         "all x: Enclave, c: Channel | x = x and c = c",
         "all x: one Enclave, c: one Channel | x = x",
-        "some l: Enclave - X, r: Realm | some X.(feeds[r]) & l.(knows[r])",
+        "some l: Enclave - X, r: TrustDomain | some X.(feeds[r]) & l.(knows[r])",
         "let x = X, y = Enclave | x = y",
-        "one Enclave and some granted[Realm, publish_allowed]",
+        "one Enclave and some granted[TrustDomain, publish_allowed]",
     ],
 )
 def test_words_of_the_vocabulary_are_no_variables_where_they_are_used(formula: str) -> None:

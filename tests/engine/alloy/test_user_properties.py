@@ -36,14 +36,15 @@ QUESTIONS = (
     + NAMES
     + """\
 assert NobodyForges {
-	all realm: Realm, enclave: Enclave, channel: Chatter | channel in enclave.(forges[realm]) implies enclave in Talker
+	all trust_domain: TrustDomain, enclave: Enclave, channel: Chatter |
+		channel in enclave.(forges[trust_domain]) implies enclave in Talker
 }
 check NobodyForges for 0
 check TalkerIsThere { one Talker and Talker in Enclave } for 0
-run TalkerSpeaks { some realm: Realm | Chatter in Talker.(may_write[realm]) } for 0
-run ListenerSpeaks { some realm: Realm | some (Enclave - Talker).(may_write[realm]) } for 0 expect 0
+run TalkerSpeaks { some trust_domain: TrustDomain | Chatter in Talker.(may_write[trust_domain]) } for 0
+run ListenerSpeaks { some trust_domain: TrustDomain | some (Enclave - Talker).(may_write[trust_domain]) } for 0 expect 0
 run Impossible { some Talker and no Enclave } for 0
-check NobodyCanForge { all realm: Realm | no Enclave.(forges[realm]) } for 0 expect 1
+check NobodyCanForge { all trust_domain: TrustDomain | no Enclave.(forges[trust_domain]) } for 0 expect 1
 """
 )
 
@@ -65,7 +66,7 @@ def using(analyzer: Engine, timeout: float = ENOUGH) -> Analyzer:
 @pytest.mark.parametrize(("among", "vacuous"), [("Talker", False), ("Talker & opaque", True)])
 def test_what_ranges_over_nothing_is_told(among: str, vacuous: bool, analyzer: Engine) -> None:
     asserted = f"assert Fine {{ all disj one_enclave, other: {among} + Enclave & Unmanaged | one_enclave != other }}\n"
-    short = f"check Short {{\n\tall e: {among}, c: e.(may_write[Realm]) {{ some e and some c }}\n}} for 0\n"
+    short = f"check Short {{\n\tall e: {among}, c: e.(may_write[TrustDomain]) {{ some e and some c }}\n}} for 0\n"
     file = read(HEAD + NAMES + asserted + "run Named { some Chatter } for 0\ncheck Fine for 0\n" + short)
     [[_named, fine, told]] = ask(file, [placed(healthy())], using(analyzer))
     assert {fine.status, told.status} == {Status.HOLDS}
@@ -109,13 +110,13 @@ def complaint(text: str, analyzer: Engine) -> str:
 
 @pytest.mark.usefixtures("resident_analyzer")
 def test_what_alloy_refuses_is_said_where_it_is_in_the_users_file(analyzer: Engine) -> None:
-    unknown = HEAD + NAMES + "check A {\n\tsome Talker.(may_writes[Realm])\n} for 0\n"
+    unknown = HEAD + NAMES + "check A {\n\tsome Talker.(may_writes[TrustDomain])\n} for 0\n"
     assert complaint(unknown, analyzer).startswith("asked.als:6:15: Alloy says: The name")
     missing = HEAD + "check A for 0\n"
     assert complaint(missing, analyzer).startswith("asked.als:3:1: Alloy says: The assertion")
     grammar = HEAD + "check A { some some } for 0\n"
     assert complaint(grammar, analyzer).startswith("asked.als:3:")
-    unclosed = HEAD + "check A { some (Realm } for 0\n"
+    unclosed = HEAD + "check A { some (TrustDomain } for 0\n"
     assert complaint(unclosed, analyzer).endswith(" possible tokens that can appear here: )"), "which, not only that"
 
 
@@ -126,7 +127,7 @@ def test_a_warning_is_an_error(analyzer: Engine) -> None:
     message = complaint(always_empty, analyzer)
     assert message.startswith("asked.als:5:21: Alloy says: &")
     assert "irrelevant" in message
-    unused = "check B { all e: Enclave | some Realm } for 0\n"
+    unused = "check B { all e: Enclave | some TrustDomain } for 0\n"
     assert "unused" in complaint(HEAD + unused, analyzer)
 
 
@@ -144,9 +145,9 @@ def test_no_fact_can_take_anything_away(tmp_path: Path) -> None:
     system = placed(stock())
     run = job(read(QUESTIONS), system)
     plain = outcomes(tmp_path, dict(run.files), MAIN)
-    harmless = "fact { some Enclave and Talker.identity in Certificate and no (iden & Enclave -> Realm) }"
+    harmless = "fact { some Enclave and Talker.identity in Certificate and no (iden & Enclave -> TrustDomain) }"
     assert outcomes(tmp_path, {**run.files, MAIN: f"{run.files[MAIN]}{harmless}\n"}, MAIN) == plain
-    denied = "fact { all r: Realm | no Enclave.(forges[r]) }"
+    denied = "fact { all r: TrustDomain | no Enclave.(forges[r]) }"
     told = outcomes(tmp_path, {**run.files, MAIN: f"{run.files[MAIN]}{denied}\n"}, MAIN)
     assert told[CONSISTENT] is False
 

@@ -10,7 +10,7 @@ from keystore_audit.findings import Result, Severity
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.formal.attacker import RealmView
+from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import interpret
@@ -93,7 +93,9 @@ def objections(
 
 def _vouched(system: System) -> bool:
     """Whether peers may take an enclave for one of theirs, by what was read, now."""
-    views = ((RealmView(system, each.realm, Permissions(system)), n) for n, each in enumerate(system.enclaves))
+    views = (
+        (TrustDomainView(system, each.trust_domain, Permissions(system)), n) for n, each in enumerate(system.enclaves)
+    )
     return any(
         view.open or system.enclaves[number].opaque or view.introduced(number, in_force=True) for view, number in views
     )

@@ -11,20 +11,21 @@ fun nobody: set Enclave + Outsider { none }
 
 /** What one node tells another in another enclave is an honest hop between the two. */
 check WhatNodesTellIsAHop {
-	all sending, receiving: Realm, sender: Node, receiver: sender.(tells[sending, receiving]) |
+	all sending, receiving: TrustDomain, sender: Node, receiver: sender.(tells[sending, receiving]) |
 		sender.runs_in = receiver.runs_in
 		or some channel: Channel | hop[sender.runs_in, channel, receiver.runs_in, nobody, nobody]
 } for 2 but 2 Node, 4 Entry, 1 Instant expect 0
 
 /** What nodes tell each other is wired, and permitted. */
 check NodesTellWhatIsWiredAndPermitted {
-	all sending, receiving: Realm, sender: Node, receiver: sender.(tells[sending, receiving]) |
+	all sending, receiving: TrustDomain, sender: Node, receiver: sender.(tells[sending, receiving]) |
 		some channel: Channel | wired[sender, receiver, channel] and permitted[sender, receiver, channel]
 } for 2 but 2 Node, 4 Entry, 1 Instant expect 0
 
 /** What an enclave may do by its own document it may do. */
 check OwnRightsAreRights {
-	all realm: Realm | writes_by_own[realm] in may_write[realm] and reads_by_own[realm] in may_read[realm]
+	all trust_domain: TrustDomain | writes_by_own[trust_domain] in may_write[trust_domain]
+		and reads_by_own[trust_domain] in may_read[trust_domain]
 } for 2 but 0 Node, 4 Entry, 1 Instant expect 0
 
 /** Wired and permitted are what either word says, and the two differences are what is left. */
@@ -37,17 +38,18 @@ check TheFourQuestionsDiffer {
 	}
 } for 2 but 2 Node, 4 Entry, 1 Instant expect 0
 
-/** Where every node may do what it needs in every realm, nothing that is wired is denied. */
+/** Where every node may do what it needs in every trust domain, nothing that is wired is denied. */
 check RightsCarryFlows {
-	(one Realm and all node: Node | some node.runs_in
-		and node.publishes_to in node.runs_in.(writes_by_own[Realm])
-		and node.subscribes_to in node.runs_in.(reads_by_own[Realm]))
+	(one TrustDomain and all node: Node | some node.runs_in
+		and node.publishes_to in node.runs_in.(writes_by_own[TrustDomain])
+		and node.subscribes_to in node.runs_in.(reads_by_own[TrustDomain]))
 			implies no sender, receiver: Node, channel: Channel | wired_but_not_permitted[sender, receiver, channel]
 } for 2 but 2 Node, 4 Entry, 1 Instant expect 0
 
 /** None of the four is empty by itself. */
 run AFlowIsWiredAndPermitted {
-	some sender, receiver: Node, channel: Channel | wired[sender, receiver, channel] and permitted[sender, receiver, channel]
+	some sender, receiver: Node, channel: Channel | wired[sender, receiver, channel] and permitted[sender, receiver,
+		channel]
 } for 2 but 2 Node, 4 Entry, 1 Instant expect 1
 run AFlowIsWiredAndNotPermitted {
 	some sender, receiver: Node, channel: Channel | wired_but_not_permitted[sender, receiver, channel]

@@ -15,7 +15,8 @@ fun no_enclave: set Enclave { none }
 fun no_channel: set Channel { none }
 
 /** Hops as a relation, for the transitive closure. */
-fun hops[usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider]: (Enclave + Outsider) -> (Enclave + Outsider) {
+fun hops[usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider]: (Enclave + Outsider) -> (Enclave
+	+ Outsider) {
 	{ a, b: Enclave + Outsider | some c: usable | hop[a, c, b, forgers, eavesdroppers] }
 }
 
@@ -32,7 +33,7 @@ check CompartmentsKeepWhatTheyHold {
 	all inside, source, target, forgers: set Enclave + Outsider, through: set Enclave, usable: set Channel |
 		separated[inside, source, no_channel, target, no_channel, through, usable, forgers, nobody]
 			implies no reached[source, through, usable, forgers, nobody] & target
-} for 2 but 3 Enclave, 1 Realm, 4 Entry, 1 Instant, 2 Key, 2 Certificate expect 0
+} for 2 but 3 Enclave, 1 TrustDomain, 4 Entry, 1 Instant, 2 Key, 2 Certificate expect 0
 
 /** The other direction: what the closure reaches, and where it began, is a compartment. */
 check WhatIsReachedIsACompartment {
@@ -40,7 +41,7 @@ check WhatIsReachedIsACompartment {
 		let reach = reached[source, through, usable, everybody, everybody] | no reach & target
 			implies separated[source + (reach - through), source, no_channel, target, no_channel,
 			                  through, usable, everybody, everybody]
-} for 2 but 3 Enclave, 1 Realm, 4 Entry, 1 Instant, 2 Key, 2 Certificate expect 0
+} for 2 but 3 Enclave, 1 TrustDomain, 4 Entry, 1 Instant, 2 Key, 2 Certificate expect 0
 
 /** Whoever attacks, flows only become more: what holds against relays holds against the source, and for the honest. */
 check AttackersOnlyAdd {
@@ -69,10 +70,11 @@ check AKeyTakesNothingAway {
  */
 check HopsNeedAJoinedDomain {
 	all a, b: Enclave, c: Channel | hop[a, c, b, nobody, nobody]
-		implies some sending, receiving: Realm |
+		implies some sending, receiving: TrustDomain |
 			c.in_domain in a.(joins[receiving]) & b.(joins[receiving]) & b.(joins[sending])
 	all c: Channel | some hops[c, everybody, everybody] :> Enclave
-		implies c in Enclave.reads_alone + Realm.in_clear or some realm: Realm | c.in_domain in Enclave.(joins[realm])
+		implies c in Enclave.reads_alone + TrustDomain.in_clear or some trust_domain: TrustDomain |
+			c.in_domain in Enclave.(joins[trust_domain])
 } for 2 but 3 Enclave, 4 Entry, 1 Instant expect 0
 
 /** Where nothing is governed, nothing flows. */
@@ -83,7 +85,8 @@ check NothingFlowsUngoverned {
 /** A flow that may pass over nobody is a single hop: through everything, and without it, nothing flows. */
 check ThroughEverybodyIsOneHop {
 	all source, target: set Enclave |
-		(no hops[Channel, everybody, everybody] & source -> target and Outsider not in source.(hops[Channel, everybody, everybody]))
+		(no hops[Channel, everybody, everybody] & source -> target and Outsider not in source.(hops[Channel, everybody,
+			everybody]))
 			implies separated[source, source, no_channel, target, no_channel, Enclave, Channel, everybody, everybody]
 } for 2 but 3 Enclave, 4 Entry, 1 Instant expect 0
 
@@ -111,15 +114,15 @@ check AGoodKeystoreMakesEverybodyHonest {
 		and no reads_alone + writes_alone
 		and TopicRule in enable_read_access_control & enable_write_access_control
 		and TopicRule.metadata_protection_kind in authenticating_origin & encrypting
-		and TopicRule.data_protection_kind in encrypting and one Realm)
+		and TopicRule.data_protection_kind in encrypting and one TrustDomain)
 		implies hops[Channel, everybody, everybody] in hops[Channel, nobody, nobody]
-} for 2 but 3 Enclave, 1 Realm, 4 Entry, 1 Instant expect 0
+} for 2 but 3 Enclave, 1 TrustDomain, 4 Entry, 1 Instant expect 0
 
 /** What an enclave can by its own documents, it can by right. */
 check OwnRightsAreRights {
-	all realm: Realm {
-		writes_by_own[realm] in may_write[realm]
-		reads_by_own[realm] in may_read[realm]
+	all trust_domain: TrustDomain {
+		writes_by_own[trust_domain] in may_write[trust_domain]
+		reads_by_own[trust_domain] in may_read[trust_domain]
 	}
 } for 3 but 6 Entry, 2 Instant expect 0
 
@@ -131,12 +134,12 @@ run RelaysReachMoreThanTheSource {
 		separated[inside, source, no_channel, target, no_channel, no_enclave, Channel, source, nobody]
 		target in source.^(hops[Channel, everybody, everybody])
 	}
-} for 2 but 3 Enclave, 6 Entry, 3 Certificate, 3 Key, 3 Document, 1 Realm, 1 Instant expect 1
+} for 2 but 3 Enclave, 6 Entry, 3 Certificate, 3 Key, 3 Document, 1 TrustDomain, 1 Instant expect 1
 
 run TheSourceReachesMoreThanTheHonest {
 	no opaque and no one_key
 	some a, b: Enclave | a -> b in hops[Channel, a, nobody] - hops[Channel, nobody, nobody]
-} for 2 but 3 Enclave, 6 Entry, 3 Certificate, 3 Key, 3 Document, 1 Realm, 1 Instant expect 1
+} for 2 but 3 Enclave, 6 Entry, 3 Certificate, 3 Key, 3 Document, 1 TrustDomain, 1 Instant expect 1
 
 run HonestDataFlowsOverTwoHops {
 	no opaque
@@ -144,4 +147,4 @@ run HonestDataFlowsOverTwoHops {
 		a -> b + b -> c in hops[Channel, nobody, nobody]
 		a -> c not in hops[Channel, everybody, everybody]
 	}
-} for 2 but 3 Enclave, 8 Entry, 4 Certificate, 4 Key, 4 Document, 1 Realm, 1 Instant expect 1
+} for 2 but 3 Enclave, 8 Entry, 4 Certificate, 4 Key, 4 Document, 1 TrustDomain, 1 Instant expect 1

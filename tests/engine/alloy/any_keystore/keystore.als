@@ -22,15 +22,15 @@ sig authority, fit_to_sign, unread in Certificate {}
 sig AnyDocument extends Document { signer: set Certificate }
 sig intact, unreadable in Document {}
 
-sig AnyRealm extends Realm {
+sig AnyTrustDomain extends TrustDomain {
 	identity_ca, permissions_ca, revoked, refuses: set Certificate,
 	governance: lone Document,
-	refuses_realm: set Realm
+	refuses_trust_domain: set TrustDomain
 }
-sig pins_signer, requires_grant in Realm {}
+sig pins_signer, requires_grant in TrustDomain {}
 
 sig AnyEnclave extends Enclave {
-	in_realm: one Realm,
+	in_trust_domain: one TrustDomain,
 	identity: lone Certificate,
 	permissions: lone Document,
 	reads_alone, writes_alone: set Channel,
@@ -81,7 +81,7 @@ fun audit_instant: Instant { Now }
 fun not_before: (Certificate + Grant) -> Instant { begins + from }
 fun not_after: (Certificate + Grant) -> Instant { ends + to }
 fun assumed: set Assumption { Assumption }
-fun asks_announced_only: set Realm { none }
+fun asks_announced_only: set TrustDomain { none }
 fun opaque: set Document + Enclave + Certificate { unreadable + anonymous + unread }
 fun domain_rule: Document -> DomainRule { ~governs }
 fun topic_rule: DomainRule -> TopicRule { ~within }

@@ -9,11 +9,15 @@ open vacuity
 
 -- well-defined: "first" is one
 
-/** At most one rule of a realm decides about a domain or a channel, and one grant of a document about a certificate. */
+/**
+ * At most one rule of a trust domain decides about a domain or a channel, and one grant of a document about a
+ * certificate.
+ */
 check DecisionsAreUnique {
-	all realm: Realm - open_realm, domain: Domain | lone realm.applied.domain_rule & deciding_domain_rule.domain
-	all realm: Realm - open_realm, channel: Channel |
-		lone realm.applied.domain_rule.topic_rule & deciding_topic_rule.channel
+	all trust_domain: TrustDomain - open_trust_domain, domain: Domain | lone trust_domain.applied.domain_rule
+		& deciding_domain_rule.domain
+	all trust_domain: TrustDomain - open_trust_domain, channel: Channel |
+		lone trust_domain.applied.domain_rule.topic_rule & deciding_topic_rule.channel
 	all document: Document, certificate: Certificate | lone document.grant & chosen.certificate
 } for 3 but 6 Entry, 2 Instant expect 0
 
@@ -34,12 +38,12 @@ check DefaultDecidesTheRest {
 -- documents
 
 /** No enclave's identity has the key of a permissions CA. */
-pred authorities_keep_their_keys { no Enclave.identity.public_key & Realm.permissions_ca.public_key }
+pred authorities_keep_their_keys { no Enclave.identity.public_key & TrustDomain.permissions_ca.public_key }
 
 /** Whatever a permissions CA fit to sign signed is obeyed; where it is pinned and all was read, nothing else is. */
-check PinnedRealmsObeyTheirAuthorityOnly {
+check PinnedTrustDomainsObeyTheirAuthorityOnly {
 	pins_signer <: genuine in accepted
-	Realm.permissions_ca in fit_to_sign implies genuine in accepted
+	TrustDomain.permissions_ca in fit_to_sign implies genuine in accepted
 	no opaque implies pins_signer <: accepted in genuine
 	(no opaque and authorities_keep_their_keys) implies no pins_signer.self_granting
 } for 3 but 6 Entry, 2 Instant expect 0
@@ -47,7 +51,8 @@ check PinnedRealmsObeyTheirAuthorityOnly {
 /** No enclave signs for itself where a permissions CA certified no key but its own, and no enclave has that one. */
 check SplitAuthoritiesStopSelfGrants {
 	(no opaque and authorities_keep_their_keys
-		and all realm: Realm | (^issuer).(realm.permissions_ca).public_key in realm.permissions_ca.public_key)
+		and all trust_domain: TrustDomain |
+			(^issuer).(trust_domain.permissions_ca).public_key in trust_domain.permissions_ca.public_key)
 		implies no self_granting
 } for 3 but 6 Entry, 2 Instant expect 0
 
@@ -55,53 +60,56 @@ check SplitAuthoritiesStopSelfGrants {
 
 /** Without an authority that vouches, nobody is authentic. */
 check NoAuthorityNobodyAuthentic {
-	(no opaque and no Realm.identity_ca & authority) implies no authentic
+	(no opaque and no TrustDomain.identity_ca & authority) implies no authentic
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** Dates only take away: who is authentic in force is authentic. */
 check DatesOnlyTakeAway { introduced_in_force in authentic } for 3 but 6 Entry, 2 Instant expect 0
 
-/** Whom a realm has revoked, it shuns. */
+/** Whom a trust domain has revoked, it shuns. */
 check TheRevokedAreShunned {
-	no opaque implies all realm: Realm | no realm.authentic & identity.(realm.revoked)
+	no opaque implies all trust_domain: TrustDomain | no trust_domain.authentic & identity.(trust_domain.revoked)
 } for 3 but 6 Entry, 2 Instant expect 0
 
 -- access control and keys
 
 /** What a CA fit to sign granted can be presented. */
 check GrantsCanBePresented {
-	Realm.permissions_ca in fit_to_sign implies all realm: Realm | granted[realm, publish_allowed] in presentable[realm, publish_allowed]
+	TrustDomain.permissions_ca in fit_to_sign implies all trust_domain: TrustDomain | granted[trust_domain,
+		publish_allowed] in presentable[trust_domain, publish_allowed]
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** All access control on, the signer pinned, all documents read: nobody does more than the CA granted. */
 check AccessControlConfines {
-	(no opaque and authorities_keep_their_keys and no issuing and Realm in pins_signer
+	(no opaque and authorities_keep_their_keys and no issuing and TrustDomain in pins_signer
 		and TopicRule in enable_read_access_control & enable_write_access_control)
-		implies all realm: Realm {
-			may_write[realm] in granted[realm, publish_allowed]
-			may_read[realm] in granted[realm, subscribe_allowed]
+		implies all trust_domain: TrustDomain {
+			may_write[trust_domain] in granted[trust_domain, publish_allowed]
+			may_read[trust_domain] in granted[trust_domain, subscribe_allowed]
 		}
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** Nobody has power without having joined, nor where nothing is governed. */
 check PowerNeedsMembership {
-	all realm: Realm |
-		may_write[realm] + may_read[realm] + relays[realm] + overhears[realm] + forges[realm] in within_reach[realm]
-	all realm: Realm | within_reach[realm] in Enclave -> realm.governed
-	all realm: Realm | out_of_reach[realm] = Enclave -> Channel - within_reach[realm]
-	all realm: Realm - open_realm | joins[realm].Domain in realm.(authentic + issuing)
+	all trust_domain: TrustDomain |
+		may_write[trust_domain] + may_read[trust_domain] + relays[trust_domain] + overhears[trust_domain]
+			+ forges[trust_domain] in within_reach[trust_domain]
+	all trust_domain: TrustDomain | within_reach[trust_domain] in Enclave -> trust_domain.governed
+	all trust_domain: TrustDomain | out_of_reach[trust_domain] = Enclave -> Channel - within_reach[trust_domain]
+	all trust_domain: TrustDomain - open_trust_domain | joins[trust_domain].Domain in trust_domain.(authentic + issuing)
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** Origin authentication on all submessages leaves no forger. */
 check OriginAuthenticationStopsForgery {
-	(no opaque and TopicRule.metadata_protection_kind in authenticating_origin) implies no realm: Realm | some forges[realm]
+	(no opaque and TopicRule.metadata_protection_kind in authenticating_origin) implies no trust_domain: TrustDomain |
+		some forges[trust_domain]
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** Without it, whoever may read can forge. */
 check ReadersHoldTheKeys {
-	all realm: Realm | may_read[realm] :> (Channel
-		- realm.(message_protection[authenticating_origin] + submessage_protection[authenticating_origin]))
-		in forges[realm]
+	all trust_domain: TrustDomain | may_read[trust_domain] :> (Channel
+		- trust_domain.(message_protection[authenticating_origin] + submessage_protection[authenticating_origin]))
+		in forges[trust_domain]
 } for 3 but 6 Entry, 2 Instant expect 0
 
 -- outsiders
@@ -114,7 +122,7 @@ check EncryptedMessagesExcludeOutsiders {
 
 /** An unreadable governance document protects nothing. */
 check UnreadableGovernanceProtectsNothing {
-	some Enclave implies open_realm -> Channel in readable_outside & announced_outside & injectable_outside
+	some Enclave implies open_trust_domain -> Channel in readable_outside & announced_outside & injectable_outside
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** What anybody can inject, anybody can read, if anybody writes it, save where the unauthenticated are let in. */
@@ -130,17 +138,17 @@ check InjectableIsReplayable {
 
 /** A relay that reads has no grant to read: relays are among those who read without a grant. */
 check RelaysThatReadAreReadersWithoutAGrant {
-	all realm: Realm | read_by_relays[realm] in reads_without_a_grant[realm]
+	all trust_domain: TrustDomain | read_by_relays[trust_domain] in reads_without_a_grant[trust_domain]
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** Nothing is carried across domains in a keystore that has one. */
 check OneDomainHasNoBridge {
-	one Domain implies all sending, receiving: Realm | no carried_across[sending, receiving]
+	one Domain implies all sending, receiving: TrustDomain | no carried_across[sending, receiving]
 } for 3 but 6 Entry, 2 Instant expect 0
 
 /** What an enclave can carry across, it can put somewhere, as whomever: the two ends of a bridge exist together. */
 check BridgesHaveTwoEnds {
-	all sending, receiving: Realm, enclave: Enclave, channel: enclave.(carried_across[sending, receiving]) |
+	all sending, receiving: TrustDomain, enclave: Enclave, channel: enclave.(carried_across[sending, receiving]) |
 		some other_channel: enclave.acts_as.(feeds[receiving]) | channel.in_domain != other_channel.in_domain
 } for 3 but 6 Entry, 2 Instant expect 0
 
@@ -173,7 +181,7 @@ run EachFailsInTheOpen {
 	some self_granting
 	some injectable_outside & readable_outside & announced_outside
 	some unenforced
-	some realm: Realm | some writes_without_a_grant[realm] and some reads_without_a_grant[realm]
+	some trust_domain: TrustDomain | some writes_without_a_grant[trust_domain] and some reads_without_a_grant[trust_domain]
 	some replayable_outside - injectable_outside
 	some liveliness_forgeable_outside
 } for 3 but 6 Entry expect 1
@@ -183,13 +191,13 @@ run TheOthersFailInTheOpen {
 	no opaque
 	some one_subject
 	some identity_ca.public_key & permissions_ca.public_key
-	some realm: Realm | some read_by_relays[realm] and some carried_across[realm, realm]
+	some trust_domain: TrustDomain | some read_by_relays[trust_domain] and some carried_across[trust_domain, trust_domain]
 } for 3 but 7 Entry expect 1
 
 /** A reader can forge, in a keystore whose only fault that is. */
 run OnlyReadersForge {
 	no opaque and no self_granting and no unenforced and no one_key
-	some realm: Realm | some forged_by_readers[realm] and no writes_without_a_grant[realm]
+	some trust_domain: TrustDomain | some forged_by_readers[trust_domain] and no writes_without_a_grant[trust_domain]
 } for 3 but 6 Entry expect 1
 
 -- and all of them hold at once, in a keystore that is used
@@ -197,17 +205,18 @@ run OnlyReadersForge {
 /** A writer and a reader of one channel, with everything in order. */
 run Exemplary {
 	AuthenticationIsExercised and EncryptionIsExercised and AccessControlIsExercised
-	some realm: Realm, disj talker, listener: Enclave, channel: Channel {
-		channel in talker.(may_write[realm] & granted[realm, publish_allowed])
-		channel in listener.(may_read[realm] & granted[realm, subscribe_allowed])
+	some trust_domain: TrustDomain, disj talker, listener: Enclave, channel: Channel {
+		channel in talker.(may_write[trust_domain] & granted[trust_domain, publish_allowed])
+		channel in listener.(may_read[trust_domain] & granted[trust_domain, subscribe_allowed])
 	}
 	no opaque and no unauthenticated_allowed and no one_key and no self_granting and no unenforced
 	all enclave: Enclave {
-		one enclave.identity and enclave in enclave.in_realm.introduced_in_force
-		one enclave.permissions and one enclave.in_realm.governance
-		enclave.permissions + enclave.in_realm.governance in enclave.in_realm.genuine
+		one enclave.identity and enclave in enclave.in_trust_domain.introduced_in_force
+		one enclave.permissions and one enclave.in_trust_domain.governance
+		enclave.permissions + enclave.in_trust_domain.governance in enclave.in_trust_domain.genuine
 	}
 	signer[Document] in in_force
 	no readable_outside + announced_outside + injectable_outside
-	no realm: Realm | some writes_without_a_grant[realm] + reads_without_a_grant[realm] + forged_by_readers[realm]
+	no trust_domain: TrustDomain | some writes_without_a_grant[trust_domain] + reads_without_a_grant[trust_domain]
+		+ forged_by_readers[trust_domain]
 } for 3 but 4 Certificate, 4 Document, 6 Entry expect 1

@@ -27,7 +27,7 @@ profiles = ["spec", "fastdds-3.6"]
 meaning = "{PRINT}"
 {WHY}"""
     settings = read(tmp_path, text)
-    placed, printed = settings.acceptances
+    placed, printed = settings.suppressions
     assert settings.max_suppression_days == 400
     assert (placed.code, placed.where, placed.fingerprint, placed.severity) == ("KA205", ("/talker",), None, None)
     assert (placed.reason, placed.owner, placed.until) == ("so", "Ada", date(2026, 12, 4))

@@ -122,7 +122,7 @@ def passing_on() -> Store:
     ("place", "expected"),
     [("backup/key.pem", VIOLATED), ("backup/README", VIOLATED), ("enclaves/motor/notes", VIOLATED), (None, HOLDS)],
 )
-def test_whoever_has_a_copy_of_an_enclaves_key_is_in_no_realm_of_it_alone(
+def test_whoever_has_a_copy_of_an_enclaves_key_is_in_no_trust_domain_of_it_alone(
     place: str | None, expected: Status, tmp_path: Path
 ) -> None:
     """/admin, in a domain of its own, would pass on what /talker says if it were started with /talker's governance."""
