@@ -118,10 +118,10 @@ def test_a_case_of_junit_tells_of_its_own_property(run: Audit) -> None:
     ("text", "said"),
     [
         ("module m\nopen keystore_audit\ncheck A { some Enclav } for 0\n", "m.als:3:16: Alloy says: The name"),
-        ("module m\nopen keystore_audit\ncheck A { some Enclave } for 3\n", "m.als:3:7: expected `for 0`"),
-        ("module m\nopen keystore_audit\n//@ enclave X = /nobody\nrun A { some X } for 0\n", "m.als:3:1: '/nobody'"),
-        ("module m\nopen keystore_audit\n//@ topic X = /not_there\nrun A { some X } for 0\n", "m.als:3:1: no permiss"),
-        ("module m\nopen keystore_audit\nfact { no Enclave }\n", "m.als:3:1: 'fact'"),
+        ("module m\nopen keystore_audit\ncheck A { some Enclave } for 3\n", "m.als:3: expected `for 0`"),
+        ("module m\nopen keystore_audit\n//@ enclave X = /nobody\nrun A { some X } for 0\n", "m.als:3: '/nobody'"),
+        ("module m\nopen keystore_audit\n//@ topic X = /not_there\nrun A { some X } for 0\n", "m.als:3: no permiss"),
+        ("module m\nopen keystore_audit\nfact { no Enclave }\n", "m.als:3: 'fact'"),
     ],
 )
 def test_a_mistake_in_the_file_is_a_usage_error_with_its_place(

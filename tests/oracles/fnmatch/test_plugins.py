@@ -41,7 +41,7 @@ def test_every_text_matches_as_in_the_plugin(
             assert [pattern.matches(name) for name in names] == column, pattern.text
             asked += len(names)
             matched += sum(column)
-    assert matched > pairs // 100
+    assert matched > pairs // 200
 
 
 def test_classes_of_four_matchers_at_once_are_exact(plugins: dict[str, Plugin]) -> None:
