@@ -19,8 +19,8 @@ fun open_trust_domain: set TrustDomain {
  * Enclaves that may have any identity: theirs could not be read, or it is not granted that authorities made no others.
  */
 fun anybody: set Enclave {
-	opaque & Enclave + (AuthoritiesAsFound + NothingElseCertified + NothingInUnreadFiles in assumed
-		implies none else Enclave)
+	opaque & Enclave
+	+ (AuthoritiesAsFound + NothingElseCertified + NothingInUnreadFiles in assumed implies none else Enclave)
 }
 
 /** Documents that nobody has here may grant anything. */
@@ -97,6 +97,6 @@ fun held_by_another: Enclave -> Enclave {
 fun shares_subject: Enclave -> Enclave {
 	one_subject - (Unmanaged -> Enclave + Enclave -> Unmanaged - held_by_another)
 	- Enclave -> anybody + anybody -> Enclave
-	+ ((some (opaque & Document) - TrustDomain.governance or DocumentsElsewhere) implies Enclave -> Enclave
-		- iden else none -> none)
+	+ ((some (opaque & Document) - TrustDomain.governance or DocumentsElsewhere)
+		implies Enclave -> Enclave - iden else none -> none)
 }

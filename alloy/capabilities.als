@@ -20,8 +20,8 @@ open permissions
 
 /** Grants by which a trust domain lets each enclave in; who issues itself identities, by any. */
 fun admits[trust_domain: TrustDomain]: Enclave -> Grant {
-	entering[trust_domain.accepted] + trust_domain.issuing -> (trust_domain.accepted.grant & (in_force
-		+ joins_out_of_date))
+	entering[trust_domain.accepted]
+	+ trust_domain.issuing -> (trust_domain.accepted.grant & (in_force + joins_out_of_date))
 }
 
 /**
@@ -58,8 +58,10 @@ fun unasked: TrustDomain -> Channel {
 }
 
 /** Those that an enclave reaches. Only who attacks makes use of it. */
-fun unannounced[trust_domain: TrustDomain]: Enclave -> Channel { Enclave -> trust_domain.unasked
-	- out_of_reach[trust_domain] }
+fun unannounced[trust_domain: TrustDomain]: Enclave -> Channel {
+	Enclave -> trust_domain.unasked
+	- out_of_reach[trust_domain]
+}
 
 /** Channels on which peers match a writer of the enclave. */
 fun may_write[trust_domain: TrustDomain]: Enclave -> Channel {
@@ -72,8 +74,10 @@ fun may_read[trust_domain: TrustDomain]: Enclave -> Channel {
 }
 
 /** Channels whose submessage keys the enclave gets to relay them. */
-fun relays[trust_domain: TrustDomain]: Enclave -> Channel { presentable[trust_domain, relay_allowed]
-	- out_of_reach[trust_domain] }
+fun relays[trust_domain: TrustDomain]: Enclave -> Channel {
+	presentable[trust_domain, relay_allowed]
+	- out_of_reach[trust_domain]
+}
 
 /**
  * Channels whose payloads an enclave recovers from packets, with the keys it holds without being a reader. The

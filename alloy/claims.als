@@ -15,19 +15,21 @@ open information_flow
  * unread).
  */
 fun elsewhere[trust_domain: TrustDomain]: set Certificate {
-	let known = trust_domain in open_trust_domain implies Certificate else trust_domain.(vouched[identity_ca,
-		Certificate] - revoked),
+	let known = trust_domain in open_trust_domain implies Certificate
+			else trust_domain.(vouched[identity_ca, Certificate] - revoked),
 		named = AnythingGranted implies Certificate else admitting.(trust_domain.accepted.grant) |
 		(known & named) - Enclave.identity
 }
 
 /** The same where a document could not be read, which may let them in and grant them anything. */
-fun unread_elsewhere[trust_domain: TrustDomain]: set Certificate { AnythingGranted
-	implies trust_domain.elsewhere else none }
+fun unread_elsewhere[trust_domain: TrustDomain]: set Certificate {
+	AnythingGranted implies trust_domain.elsewhere else none
+}
 
 /** Domains that whoever has such a certificate can join: as `joins`. */
 fun joins_elsewhere[trust_domain: TrustDomain]: Certificate -> Domain {
-	trust_domain.elsewhere -> trust_domain.join_uncontrolled + trust_domain.unread_elsewhere -> trust_domain.governed_domain
+	trust_domain.elsewhere -> trust_domain.join_uncontrolled
+	+ trust_domain.unread_elsewhere -> trust_domain.governed_domain
 	+ { c: trust_domain.elsewhere, d: (c.admitting & trust_domain.accepted.grant).joining & trust_domain.governed_domain }
 }
 
@@ -56,8 +58,8 @@ fun reads_elsewhere[trust_domain: TrustDomain]: Certificate -> Channel {
 
 /** Those of them by a grant of the permissions CA. Whom documents let in that could not be read may have none. */
 fun entitled_elsewhere[trust_domain: TrustDomain]: Certificate -> Channel {
-	let rights = { c: trust_domain.elsewhere - trust_domain.unread_elsewhere, t: (c.chosen
-		& trust_domain.genuine.grant).subscribe_allowed } |
+	let rights = { c: trust_domain.elsewhere - trust_domain.unread_elsewhere,
+		t: (c.chosen & trust_domain.genuine.grant).subscribe_allowed } |
 		reads_elsewhere[trust_domain] & (rights + rights.meets)
 }
 
@@ -77,8 +79,8 @@ fun writes_unauthenticated: TrustDomain -> Channel { unguarded & unauthenticated
 /** Channels of domains that whoever has an identity of the CA joins, with whatever grants: others than are here too. */
 fun open_to_known: TrustDomain -> Channel {
 	{ trust_domain: TrustDomain, t: trust_domain.governed |
-		t.in_domain in trust_domain.join_uncontrolled and (trust_domain in open_trust_domain
-			or some trust_domain.identity_ca & authority) }
+		t.in_domain in trust_domain.join_uncontrolled and
+			(trust_domain in open_trust_domain or some trust_domain.identity_ca & authority) }
 }
 
 /** Channels to which it signs itself any right: its CA is one for permissions too, and signers are not pinned. */
@@ -110,8 +112,8 @@ fun learns_known: TrustDomain -> Channel {
  * that nobody asks for grants entitles nobody. Those of whoever is none here, by a grant that lets it in; of others.
  */
 fun listens_in[trust_domain: TrustDomain]: (Enclave + Certificate + Outsider) -> Channel {
-	(in_any_guise[Enclave, knows[trust_domain]] - (may_read[trust_domain] & may_be_granted[trust_domain,
-		subscribe_allowed]))
+	(in_any_guise[Enclave, knows[trust_domain]]
+		- (may_read[trust_domain] & may_be_granted[trust_domain, subscribe_allowed]))
 	+ (overhears_elsewhere[trust_domain] + reads_elsewhere[trust_domain] - entitled_elsewhere[trust_domain])
 	+ Outsider -> trust_domain.learns_known
 }
@@ -122,8 +124,10 @@ fun insiders: set Enclave { Enclave - (Unmanaged & (Enclave - Unmanaged).one_key
 -- never in one domain
 
 /** Domains in which each enclave takes part: as a participant that peers authenticate, or without, as anybody may. */
-fun enters[trust_domain: TrustDomain]: Enclave -> Domain { joins[trust_domain]
-	+ Enclave -> trust_domain.unauthenticated_allowed }
+fun enters[trust_domain: TrustDomain]: Enclave -> Domain {
+	joins[trust_domain]
+	+ Enclave -> trust_domain.unauthenticated_allowed
+}
 
 /**
  * Domains in which each takes part with the peers of some trust domain: who is in one with others is in it all the

@@ -51,8 +51,8 @@ fun signing_below: TrustDomain -> Certificate { vouched_signer + (chained & (Tru
  * Trust domains for which somebody signs with a key below a permissions CA that is neither its own nor an enclave's.
  */
 fun signed_elsewhere: set TrustDomain {
-	{ trust_domain: TrustDomain | some trust_domain.signing_below.public_key - trust_domain.permissions_ca.public_key
-		- Enclave.identity.public_key }
+	{ trust_domain: TrustDomain |
+		some trust_domain.signing_below.public_key - trust_domain.permissions_ca.public_key - Enclave.identity.public_key }
 }
 
 /**

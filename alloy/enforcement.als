@@ -20,13 +20,14 @@ fun unenforced: TrustDomain -> Channel {
  * subscribe brought along is left to `forged_by_readers`: there only authentication of the origin helps.
  */
 fun writes_without_a_grant[trust_domain: TrustDomain]: Enclave -> Channel {
-	may_write[trust_domain] + (forges[trust_domain] - granted[trust_domain, subscribe_allowed]) - granted[trust_domain,
-		publish_allowed]
+	may_write[trust_domain] + (forges[trust_domain] - granted[trust_domain, subscribe_allowed])
+	- granted[trust_domain, publish_allowed]
 }
 
 /** Channels that an enclave reads, as a reader or from packets, without a grant to subscribe. */
-fun reads_without_a_grant[trust_domain: TrustDomain]: Enclave -> Channel { knows[trust_domain] - granted[trust_domain,
-	subscribe_allowed] }
+fun reads_without_a_grant[trust_domain: TrustDomain]: Enclave -> Channel {
+	knows[trust_domain] - granted[trust_domain, subscribe_allowed]
+}
 
 /** Channels that are written, and on which an enclave, granted to subscribe only, can pass for a writer. */
 fun forged_by_readers[trust_domain: TrustDomain]: Enclave -> Channel {

@@ -70,12 +70,15 @@ fun imposes[forgers: set Enclave + Outsider, trust_domain: TrustDomain]: (Enclav
  * Channels that each member of a trust domain reads if the writer attacks: whoever attacks gives its keys to anybody,
  * so that nothing binds the reader but its own implementation.
  */
-fun heeds[trust_domain: TrustDomain]: Enclave -> Channel { takes[trust_domain] + { e: in_trust_domain.trust_domain,
-	c: e.reads_alone } }
+fun heeds[trust_domain: TrustDomain]: Enclave -> Channel {
+	takes[trust_domain] + { e: in_trust_domain.trust_domain, c: e.reads_alone }
+}
 
 /** The same of members that attack: with whatever permissions they sign themselves. */
-fun hears[trust_domain: TrustDomain]: Enclave -> Channel { may_read[trust_domain] - of_strangers[trust_domain]
-	+ heeds[trust_domain] }
+fun hears[trust_domain: TrustDomain]: Enclave -> Channel {
+	may_read[trust_domain] - of_strangers[trust_domain]
+	+ heeds[trust_domain]
+}
 
 /** Channels that each participant reads of one who attacks, through a member of the trust domain as whom it acts. */
 fun is_told[eavesdroppers: set Enclave + Outsider, trust_domain: TrustDomain]: Enclave -> Channel {
@@ -90,8 +93,9 @@ fun obtains[eavesdroppers: set Enclave + Outsider, trust_domain: TrustDomain]: E
 -- intercepted
 
 /** Channels on which members of a trust domain write by what their own implementation alone lets them. */
-fun emits_alone[trust_domain: TrustDomain]: Enclave -> Channel { { e: in_trust_domain.trust_domain,
-	c: e.writes_alone } }
+fun emits_alone[trust_domain: TrustDomain]: Enclave -> Channel {
+	{ e: in_trust_domain.trust_domain, c: e.writes_alone }
+}
 
 /**
  * Channels of which samples of each participant are on the network, protected as the trust domain says: what it writes

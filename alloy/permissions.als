@@ -94,7 +94,8 @@ fun unbounded[trust_domain: TrustDomain]: set Enclave { of_unknown_rights + trus
  * one that issues itself identities, what is granted to anybody.
  */
 fun presentable[trust_domain: TrustDomain, allowed: Grant -> Channel]: Enclave -> Channel {
-	with_met[held[trust_domain.accepted].allowed + trust_domain.issuing -> (trust_domain.accepted.grant
-		& in_force).allowed]
+	with_met[
+		held[trust_domain.accepted].allowed
+		+ trust_domain.issuing -> (trust_domain.accepted.grant & in_force).allowed]
 	+ unbounded[trust_domain] -> Channel
 }

@@ -118,7 +118,7 @@ def test_a_case_of_junit_tells_of_its_own_property(run: Audit) -> None:
     ("text", "said"),
     [
         ("module m\nopen keystore_audit\ncheck A { some Enclav } for 0\n", "m.als:3:16: Alloy says: The name"),
-        ("module m\nopen keystore_audit\ncheck A { some Enclave } for 3\n", "m.als:3: expected `for 0`"),
+        ("module m\nopen keystore_audit\ncheck A { some Enclave } for 3\n", "m.als:3: expected `check NAME for 0`"),
         ("module m\nopen keystore_audit\n//@ enclave X = /nobody\nrun A { some X } for 0\n", "m.als:3: '/nobody'"),
         ("module m\nopen keystore_audit\n//@ topic X = /not_there\nrun A { some X } for 0\n", "m.als:3: no permiss"),
         ("module m\nopen keystore_audit\nfact { no Enclave }\n", "m.als:3: 'fact'"),
@@ -178,7 +178,7 @@ def test_names_that_two_files_give_cannot_stand_in_one_model(
     )
     assert model(tmp_path / "m", ASKED, tmp_path / "other.als") == 2
     complaint = capsys.readouterr().err
-    assert "other.als:3:1: 'Talker' has a meaning at alloy_properties/chatter.als:5:1 already" in complaint
+    assert "other.als:3: 'Talker' has a meaning at alloy_properties/chatter.als:5 already" in complaint
     assert not (tmp_path / "m").exists()
 
 

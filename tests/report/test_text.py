@@ -22,6 +22,7 @@ from keystore_audit.report import markdown
 from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_PLACES
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.text import PLAIN, View, render, render_several
+from keystore_audit.truth import Truth
 from tests.cli.keystores import answer
 from tests.report.outcomes import outcomes_of
 from tools.samples.store import copy_with_modes
@@ -79,12 +80,15 @@ def undecided(report: Report) -> Report:
 def starting(report: Report) -> Report:
     """Enclaves that start for some, for none, and for the same reason but for their names."""
     talker = report.enclaves[0]
-    refused = Usability(usable=False, reasons=("the key does not belong", "key.pem is not there."))
-    unclear = Usability(usable=None, reasons=("two texts",))
-    uses = {"spec": refused, "fastdds-2.6": unclear, "cyclonedds-0.10": Usability(usable=True, reasons=())}
+    refused = Usability(usable=Truth.NO, reasons=("the key does not belong", "key.pem is not there."))
+    unclear = Usability(usable=Truth.UNKNOWN, reasons=("two texts",))
+    uses = {"spec": refused, "fastdds-2.6": unclear, "cyclonedds-0.10": Usability(usable=Truth.YES, reasons=())}
     unnamed = (
         replace(
-            talker, path=f"/{name}", subject=f"CN=/{name}", profiles={"spec": Usability(usable=False, reasons=(why,))}
+            talker,
+            path=f"/{name}",
+            subject=f"CN=/{name}",
+            profiles={"spec": Usability(usable=Truth.NO, reasons=(why,))},
         )
         for name, why in (("x", "no grant names CN=/x"), ("y", "no grant names CN=/y"))
     )

@@ -127,7 +127,7 @@ MUTANTS = {
     "who is no enclave here may read nothing": ("read elsewhere, by right", " - entitled_elsewhere[trust_domain]", ""),
     "nobody comes in without an identity": (
         "apart, without identities",
-        " + Enclave -> trust_domain.unauthenticated_allowed",
+        "+ Enclave -> trust_domain.unauthenticated_allowed",
         "",
     ),
     "eavesdroppers overhear what they read": (
@@ -225,12 +225,12 @@ MUTANTS = {
     ),
     "who issues itself identities has its own rights alone": (
         "issued to itself",
-        " + trust_domain.issuing -> (trust_domain.accepted.grant & in_force).allowed",
+        "+ trust_domain.issuing -> (trust_domain.accepted.grant & in_force).allowed",
         "",
     ),
     "who issues itself identities joins by its own grants alone": (
         "issued to itself, let in as another",
-        " + trust_domain.issuing -> (trust_domain.accepted.grant & (in_force + joins_out_of_date))",
+        "+ trust_domain.issuing -> (trust_domain.accepted.grant & (in_force + joins_out_of_date))",
         "",
     ),
     "who issues itself identities is known by its own": (

@@ -22,7 +22,7 @@ from tests.engine.systems import healthy, lively, random_system, stock, with_cla
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 
-SYSTEMS = tried(12, 4)
+SYSTEMS = tried(12, 8)
 """Random systems with claims; the seeds are fixed."""
 
 
