@@ -140,7 +140,7 @@ def test_a_violation_that_alloy_shows_and_that_is_none_is_incomplete(
 ) -> None:
     """The native rules do not confirm its example, whoever was asked to decide; None: they need not."""
     shown = "channel not in enclave.(writes_without_a_grant[trust_domain])"
-    lying = with_model(tmp_path, shown, f"{shown} and channel not in trust domain.written" if name else shown)
+    lying = with_model(tmp_path, shown, f"{shown} and channel not in trust_domain.written" if name else shown)
     code, report, _err = audit("--engine", engine, **lying)
     found = {each["id"]: each["status"] for each in report["properties"]}["nobody-writes-without-a-grant"]
     assert (code, found) == ((4, "unknown") if name else (0, "holds"))

@@ -107,9 +107,7 @@ class _Questions:
         self._decisions = decisions
         self._permissions = Permissions(system, moment, decisions)
         self._trust_domains = trust_domain_views(system, self._permissions)
-        self.used = [
-            (trust_domain, self._trust_domains[trust_domain]) for trust_domain in system.trust_domains_of_enclaves()
-        ]
+        self.used = [(number, self._trust_domains[number]) for number in system.trust_domains_of_enclaves()]
 
     def answers(self) -> dict[str, Answer]:
         return {prop.id: self._answer(prop) for prop in PROPERTIES} | self.claims() | self.determinism()
@@ -189,11 +187,8 @@ class _Questions:
         """Documents in use that the permissions CA did not sign, or is not in force to."""
         for enclave, atom in enumerate(self.system.enclaves):
             view = self._trust_domains[atom.trust_domain]
-            used = (
-                {atom.permissions, self.system.trust_domains[atom.trust_domain].governance}
-                if not atom.unmanaged
-                else ()
-            )
+            used = {atom.permissions, self.system.trust_domains[atom.trust_domain].governance}
+            used = set() if atom.unmanaged else used
             for document in sorted(number for number in used if number is not None):
                 signers = [self.system.certificates[s] for s in self.system.documents[document].signers]
                 if document not in view.genuine or not all(
@@ -260,9 +255,7 @@ def _as_now(system: System, moment: int) -> bool:
     """
     now = 2 * system.now
     dated: Iterable[CertificateAtom | GrantAtom] = (*system.certificates, *system.grants)
-    if system.claims or any(
-        trust_domain.at(moment).revoked != trust_domain.revoked for trust_domain in system.trust_domains
-    ):
+    if system.claims or any(each.at(moment).revoked != each.revoked for each in system.trust_domains):
         return False
     if any(enclave.at(moment).by_itself != enclave.by_itself for enclave in system.enclaves):
         return False

@@ -50,12 +50,7 @@ from keystore_audit.model.participants.lone_endpoints import (
     LoneRefusals,
     made_alone,
 )
-from keystore_audit.model.participants.unmanaged import (
-    Unmanaged,
-    may_apply,
-    trusting_all,
-    unread_participants,
-)
+from keystore_audit.model.participants.unmanaged import Unmanaged, may_apply, trusting_all, unread_participants
 from keystore_audit.model.participants.views import Kind, TrustDomains, Views
 from keystore_audit.model.rights import Atoms, RuleAtoms
 from keystore_audit.model.trust.revocation import list_unread
@@ -237,12 +232,11 @@ class SystemBuilder:
             elif files in trust_domains.known:
                 trust_domain = trust_domains.known[files]
             else:
-                trust_domain = trust_domains.known[files] = trust_domains.number(
-                    self._trust_domain(enclave, number, kind, may=may)
-                )
+                made = self._trust_domain(enclave, number, kind, may=may)
+                trust_domain = trust_domains.known[files] = trust_domains.number(made)
             permissions = number.get(enclave.files.files[Role.PERMISSIONS].place)  # it may be unread (MAY)
-            made = self._enclave(enclave, trust_domain, permissions, unknown=unknown)
-            yield made_alone(made, lone.possible if may else lone.certain, refused)
+            own = self._enclave(enclave, trust_domain, permissions, unknown=unknown)
+            yield made_alone(own, lone.possible if may else lone.certain, refused)
 
     def _enclave(
         self, enclave: Enclave, trust_domain: int, permissions: int | None = None, *, unknown: bool
@@ -269,9 +263,8 @@ class SystemBuilder:
         for files, host in self._unmanaged.hosts.items():
             if files not in trust_domains.known and trust_domain_doubt(host) is None and may_apply(host, kind.trust):
                 trust_domain = self._trust_domain(host, number, kind, may=may)
-                if trust_domain in trust_domains or any(
-                    self._unmanaged.admits(trust_domain, each, self._certificate_atoms) for each in let_in
-                ):
+                admitted = (self._unmanaged.admits(trust_domain, each, self._certificate_atoms) for each in let_in)
+                if trust_domain in trust_domains or any(admitted):
                     trust_domains.known[files] = trust_domains.number(trust_domain)
 
     def _in_use(self, enclaves: Iterable[Participant], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:
@@ -297,9 +290,8 @@ class SystemBuilder:
 
         An opaque governance, so it accepts everything, and authorities of which nothing is known.
         """
-        atoms.append(
-            DocumentAtom(label=place, location=Location(path=place), intact=False, signers=frozenset(), opaque=True)
-        )
+        nobody = frozenset[int]()
+        atoms.append(DocumentAtom(label=place, location=Location(place), intact=False, signers=nobody, opaque=True))
         unread = frozenset({len(self._certificate_atoms)})
         return TrustDomainAtom(
             identity_ca=unread, permissions_ca=unread, governance=len(atoms) - 1, revoked=frozenset(), told=None
@@ -324,7 +316,7 @@ class SystemBuilder:
         signers = self._views.signers(document, kind.trust) if not opaque else frozenset()
         return DocumentAtom(
             label=document.place,
-            location=Location(path=document.place),
+            location=Location(document.place),
             intact=bool(signers),
             signers=signers,
             opaque=opaque,
@@ -359,8 +351,7 @@ class SystemBuilder:
         return {d.file.signed.file.sha256: d.place for d in reversed(read) if d.file is not None}
 
     def _identity(self, enclave: Enclave) -> int | None:
-        first = enclave.identity
-        return None if first is None else self._number[first.sha256]
+        return None if enclave.identity is None else self._number[enclave.identity.sha256]
 
     @cached_property
     def _certificate_atoms(self) -> tuple[CertificateAtom, ...]:
