@@ -274,7 +274,7 @@ def _domain_of(rule: ReadRule) -> str:
 
 def _likeness(text: str, topic: str) -> int:
     """How many characters both begin and end with: what differs in the middle is a typing error, or a neighbour."""
-    return sum(len(commonprefix(both)) for both in ((text, topic), (text[::-1], topic[::-1])))  # noqa: RUF071
+    return sum(len(commonprefix(both)) for both in ((text, topic), (text[::-1], topic[::-1])))  # noqa: RUF071 - letters, not folders
 
 
 def _uncontrolled(domain_rule: ReadDomainRule, topic: TopicRule, operation: Operation, _name: Point | None) -> Told:

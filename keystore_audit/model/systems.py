@@ -190,7 +190,7 @@ class SystemBuilder:
     def _participants(
         self, kind: Kind, documents: Sequence[Document], atoms: list[DocumentAtom], *, may: bool
     ) -> tuple[tuple[Participant, ...], tuple[TrustDomainAtom, ...]]:
-        """Who takes part, and their trust domains. `atoms`: documents; those come to them that open domains rest on."""
+        """Who takes part, and their trust domains. `atoms`: documents; those come to them on which open ones rest."""
         number = {document.place: n for n, document in enumerate(documents)}
         trust_domains, unmanaged = TrustDomains(), self._unmanaged
         found = list(self._enclaves(kind, number, atoms, trust_domains, may=may))

@@ -334,7 +334,7 @@ class Flow:
 
 
 def found_by(hand: ByHand, claim: ClaimAtom, one: int, other: int) -> bool:
-    """Whether both may be in a domain: peers let both in, of one trust domain or two, or one, and the other starts."""
+    """Whether both may be in one domain: peers of one trust domain or two let both in, or one, and the other starts."""
     trust_domains = range(len(hand.system.trust_domains))
     here, there = (
         {

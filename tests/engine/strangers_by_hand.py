@@ -18,7 +18,7 @@ def unread(s: System) -> bool:
 def let_in(
     s: System, view: TrustDomainView, permissions: Permissions, trust_domain: int
 ) -> Iterator[tuple[int, int, dict[Operation, int]]]:
-    """Whom it lets in who is no enclave here: certificate, domains that it joins, rights, by its grants."""
+    """Who is no enclave here and is let in: certificate, domains that it joins, and rights, by its grants."""
     here, trust = {enclave.identity for enclave in s.enclaves}, s.trust_domains[trust_domain]
     for number, certificate in enumerate(s.certificates):
         vouching = (s.certificates[issuer] for issuer in certificate.issuers & trust.identity_ca)
@@ -70,7 +70,7 @@ def published_elsewhere(
 
 
 def read_elsewhere(s: System, view: TrustDomainView, permissions: Permissions, trust_domain: int) -> set[int]:
-    """What is read there without a grant to by who is no enclave here: with another grant, or with none."""
+    """What who is no enclave here reads without a grant to: with another grant, or with none."""
     p, doubt, trust = view.protection, unread(s), s.trust_domains[trust_domain]
     sealed = p.metadata_encrypts | p.data_encrypts
     issuing = view.open or any(s.certificates[number].authority for number in trust.identity_ca)

@@ -52,7 +52,7 @@ def _flows_of(system: System) -> Flows:
 
 @pytest.mark.parametrize("start", range(0, 200, 50))
 def test_what_honest_enclaves_let_the_outsider_hear_is_what_is_written_and_not_encrypted(start: int) -> None:
-    """Topic by topic, in any number of domains. That enclaves here do not write it says nothing of encryption."""
+    """Topic by topic, over any number of trust domains. That no enclave here writes one tells nothing of encryption."""
     told = {True: 0, False: 0}
     for seed in range(start, start + 50):
         system = with_claims(random_system(seed), seed, 1)

@@ -11,7 +11,6 @@ from tests.intent.launched import PLAIN, described, function, launch
 
 ENABLE = "'ROS_SECURITY_ENABLE'"
 NO = f"Node(executable='e', additional_env={{{ENABLE}: 'no'}})"
-SURE = f"SetEnvironmentVariable({ENABLE}, 'true')"
 
 
 def speaks(intent: Intent) -> bool:

@@ -73,11 +73,6 @@ def _load() -> ctypes.CDLL:
     return library
 
 
-def available() -> bool:
-    """Whether there is a libcrypto."""
-    return ctypes.util.find_library("crypto") is not None
-
-
 def _pointer(value: int | None) -> ctypes.c_void_p:
     return ctypes.c_void_p(value)
 

@@ -157,9 +157,9 @@ def with_one_trust_domain(modules: Mapping[str, str]) -> dict[str, str]:
     """Return the same modules for systems with exactly one trust domain, so that what depends on it is worked out once.
 
     The translator works out a function without arguments once, and one with arguments anew wherever it is called.
-    Rights have the trust domain of a peer as their argument, since one of domains, enclaves and channels would have a
-    place for each three atoms. Where there is one only, `TrustDomain` is that one: then each such one calls one
-    without arguments, of which it is the name for others. No other text changes.
+    Rights have the trust domain of a peer as their argument, since a relation of trust domains, enclaves and
+    channels would have a place for each three atoms. Where there is one trust domain only, `TrustDomain` is that one:
+    then each such function calls one without arguments, of which it is the name for others. No other text changes.
     """
     return {name: _DEPENDENT.sub(_named, module) for name, module in modules.items()}
 

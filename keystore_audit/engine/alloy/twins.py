@@ -130,16 +130,10 @@ class _Twins:
         identities = Counter(enclave.identity for enclave in system.enclaves)
         carried = Counter(enclave.permissions for enclave in system.enclaves)
         keys = Counter(certificate.key for certificate in system.certificates)
-        bound = {
-            c
-            for trust_domain in system.trust_domains
-            for c in (*trust_domain.identity_ca, *trust_domain.permissions_ca)
-        }
+        bound = {c for trust in system.trust_domains for c in (*trust.identity_ca, *trust.permissions_ca)}
         bound |= {c for document in system.documents for c in document.signers}
         bound |= {i for n, certificate in enumerate(system.certificates) for i in certificate.issuers if i != n}
-        governing = {trust_domain.governance for trust_domain in system.trust_domains} | {
-            rule.document for rule in system.domain_rules
-        }
+        governing = {each.governance for each in system.trust_domains} | {each.document for each in system.domain_rules}
         for number, enclave in enumerate(system.enclaves):
             identity, permissions = enclave.identity, enclave.permissions
             if identity is None or enclave.opaque or identity in bound or identities[identity] > 1:
@@ -180,10 +174,7 @@ class _Twins:
             (atom.trust_domain, atom.unmanaged),
             self._but_own(certificate.issuers, identity),
             (certificate.authority, certificate.fit_to_sign, certificate.not_before, certificate.not_after),
-            tuple(
-                (identity in trust_domain.revoked, identity in trust_domain.refuses)
-                for trust_domain in self._system.trust_domains
-            ),
+            tuple((identity in trust.revoked, identity in trust.refuses) for trust in self._system.trust_domains),
             frozenset(self._naming.get(identity, ())) - set(self._granted(enclave)),
         )
 

@@ -228,7 +228,7 @@ class DecidingLines:
     def _in_trust_domain(
         self, ours: _Peers, theirs: _Peers, trust_domain: int, number: int, operation: Operation, both: _Both
     ) -> Iterator[Part]:
-        """Every line that peers in a trust domain take differently, the governance's first, whatever it names."""
+        """Every line that peers in a trust domain take differently, the governance's first, whatever they name."""
         for topics in (_topics, _open_topics):
             yield from self._parts(
                 topics(ours, trust_domain, operation), topics(theirs, trust_domain, operation), -1, both[0]

@@ -389,7 +389,7 @@ class TrustDomainView:
 
 
 def trust_domain_views(system: System, permissions: Permissions | None = None) -> list[TrustDomainView]:
-    """How peers in each trust domain see every enclave. `permissions`: those of another moment, or of the audit's."""
+    """How peers in each trust domain see every enclave. `permissions`: of another moment than the audit's."""
     permissions = permissions or Permissions(system)
     return [TrustDomainView(system, trust_domain, permissions) for trust_domain in range(len(system.trust_domains))]
 

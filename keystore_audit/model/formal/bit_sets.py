@@ -80,7 +80,7 @@ class Abilities(Struct, frozen=True, kw_only=True):
     (DDS-Security 1.1, 9.5.3.3: the keys are symmetric, so whoever checks can make, unless the metadata kind
     authenticates the origin; that of messages does not, see docs/model.md).
     `unannounced`: peers ask it for no permissions there as long as it does not announce its endpoints as they are; it
-    is in `overhears` and `forges`. `writes_at_all`, `reads_at_all`: with those of its endpoints, if it is one of them,
+    is in `overhears` and `forges`. `writes_at_all`, `reads_at_all`: with those of its endpoints, if it is a member,
     that honest peers refuse: they are there all the same.
     """
 

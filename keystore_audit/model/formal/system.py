@@ -71,8 +71,8 @@ class TrustDomainAtom(Struct, frozen=True, kw_only=True):
     files; `governance`: the document, None where it is missing or (MUST) unreadable; `revoked`: certificates
     on its CRL; `revoked_later`: the same from moments on (`permission.Permissions`) at which another one of several
     lists counts, ascending; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be revoked.
-    `told`: what members tell peers of their permissions CA, if they and their peers compare that: members of domains
-    that tell different things refuse each other, unless one of them tells what the other wants to hear. None: unknown.
+    `told`: what members tell peers of their permissions CA, if they and their peers compare that: trust domains whose
+    members tell different things refuse each other, unless one tells what the other wants to hear. None: unknown.
     `refuses`: certificates that members refuse although an identity CA vouches for them; for claims of ability alone.
     `refuses_later`: from moments on at which these are others.
     """
@@ -334,7 +334,7 @@ class System(Struct, frozen=True, kw_only=True):
         return replace(rule.location, line=text.line, message="" if text.text == topic else text.text)
 
     def at(self, moment: int) -> System:
-        """The same with trust domains and enclaves as they are then, and for good; what is in force, dates say."""
+        """The same with trust domains and enclaves as they are then, and for good; dates say what is in force."""
         trust_domains = tuple(trust_domain.at(moment) for trust_domain in self.trust_domains)
         return replace(
             self, trust_domains=trust_domains, enclaves=tuple(enclave.at(moment) for enclave in self.enclaves)

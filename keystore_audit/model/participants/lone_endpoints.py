@@ -252,7 +252,12 @@ class LoneRefusals:
         if not any(self._may_refuse(grant, profile) for grant in grants):  # nearly always
             return ()
         return changes(
-            (moment, self._moments.endpoints(*(_conceded_not_allowed(local, enclave, profile, each) for each in WAYS)))
+            (
+                moment,
+                self._moments.endpoints(
+                    *(_peer_authorised_not_allowed(local, enclave, profile, each) for each in WAYS)
+                ),
+            )
             for moment, _at, local in self._moments.of(enclave, profile)
         )
 
@@ -267,5 +272,5 @@ class LoneRefusals:
         return profile.access.first_rule_decides_topic and self._several  # each asks its own governance
 
 
-def _conceded_not_allowed(local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation) -> int:
+def _peer_authorised_not_allowed(local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation) -> int:
     return local.peer_authorised(enclave, profile, operation) & ~local.allowed(enclave, profile, operation)

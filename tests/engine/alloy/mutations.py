@@ -86,12 +86,6 @@ def crossed(b: Builder) -> None:
         b.certificates[identity] = replace(b.certificates[identity], issuers=frozenset({IDENTITY_CA, cross}))
 
 
-def stray_reader(b: Builder) -> None:
-    """An enclave with an identity and no grant at all."""
-    identity = b.certificate([IDENTITY_CA])
-    b.enclave(0, identity, b.document([PERMISSIONS_CA]))
-
-
 def earlier_deny(b: Builder) -> None:
     """A deny before the talker's allow."""
     b.rules.insert(0, replace(b.rules[0], allow=False))

@@ -1,4 +1,4 @@
-"""With one trust domain, functions of it are called without arguments, and nothing is answered otherwise."""
+"""Of a single trust domain, functions are called without arguments, and nothing is answered otherwise."""
 
 from __future__ import annotations
 
