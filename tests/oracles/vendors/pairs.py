@@ -31,7 +31,7 @@ Two topics, since endpoints whose discovery is protected are announced by writer
 PATIENCE = 2.0
 """Seconds until a pair whose controls do not meet counts as one that never will; those that do need 0.2 to 0.5.
 
-What is seen is certain; that nothing is seen may be a busy machine, so a surprising answer is asked for again.
+What is seen is certain; that nothing is seen may be a busy machine: a surprising answer is asked for again (`meet_as`).
 """
 
 QUIET = 0.25
@@ -174,6 +174,11 @@ class Pairs:
             else:
                 seen = [process.look() if there else None for process, there in zip(processes, started, strict=True)]
         return Meeting(sides=(seen[0], seen[1]), complaints=(processes[0].complaints(), processes[1].complaints()))
+
+    def meet_as(self, first: Side, second: Side, expected: Callable[[Meeting], bool]) -> Meeting:
+        """Let them meet; where they do other than is expected, which a busy machine may be, again and with patience."""
+        meeting = self.meet(first, second)
+        return meeting if expected(meeting) else self.meet(first, second, 4 * PATIENCE)
 
     def meet_all(self, sides: Sequence[tuple[Side, Side]]) -> list[Meeting]:
         """Let many pairs meet; they mostly wait, so several run at a time."""

@@ -12,7 +12,7 @@ from keystore_audit.diff import compare_keystores
 from keystore_audit.profiles import resolve
 from tests.keystore.builder import authority
 from tests.oracles.vendors.enclave import publish, subscribe
-from tests.oracles.vendors.pairs import Pairs, Side
+from tests.oracles.vendors.pairs import Meeting, Pairs, Side
 from tests.oracles.vendors.pairs_case import CAS, FIRST, SECOND
 from tests.oracles.vendors.pairs_material import EVERYTHING, Authorities, Enclave, governance, grant, permissions
 from tests.oracles.vendors.recipe import allow, pubsub
@@ -38,6 +38,12 @@ def keystore(root: Path, authorities: Authorities, topic: str) -> Path:
     return root
 
 
+def _heard(meeting: Meeting) -> bool:
+    first = meeting.sides[0]
+    assert first is not None
+    return bool(first[0].heard)
+
+
 @pytest.mark.parametrize("vendor", ["fastdds", "cyclone"])
 @pytest.mark.parametrize(("renewed", "heard"), [(CAS, True), (RENEWED, False)])
 def test_an_old_document_counts_as_long_as_its_authority_does(
@@ -52,11 +58,11 @@ def test_an_old_document_counts_as_long_as_its_authority_does(
             compromised=True,
             presented=presented / "enclaves/second/permissions.p7s",
         )
-        first, second = vendors[vendor].meet(motor, attacker).sides
-        assert first is not None
+        meeting = vendors[vendor].meet_as(motor, attacker, lambda seen: _heard(seen) is arrives)  # noqa: B023
+        assert _heard(meeting) is arrives, presented
+        second = meeting.sides[1]
         assert second is not None
         assert second[0].created
-        assert bool(first[0].heard) is arrives, presented
     found = compare_keystores(old, new, Circumstances(profiles=resolve([PROFILES[vendor]]), at=AT))
     (lost,) = (each for each in found.changes if (each.operation, each.direction.value) == ("publish", "lost"))
     assert lost.until == ("2033-12-29T00:00:00Z" if heard else None)
