@@ -17,9 +17,9 @@ from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.comparison.change import Direction, Layer, direction_of
 from keystore_audit.model.comparison.facts import Dates, Draft, dated, folded, placed
 from keystore_audit.model.comparison.sides import Pair, Sides, View
-from keystore_audit.model.formal import steps
 from keystore_audit.model.formal.bit_sets import bits, lowest, members, union
-from keystore_audit.model.formal.system import GrantAtom
+from keystore_audit.model.formal.steps import Step, compare
+from keystore_audit.model.formal.system import GrantAtom, RuleAtom
 from keystore_audit.text import instant
 
 JOIN: Final = "join"
@@ -58,6 +58,11 @@ class Given(NamedTuple):
     relay: int = 0
     joined: int = 0
 
+    @property
+    def rights(self) -> Rights:
+        """The same as steps."""
+        return tuple([Step(channels, True, None), _ELSE] for channels in self)
+
     def channels(self, view: View, operation: str) -> int:
         """Where the operation is given: for joining, all names of the domains."""
         if operation == JOIN:
@@ -65,6 +70,10 @@ class Given(NamedTuple):
         return int(getattr(self, operation))
 
 
+Rights = tuple[list[Step[RuleAtom | None]], ...]
+"""What is decided, operation by operation in the order of `WORDS`: about channels, and to join about domains."""
+
+_ELSE: Final[Step[RuleAtom | None]] = Step(-1, False, None)
 NOTHING: Final = Given()
 
 
@@ -154,33 +163,62 @@ def _rights(sides: Sides) -> Iterator[Draft]:
             if sides.refused(pair, path, "permissions"):
                 continue  # whether it starts says so
             grants = [(view, view.own_grant(path)) for view in (pair.old, pair.new)]
-            for right, channels in differing(sides, pair, *(given(view, grant) for view, grant in grants)):
-                places = [deciding(view, grant, right.operation, channels) for view, grant in grants]
+            for change in compared(sides, pair, *(_decided(view, grant) for view, grant in grants)):
+                right, channels, by = change.right, change.channels, (change.old, change.new)
+                places = [
+                    None if grant is None else _written(view, grant, right.operation, rule, channels)
+                    for (view, grant), rule in zip(grants, by, strict=True)
+                ]
                 drafts = right_drafts(sides, pair, path, right, channels, layer=Layer.GRANTS, kind="right")
                 yield from placed(drafts, places, path)
 
 
-def differing(sides: Sides, pair: Pair, old: Given, new: Given) -> Iterator[tuple[Right, int]]:
+def _decided(view: View, grant: int | None) -> Rights:
+    """What the rules of the grant decide; None: nothing is given."""
+    if grant is None:
+        return NOTHING.rights
+    joined: list[Step[RuleAtom | None]] = [Step(view.decisions.joins(grant), True, None), _ELSE]
+    return *(view.decisions.steps(grant, operation) for operation in Operation), joined
+
+
+class Changed(NamedTuple):
+    """A right that came or went on these channels. `old`, `new`: the rules that decide about the first of them."""
+
+    right: Right
+    channels: int
+    old: RuleAtom | None
+    new: RuleAtom | None
+
+
+def compared(sides: Sides, pair: Pair, old: Rights, new: Rights) -> Iterator[Changed]:
     """Operations with the channels on which they were gained, or lost; joining where that does not say it already."""
-    if old == new:
-        return
     touched = {True: 0, False: 0}
     for operation, before, after in zip(WORDS, old, new, strict=True):
-        for gained, part in ((True, after & ~before), (False, before & ~after)):
-            channels = part & sides.mask
-            if operation == JOIN:
-                within = (pair.old.decisions.channels_in[domain] & sides.mask for domain in members(part))
+        joining = operation == JOIN
+        found = list(compare(before, after, pair.old.decisions.all_domains if joining else sides.mask))
+        for gained in (True, False):
+            turned = [each for each in found if each.right.allow is gained]
+            channels = union(each.channels for each in turned)
+            if joining:
+                within = (pair.old.decisions.channels_in[domain] & sides.mask for domain in members(channels))
                 channels = union(each for each in within if not each & touched[gained])  # else it goes without saying
             touched[gained] |= channels
             if channels:
-                yield Right(operation, gained), channels
+                first = min(turned, key=lambda each: lowest(each.channels))
+                yield Changed(Right(operation, gained), channels, first.left.by, first.right.by)
+
+
+def differing(sides: Sides, pair: Pair, old: Given, new: Given) -> Iterator[tuple[Right, int]]:
+    """The same of what grants give in all, without rules."""
+    if old != new:
+        yield from ((each.right, each.channels) for each in compared(sides, pair, old.rights, new.rights))
 
 
 def both_ways(sides: Sides, before: int, after: int) -> Iterator[tuple[bool, int]]:
     """The channels that were gained, and those that were lost, with whether they were gained; if there are any."""
-    for gained, channels in ((True, after & ~before), (False, before & ~after)):
-        if channels & sides.mask:
-            yield gained, channels & sides.mask
+    old, new = (Given(each).rights[0] for each in (before, after))
+    for difference in sorted(compare(old, new, sides.mask), key=lambda each: each.left.allow):
+        yield difference.right.allow, difference.channels
 
 
 def validity_changes(sides: Sides, rights: list[Draft]) -> Iterator[Draft]:
@@ -223,12 +261,16 @@ def deciding(view: View, grant: int | None, operation: str, channels: int) -> Lo
     """The rule of the grant that decides about the first of the channels; where none does, and to join, the grant."""
     if grant is None:
         return None
-    if operation != JOIN:
-        channel, act = lowest(channels), Operation(operation)
-        rule = steps.deciding(view.decisions.steps(grant, act), channel).by
-        if rule is not None:
-            return view.system.place(rule, act, channel)
-    return view.system.grants[grant].location
+    joining = operation == JOIN
+    rule = None if joining else view.decisions.decider(grant, Operation(operation), lowest(channels))
+    return _written(view, grant, operation, rule, channels)
+
+
+def _written(view: View, grant: int, operation: str, rule: RuleAtom | None, channels: int) -> Location:
+    """Where the rule has the expression that takes in the first of the channels; without a rule, the grant."""
+    if rule is None:
+        return view.system.grants[grant].location
+    return view.system.place(rule, Operation(operation), lowest(channels))
 
 
 def later_changes(sides: Sides, told: frozenset[str]) -> Iterator[Draft]:
