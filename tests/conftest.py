@@ -57,7 +57,8 @@ def golden(request: pytest.FixtureRequest) -> Callable[[str, str], None]:
         if request.config.getoption("golden"):
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text, "utf-8")
-        assert text == file.read_text("utf-8"), name
+        known = file.read_text("utf-8") if file.exists() else ""
+        assert text == known, f"{name}: where that is meant, `pytest --golden` with this test writes it"
 
     return golden
 
