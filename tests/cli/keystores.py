@@ -14,9 +14,9 @@ from typing import Any
 from unittest.mock import patch
 
 from keystore_audit.cli.program import run
+from tests.keystore import documents
 from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, signed_document
-from tests.model import comparing
-from tests.model.comparing import criterion
+from tests.keystore.documents import criterion
 
 AT = "2026-11-21T12:00:00Z"
 """Within every sample's and every built document's validity."""
@@ -52,9 +52,9 @@ def rule(
     publish: tuple[str, ...] = (), subscribe: tuple[str, ...] = (), *, allow: bool = True, partition: str = ""
 ) -> str:
     """A rule of domain 0 in one line."""
-    where = (partition,) if partition else ()
+    where = (partition,) if partition else None
     listed = (("publish", publish), ("subscribe", subscribe))
-    return comparing.rule(*(criterion(way, *each, partitions=where) for way, each in listed if each), allow=allow)
+    return documents.rule(*(criterion(way, *each, partitions=where) for way, each in listed if each), allow=allow)
 
 
 def keystore(

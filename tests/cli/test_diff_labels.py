@@ -11,19 +11,8 @@ from msgspec.structs import replace
 from keystore_audit.cli.program import run
 from tests.cli.keystores import AT
 from tests.keystore.builder import certificate
-from tests.model.comparing import (
-    Member,
-    Store,
-    authority,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    key,
-    permissions,
-    rule,
-    topic_rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule
+from tests.model.comparing import Member, Store, authority, key
 
 SETTINGS = """
 [lattice]
@@ -53,9 +42,9 @@ def gains(operation: str, topic: str) -> Store:
 
 
 def unprotected(topic: str, **flags: str) -> Store:
-    flags = flags or {"data_protection_kind": "NONE", "metadata_protection_kind": "NONE"}
+    flags = flags or {"data": "NONE", "metadata": "NONE"}
     rules = topic_rule(topic, **flags) + topic_rule()
-    return replace(BASE, governance=governance(domain_rule(topics=rules)))
+    return replace(BASE, governance=governance(domain_rule(rules)))
 
 
 def added(path: str, *rules: str) -> Store:
@@ -79,8 +68,8 @@ def compared(tmp_path: Path, new: Store, *arguments: str) -> int:
         (gains("publish", "rt/heard"), True),
         (gains("subscribe", "rt/told"), True),
         (gains("publish", "*"), True),
-        (unprotected("rt/x", enable_discovery_protection="false"), False),
-        (unprotected("rt/told", enable_discovery_protection="false"), True),
+        (unprotected("rt/x", discovery="false"), False),
+        (unprotected("rt/told", discovery="false"), True),
         (unprotected("rt/x"), True),  # /safe can read it now, without a right
         (unprotected("rt/told"), True),
         (unprotected("rt/own"), True),

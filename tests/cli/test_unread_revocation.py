@@ -13,7 +13,8 @@ from msgspec import Struct
 
 from tests.cli.keystores import AT, answer
 from tests.keystore.builder import crl
-from tests.model.comparing import Member, Store, authority, criterion, grant, permissions, rule
+from tests.keystore.documents import criterion, grant, permissions, rule
+from tests.model.comparing import Member, Store, authority
 
 TALKER, LISTENER = "enclaves/talker/crl.pem", "enclaves/listener/crl.pem"
 STORE = Store(

@@ -19,9 +19,9 @@ from keystore_audit.report.content import Report
 from keystore_audit.settings.settings import read_settings
 from tests.amount import tried
 from tests.cli.keystores import write_enclave
+from tests.keystore import documents
 from tests.keystore.builder import GOVERNANCE, PrivateKey, Signed, _write, authority, certificate, crl, signed_document
-from tests.model import comparing
-from tests.model.comparing import criterion
+from tests.keystore.documents import criterion
 
 AT = datetime(2026, 6, 1, 12, tzinfo=timezone.utc)
 LONG_AGO = AT - timedelta(days=900)
@@ -59,9 +59,9 @@ def grant(chance: random.Random, subject: str) -> str:
     start, end = dates(chance)
     named = chance.choice((("rt/a",), ("rt/a", "rt/b"), ("rt/a", "rt/b"), ("rt/b",)))
     fraction = chance.choice(("", "", "", ".5"))
-    both = comparing.rule(criterion("publish", *named), criterion("subscribe", *named))
+    both = documents.rule(criterion("publish", *named), criterion("subscribe", *named))
     first, last = f"{start:%Y-%m-%dT%H:%M:%S}", f"{end:%Y-%m-%dT%H:%M:%S}{fraction}"
-    return comparing.grant(subject, both, start=first, end=last)
+    return documents.grant(subject, both, start=first, end=last)
 
 
 def dates(chance: random.Random) -> tuple[datetime, datetime]:
@@ -86,14 +86,14 @@ def keystore(chance: random.Random, root: Path) -> Path:
         start, end = rarely(chance)
         own = certificate(path, identity, key=key(number), start=start, end=end)
         granted = "".join(grant(chance, path) for _ in range(chance.choice((1, 2))))
-        document = comparing.permissions(granted).encode()
+        document = documents.permissions(granted).encode()
         write_enclave(directory, own, document, identity, permissions, GOVERNANCE)
         os.chmod(directory / "key.pem", 0o600)
         if chance.random() < 0.1:
             _write(directory / "crl.pem", revocations(chance, identity))
     if chance.random() < 0.3:  # a document that any enclave may present
         granted = grant(chance, chance.choice(("/e", "/f")))
-        document = comparing.permissions(granted).encode()
+        document = documents.permissions(granted).encode()
         _write(root / "enclaves/old.p7s", signed_document(document, permissions))
     return root
 

@@ -9,7 +9,8 @@ import pytest
 
 from keystore_audit import audit
 from keystore_audit.properties.result import AssertedResult
-from tests.model.comparing import Member, Store, criterion, grant, permissions, rule
+from tests.keystore.documents import criterion, grant, permissions, rule
+from tests.model.comparing import Member, Store
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
 EARLY = {"end": "2026-12-24T00:00:00"}

@@ -35,6 +35,7 @@ from keystore_audit.pipeline import audit
 from keystore_audit.profiles import VARIANTS, Access, Profile
 from keystore_audit.truth import Truth
 from tests.cli.keystores import write_enclave
+from tests.keystore import documents as d
 from tests.keystore.builder import Signed, authority, certificate
 from tests.oracles.vendors import recipe as r
 
@@ -78,8 +79,8 @@ _TOPICS = (
 )
 _PARTITION_EXPRESSIONS = ("", "p", "q", "*", "?", "[pq]", "p*", "[!p]", "\\p", "[p")
 _PARTITIONS = ("", "p", "q", "pq", "*", "z", "\\p", "[p")
-_PLAIN_IDS: tuple[r.DomainEntry, ...] = (0, 0, 1, 2, (0, 1), (1, 5), (0, 230))
-_ODD_IDS: tuple[r.DomainEntry, ...] = (
+_PLAIN_IDS: tuple[d.Domain, ...] = (0, 0, 1, 2, (0, 1), (1, 5), (0, 230))
+_ODD_IDS: tuple[d.Domain, ...] = (
     *(229, 230, 231, 232, (0, 0), (1, None), (0, None), (None, 3), (None, 0), (3, 3)),
     *((229, 231), (0, 232), (230, None), (None, 230), (None, 231)),
 )
@@ -107,10 +108,10 @@ class _Documents:
         self._allows_by_default = random.choice((0, 0, 0.3))
 
     def governance(self) -> str:
-        return r.governance(*(self._domain_rule() for _ in range(self._random.choice((1, 1, 2, 3)))))
+        return d.governance(*(self._domain_rule() for _ in range(self._random.choice((1, 1, 2, 3)))))
 
     def permissions(self, enclave: str) -> str:
-        return r.permissions(*(self._grant(enclave) for _ in range(self._random.choice((1, 1, 2, 3)))))
+        return d.permissions(*(self._grant(enclave) for _ in range(self._random.choice((1, 1, 2, 3)))))
 
     def _is_odd(self) -> bool:
         return self._random.random() < self._odd
@@ -122,19 +123,19 @@ class _Documents:
         return self._random.sample(_ODD_EXPRESSIONS if self._is_odd() else _PLAIN_EXPRESSIONS, count)
 
     def _domains(self) -> str:
-        return r.domains(*self._random.sample(_ODD_IDS if self._is_odd() else _PLAIN_IDS, self._random.choice((1, 2))))
+        return d.ids(*self._random.sample(_ODD_IDS if self._is_odd() else _PLAIN_IDS, self._random.choice((1, 2))))
 
     def _domain_rule(self) -> str:
         some = [self._topic_rule(*self._expressions(1)) for _ in range(self._random.choice((1, 1, 2)))]
         rtps = self._random.choice(("SIGN", "NONE", "ENCRYPT"))
         every = [self._topic_rule("*")] if self._flag(0.6) else []
-        return r.domain_rule(
-            *some, *every, where=self._domains(), join=self._flag(0.6), unauthenticated=self._flag(0.15), rtps=rtps
+        return d.domain_rule(
+            *some, *every, domains=self._domains(), join=self._flag(0.6), unauthenticated=self._flag(0.15), rtps=rtps
         )
 
     def _topic_rule(self, expression: str) -> str:
         metadata, data = self._random.choice(("ENCRYPT", "SIGN", "NONE")), self._random.choice(("ENCRYPT", "NONE"))
-        return r.topic_rule(expression, read=self._flag(0.7), write=self._flag(0.7), metadata=metadata, data=data)
+        return d.topic_rule(expression, read=self._flag(0.7), write=self._flag(0.7), metadata=metadata, data=data)
 
     def _grant(self, enclave: str) -> str:
         return r.grant(
@@ -155,13 +156,13 @@ class _Documents:
     def _rule(self) -> str:
         counts = {"publish": (0, 1, 1, 2), "subscribe": (0, 1, 1, 2), "relay": (0, 0, 1) if self._relays else (0,)}
         criteria = [self._criterion(kind) for kind, many in counts.items() for _ in range(self._random.choice(many))]
-        rule = r.deny if self._flag(self._denies) else r.allow
-        return rule(*(criteria or [r.pub("rt/z")]), where=self._domains())
+        rule = d.deny if self._flag(self._denies) else d.allow
+        return rule(*(criteria or [d.pub("rt/z")]), domains=self._domains())
 
     def _criterion(self, kind: str) -> str:
         count = self._random.choice((None, None, 1, 1, 2)) if self._lists_partitions else None
         partitions = None if count is None else tuple(self._random.sample(_PARTITION_EXPRESSIONS, count))
-        return r.criterion(kind, *self._expressions(self._random.choice((1, 1, 2))), partitions=partitions)
+        return d.criterion(kind, *self._expressions(self._random.choice((1, 1, 2))), partitions=partitions)
 
 
 @lru_cache
@@ -349,10 +350,10 @@ def _admits(rule: Rule, operation: Operation) -> set[str]:
 
 
 def test_a_range_without_an_end_is_audited(tmp_path: Path) -> None:
-    ids = r.domains((0, None))
-    permissions = r.permissions(r.grant(r.allow(r.pub("rt/a"), where=ids), subject="CN=/a"))
+    domains = d.ids((0, None))
+    permissions = d.permissions(r.grant(d.allow(d.pub("rt/a"), domains=domains), subject="CN=/a"))
     ca = _authority("permissions CA")
-    _write(tmp_path / "enclaves/a", "a", ca, r.governance(r.domain_rule(where=ids)), permissions)
+    _write(tmp_path / "enclaves/a", "a", ca, d.governance(d.domain_rule(domains=domains)), permissions)
     report = audit(tmp_path, Options(at=r.NOW, engine="native"))
     assert not [finding for finding in report.findings if finding.code.startswith("KA9")]
     assert "KA515" in {finding.code for finding in report.findings}
@@ -360,8 +361,8 @@ def test_a_range_without_an_end_is_audited(tmp_path: Path) -> None:
 
 def test_a_range_without_a_beginning_is_unknown_where_it_may_be_passed_over(tmp_path: Path) -> None:
     """Cyclone DDS 0.10.2 crashes where it comes to one, and starts where an id before it matches (measured)."""
-    permissions = r.permissions(r.grant(r.allow(r.pub("rt/b"), where=r.domains(0, (None, 3))), subject="CN=/a"))
-    _write(tmp_path / "enclaves/a", "a", _authority("permissions CA"), r.governance(), permissions)
+    permissions = d.permissions(r.grant(d.allow(d.pub("rt/b"), domains=d.ids(0, (None, 3))), subject="CN=/a"))
+    _write(tmp_path / "enclaves/a", "a", _authority("permissions CA"), d.governance(), permissions)
     question = Question(enclave="/a", operation=Operation.PUBLISH, topic="rt/b", domain=0)
     answers = Answers(tmp_path, [question], Circumstances(profiles=PROFILES, at=r.NOW)).answers(question)
     for name, answer in answers.items():

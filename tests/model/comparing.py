@@ -17,73 +17,9 @@ from keystore_audit.model.comparison.change import Aspect, Change, Comparison, C
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.profiles import Profile, resolve
 from tests.keystore.builder import END, Signed, certificate, crl, signed_document
+from tests.keystore.documents import governance
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
-FLAGS = {
-    "allow_unauthenticated_participants": "false",
-    "enable_join_access_control": "true",
-    "discovery_protection_kind": "ENCRYPT",
-    "liveliness_protection_kind": "ENCRYPT",
-    "rtps_protection_kind": "SIGN",
-}
-TOPIC_FLAGS = {
-    "enable_discovery_protection": "true",
-    "enable_liveliness_protection": "true",
-    "enable_read_access_control": "true",
-    "enable_write_access_control": "true",
-    "metadata_protection_kind": "ENCRYPT",
-    "data_protection_kind": "ENCRYPT",
-}
-
-
-def _elements(values: Mapping[str, str]) -> str:
-    return "".join(f"<{name}>{value}</{name}>" for name, value in values.items())
-
-
-def topic_rule(expression: str = "*", **changed: str) -> str:
-    flags = {**TOPIC_FLAGS, **changed}
-    return f"<topic_rule><topic_expression>{expression}</topic_expression>{_elements(flags)}</topic_rule>"
-
-
-def domain_rule(domains: str = "<id>0</id>", topics: str = topic_rule(), **changed: str) -> str:
-    flags = _elements({**FLAGS, **changed})
-    return (
-        f"<domain_rule><domains>{domains}</domains>{flags}<topic_access_rules>{topics}</topic_access_rules>"
-        "</domain_rule>"
-    )
-
-
-def governance(*rules: str) -> str:
-    return f"<dds><domain_access_rules>{''.join(rules or (domain_rule(),))}</domain_access_rules></dds>"
-
-
-def criterion(operation: str, *topics: str, partitions: tuple[str, ...] = ()) -> str:
-    listed = "".join(f"<topic>{topic}</topic>" for topic in topics)
-    names = "".join(f"<partition>{name}</partition>" for name in partitions)
-    where = f"<partitions>{names}</partitions>" if partitions else ""
-    return f"<{operation}>{where}<topics>{listed}</topics></{operation}>"
-
-
-def rule(*criteria: str, allow: bool = True, domains: str = "<id>0</id>") -> str:
-    kind = "allow_rule" if allow else "deny_rule"
-    return f"<{kind}><domains>{domains}</domains>{''.join(criteria)}</{kind}>"
-
-
-def grant(
-    subject: str,
-    *rules: str,
-    default: str = "DENY",
-    start: str = "2024-01-01T00:00:00",
-    end: str = "2034-01-01T00:00:00",
-) -> str:
-    return (
-        f'<grant name="g"><subject_name>CN={subject}</subject_name><validity><not_before>{start}</not_before>'
-        f"<not_after>{end}</not_after></validity>{''.join(rules)}<default>{default}</default></grant>"
-    )
-
-
-def permissions(*grants: str) -> str:
-    return f"<dds><permissions>{''.join(grants)}</permissions></dds>"
 
 
 @lru_cache(maxsize=256)

@@ -7,18 +7,8 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from tests.model.comparing import (
-    Member,
-    Store,
-    authority,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    permissions,
-    rule,
-    topic_rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule
+from tests.model.comparing import Member, Store, authority
 
 TALKER = rule(criterion("publish", "rt/chatter", "rt/rosout"), criterion("subscribe", "rt/clock"))
 LISTENER = rule(criterion("subscribe", "rt/chatter"))
@@ -49,7 +39,7 @@ def governed(*rules: str) -> Store:
 
 
 def by_topic(**flags: str) -> Store:
-    return governed(domain_rule(topics=topic_rule(**flags)))
+    return governed(domain_rule(topic_rule(**flags)))
 
 
 def others_grant(*rules: str) -> str:
@@ -57,7 +47,7 @@ def others_grant(*rules: str) -> str:
     return permissions(grant("/listener", LISTENER), grant("/talker", *rules))
 
 
-UNCONTROLLED = governance(domain_rule(topics=topic_rule(enable_write_access_control="false")))
+UNCONTROLLED = governance(domain_rule(topic_rule(write="false")))
 
 
 class Case(NamedTuple):
@@ -133,49 +123,44 @@ CASES = (
     ),
     Case(
         "unauthenticated participants",
-        governed(domain_rule(allow_unauthenticated_participants="true")),
+        governed(domain_rule(unauthenticated="true")),
         (protection("gained"),),
     ),
-    Case("no join access control", governed(domain_rule(enable_join_access_control="false")), (protection("gained"),)),
-    Case("RTPS in clear", governed(domain_rule(rtps_protection_kind="NONE")), (protection("gained"),)),
-    Case("RTPS encrypted", governed(domain_rule(rtps_protection_kind="ENCRYPT")), (protection("lost"),)),
-    Case("discovery signed", governed(domain_rule(discovery_protection_kind="SIGN")), (protection("gained"),)),
-    Case("liveliness in clear", governed(domain_rule(liveliness_protection_kind="NONE")), (protection("gained"),)),
-    Case("no write access control", by_topic(enable_write_access_control="false"), (protection("gained"),)),
-    Case("no read access control", by_topic(enable_read_access_control="false"), (protection("gained"),)),
-    Case("topics in discovery", by_topic(enable_discovery_protection="false"), (protection("gained"),)),
-    Case("liveliness of topics", by_topic(enable_liveliness_protection="false"), (protection("gained"),)),
-    Case("payload signed", by_topic(data_protection_kind="SIGN"), (protection("gained"),)),
+    Case("no join access control", governed(domain_rule(join="false")), (protection("gained"),)),
+    Case("RTPS in clear", governed(domain_rule(rtps="NONE")), (protection("gained"),)),
+    Case("RTPS encrypted", governed(domain_rule(rtps="ENCRYPT")), (protection("lost"),)),
+    Case("discovery signed", governed(domain_rule(discovery="SIGN")), (protection("gained"),)),
+    Case("liveliness in clear", governed(domain_rule(liveliness="NONE")), (protection("gained"),)),
+    Case("no write access control", by_topic(write="false"), (protection("gained"),)),
+    Case("no read access control", by_topic(read="false"), (protection("gained"),)),
+    Case("topics in discovery", by_topic(discovery="false"), (protection("gained"),)),
+    Case("liveliness of topics", by_topic(liveliness="false"), (protection("gained"),)),
+    Case("payload signed", by_topic(data="SIGN"), (protection("gained"),)),
     Case(
         "origin authenticated",
-        by_topic(metadata_protection_kind="ENCRYPT_WITH_ORIGIN_AUTHENTICATION"),
+        by_topic(metadata="ENCRYPT_WITH_ORIGIN_AUTHENTICATION"),
         (protection("lost"),),
     ),
     Case(
         "encrypted, or signed with its origin",
-        by_topic(metadata_protection_kind="SIGN_WITH_ORIGIN_AUTHENTICATION"),
+        by_topic(metadata="SIGN_WITH_ORIGIN_AUTHENTICATION"),
         (protection("mixed"),),
     ),
     Case(
         "one topic in clear",
-        governed(domain_rule(topics=topic_rule("rt/chatter", data_protection_kind="NONE") + topic_rule())),
+        governed(domain_rule(topic_rule("rt/chatter", data="NONE") + topic_rule())),
         (protection("gained"),),
     ),
     Case(
         "one topic apart in every way",
-        governed(
-            domain_rule(
-                topics=topic_rule("rt/chatter", data_protection_kind="NONE", enable_read_access_control="false")
-                + topic_rule()
-            )
-        ),
+        governed(domain_rule(topic_rule("rt/chatter", data="NONE", read="false") + topic_rule())),
         (protection("gained"),),
     ),
-    Case("no topic covered but one", governed(domain_rule(topics=topic_rule("rt/chatter"))), (protection("lost"),)),
-    Case("a domain more", governed(domain_rule("<id>0</id><id>7</id>")), (protection("gained"),)),
+    Case("no topic covered but one", governed(domain_rule(topic_rule("rt/chatter"))), (protection("lost"),)),
+    Case("a domain more", governed(domain_rule(domains="<id>0</id><id>7</id>")), (protection("gained"),)),
     Case(
         "one enclave's governance",
-        BASE.member("/talker", governance=governance(domain_rule(rtps_protection_kind="NONE"))),
+        BASE.member("/talker", governance=governance(domain_rule(rtps="NONE"))),
         (protection("gained", "/talker"),),
     ),
     Case(

@@ -26,20 +26,8 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
 from tests.keystore.builder import START, Signed, certificate, crl, signed_document
-from tests.model.comparing import (
-    AT,
-    Member,
-    Store,
-    authority,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    key,
-    permissions,
-    rule,
-    topic_rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule
+from tests.model.comparing import AT, Member, Store, authority, key
 
 ONE, OTHER = authority("one"), authority("other")
 NAMESAKE = certificate("one", ca=True, key=key("namesake"), serial=8)
@@ -50,7 +38,9 @@ BEFORE, AFTER = (datetime(year, 2, 1, tzinfo=timezone.utc) for year in (2027, 20
 
 TALKER = Member(permissions=permissions(grant("/e", rule(criterion("publish", "rt/a")))))
 LISTENER = Member(permissions=permissions(grant("/f", rule(criterion("subscribe", "rt/a")))))
-STORE = Store(members={"/e": TALKER, "/f": LISTENER}, governance=governance(domain_rule("<id>0</id><id>9</id>")))
+STORE = Store(
+    members={"/e": TALKER, "/f": LISTENER}, governance=governance(domain_rule(domains="<id>0</id><id>9</id>"))
+)
 
 
 def apart(store: Store, root: Path, profile: str, *, until: datetime | None = None) -> bool:
@@ -144,13 +134,13 @@ def rights(topic: str, partitions: tuple[str, ...] = (), by: str = governance())
 
 def test_starting_is_asked_in_the_domain_of_the_path(tmp_path: Path) -> None:
     """OpenDDS starts in 9 alone, where neither has a right; without join access control in 0 it starts there too."""
-    nine = domain_rule("<id>9</id>", enable_join_access_control="false")
-    stock, loose = domain_rule(), domain_rule(enable_join_access_control="false")
+    nine = domain_rule(domains="<id>9</id>", join="false")
+    stock, loose = domain_rule(), domain_rule(join="false")
     assert not holds(rights("rt/a", by=governance(stock, nine)), tmp_path / "nine", profiles=("opendds",))
     assert holds(rights("rt/a", by=governance(loose, nine)), tmp_path / "zero", profiles=("opendds",))
     assert holds(rights("rt/a", by=governance(stock, nine)), tmp_path / "spec", profiles=("spec",))
-    odd = topic_rule("rt/z", enable_read_access_control="false") + topic_rule()
-    assert holds(rights("rt/a", by=governance(domain_rule(topics=odd), nine)), tmp_path / "z", profiles=("opendds",))
+    odd = topic_rule("rt/z", read="false") + topic_rule()
+    assert holds(rights("rt/a", by=governance(domain_rule(odd), nine)), tmp_path / "z", profiles=("opendds",))
 
 
 # --- never_share_domain: also what an enclave's own implementation makes of its permissions
@@ -163,7 +153,7 @@ def parted(by: str, own: str = "<id>9</id>", **dates: str) -> Store:
     return Store(members={"/e": Member(permissions=talker), "/f": Member(permissions=listener)}, governance=by)
 
 
-BOTH = governance(domain_rule("<id>0</id><id>9</id>"))
+BOTH = governance(domain_rule(domains="<id>0</id><id>9</id>"))
 
 
 @pytest.mark.parametrize("profile", ["spec", "cyclonedds-11"])
@@ -172,7 +162,7 @@ def test_members_of_one_domain_who_trust_different_authorities(
     profile: str, own: str, expected: bool, tmp_path: Path
 ) -> None:
     """Each is let in by peers that trust as it does. In domains of their own they are apart."""
-    first, second = (governance(domain_rule(domain)) for domain in ("<id>0</id>", own))
+    first, second = (governance(domain_rule(domains=domain)) for domain in ("<id>0</id>", own))
     store = parted(first, own).member("/f", signer=ONE, governance=second)
     signed = signed_document(second.encode(), ONE)
     files = {"enclaves/f/permissions_ca.cert.pem": ONE.pem, "enclaves/f/governance.p7s": signed}

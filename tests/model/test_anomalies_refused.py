@@ -6,7 +6,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from keystore_audit import audit
-from tests.model.comparing import Member, Store, criterion, grant, permissions, rule
+from tests.keystore.documents import criterion, grant, permissions, rule
+from tests.model.comparing import Member, Store
 
 
 def test_nothing_is_said_of_names_that_no_chosen_implementation_reads(tmp_path: Path) -> None:

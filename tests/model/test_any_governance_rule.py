@@ -17,20 +17,10 @@ from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import VARIANTS
-from tests.model.comparing import (
-    AT,
-    Member,
-    Store,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    permissions,
-    rule,
-    topic_rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule
+from tests.model.comparing import AT, Member, Store
 
-OFF = {"enable_write_access_control": "false"}
+OFF = {"write": "false"}
 ELSEWHERE = permissions(grant("/e", rule(criterion("publish", "rt/other"), domains="<id>5</id>")))
 
 
@@ -60,25 +50,25 @@ class Asked:
 
 @pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("cyclonedds-11", False)])
 def test_a_later_topic_rule_switches_access_control_off(profile: str, expected: bool, tmp_path: Path) -> None:
-    loose = domain_rule(topics=topic_rule("rt/*") + topic_rule("rt/a", **OFF))
+    loose = domain_rule(topic_rule("rt/*") + topic_rule("rt/a", **OFF))
     assert Asked(governance(loose), tmp_path / "one", profile).allowed is expected
-    apart = governance(domain_rule(), domain_rule(topics=topic_rule("rt/a", **OFF)))
+    apart = governance(domain_rule(), domain_rule(topic_rule("rt/a", **OFF)))
     assert Asked(apart, tmp_path / "two", profile).allowed is expected
     assert not Asked(governance(domain_rule()), tmp_path / "none", profile).allowed
 
 
 @pytest.mark.parametrize(("profile", "expected"), [("opendds", True), ("spec", False), ("fastdds-3.6", False)])
 def test_a_later_domain_rule_switches_join_access_control_off(profile: str, expected: bool, tmp_path: Path) -> None:
-    first = domain_rule(topics=topic_rule(**OFF))
+    first = domain_rule(topic_rule(**OFF))
     for name, domains in (("same", "<id>0</id>"), ("more", "<id>0</id><id>5</id>")):
-        second = domain_rule(domains, enable_join_access_control="false")
+        second = domain_rule(domains=domains, join="false")
         assert Asked(governance(first, second), tmp_path / name, profile).peer_authorised is expected
-    assert not Asked(governance(first, domain_rule("<id>5</id>")), tmp_path / "none", profile).peer_authorised
+    assert not Asked(governance(first, domain_rule(domains="<id>5</id>")), tmp_path / "none", profile).peer_authorised
 
 
 @pytest.mark.parametrize(("joining", "expected"), [("false", True), ("true", False)])
 def test_opendds_starts_by_a_later_domain_rule(joining: str, expected: bool, tmp_path: Path) -> None:
-    later = governance(domain_rule(), domain_rule(enable_join_access_control=joining))
+    later = governance(domain_rule(), domain_rule(join=joining))
     assert Asked(later, tmp_path / "k", "opendds").starts is expected
 
 
@@ -92,7 +82,11 @@ def test_no_partition_is_in_any_list_of_an_allow_rule_and_in_none_of_a_deny_rule
     own = permissions(grant("/e", elsewhere))
     asked = Asked(by, tmp_path / "allow", profile, own)
     assert (asked.allowed, asked.peer_authorised) == (expected, expected)
-    for name, partitions, allowed in (("all", ("*",), expected), ("stars", ("**", ""), expected), ("none", (), False)):
+    for name, partitions, allowed in (
+        ("all", ("*",), expected),
+        ("stars", ("**", ""), expected),
+        ("none", None, False),
+    ):
         denial = rule(criterion("publish", "rt/a", partitions=partitions), allow=False)
         own = permissions(grant("/e", denial, rule(everywhere)))
         asked = Asked(by, tmp_path / name, profile, own)
@@ -103,11 +97,11 @@ def test_no_partition_is_in_any_list_of_an_allow_rule_and_in_none_of_a_deny_rule
 def test_a_later_domain_rule_adds_topics(profile: str, expected: bool, tmp_path: Path) -> None:
     """AccessControlBuiltInImpl.cpp of OpenDDS: it goes on through the domain rules until a topic rule matches."""
     own = permissions(grant("/e", rule(criterion("publish", "rt/a"))))
-    first, second = domain_rule(topics=topic_rule("rt/b")), domain_rule("<id>0</id><id>5</id>")
+    first, second = domain_rule(topic_rule("rt/b")), domain_rule(domains="<id>0</id><id>5</id>")
     asked = Asked(governance(first, second), tmp_path / "both", profile, own)
     assert (asked.allowed, asked.peer_authorised) == (expected, expected)
     governed = protection(asked.system, 0, Permissions(asked.system)).governed & asked.zero
     assert (governed == asked.zero) is expected
-    without = Asked(governance(first, domain_rule("<id>5</id>")), tmp_path / "apart", profile, own)
+    without = Asked(governance(first, domain_rule(domains="<id>5</id>")), tmp_path / "apart", profile, own)
     assert not without.allowed
     assert not without.peer_authorised

@@ -31,19 +31,8 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
 from tests.keystore.builder import Signed, certificate
-from tests.model.comparing import (
-    AT,
-    Member,
-    Store,
-    authority,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    key,
-    permissions,
-    rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule
+from tests.model.comparing import AT, Member, Store, authority, key
 
 IDENTITY = authority("identityCA")
 TALKER = Member(permissions=permissions(grant("/talker", rule(criterion("publish", "rt/chatter")))), serial=101)
@@ -192,7 +181,7 @@ def test_nothing_that_must_be_possible_rests_on_it(tmp_path: Path) -> None:
 
 def test_an_enclave_is_where_any_of_its_certificates_is(tmp_path: Path) -> None:
     there = rule(criterion("subscribe", "rt/far"), domains="<id>7</id>")
-    rules = domain_rule("<id>0</id><id>7</id>")
+    rules = domain_rule(domains="<id>0</id><id>7</id>")
     members = {**STORE.members, "/far": Member(permissions=permissions(grant("/far", there)), serial=105)}
     store = replace(STORE, members=members, governance=governance(rules))
     asked = claim(ClaimKind.SEPARATE_DOMAINS, Globs(enclaves=("/talker",)), Globs(enclaves=("/far",)))

@@ -18,19 +18,8 @@ from keystore_audit.pipeline import audit
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
 from tests.keystore.builder import certificate, crl
-from tests.model.comparing import (
-    AT,
-    Member,
-    Store,
-    authority,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    permissions,
-    rule,
-    topic_rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule
+from tests.model.comparing import AT, Member, Store, authority
 from tests.model.test_at_large import (
     ADMIN,
     LYING_ABOUT,
@@ -92,12 +81,14 @@ def apart(domains: str | None = None) -> Store:
     """/motor is in domain 5 alone, /talker in domain 0. `domains`: those of a governance that lies there."""
     reads = rule(criterion("subscribe", "rt/motor"), domains=FIVE)
     motor = Member(
-        permissions=permissions(grant("/motor", reads)), governance=governance(domain_rule(FIVE)), serial=MOTOR.serial
+        permissions=permissions(grant("/motor", reads)),
+        governance=governance(domain_rule(domains=FIVE)),
+        serial=MOTOR.serial,
     )
     there = rule(criterion("subscribe", "rt/chatter")), rule(criterion("publish", "rt/motor"), domains=FIVE)
     strays = {"old.p7s": permissions(grant("/admin", *there))}
     if domains is not None:
-        strays["governance.p7s"] = governance(domain_rule(domains))
+        strays["governance.p7s"] = governance(domain_rule(domains=domains))
     return replace(STORE, members={**STORE.members, "/motor": motor}, strays=strays)
 
 
@@ -114,7 +105,7 @@ def passing_on() -> Store:
     passes_on = permissions(
         grant("/admin", rule(criterion("subscribe", "rt/chatter"), criterion("publish", "rt/motor")))
     )
-    admin = Member(permissions=passes_on, governance=governance(domain_rule(FIVE)), serial=104)
+    admin = Member(permissions=passes_on, governance=governance(domain_rule(domains=FIVE)), serial=104)
     return replace(STORE, members={**STORE.members, "/admin": admin}, strays={})
 
 
@@ -166,20 +157,20 @@ def test_what_could_not_be_read_may_be_a_governance_to_start_with(unread: str, t
 
 WEAK = governance(
     domain_rule(
-        topics=topic_rule(
-            enable_read_access_control="false",
-            enable_write_access_control="false",
-            metadata_protection_kind="NONE",
-            data_protection_kind="NONE",
+        topic_rule(
+            read="false",
+            write="false",
+            metadata="NONE",
+            data="NONE",
         ),
-        allow_unauthenticated_participants="true",
-        enable_join_access_control="false",
-        rtps_protection_kind="NONE",
+        unauthenticated="true",
+        join="false",
+        rtps="NONE",
     )
 )
 
 
-NARROW = governance(domain_rule(BOTH, topic_rule("rt/mo*")))
+NARROW = governance(domain_rule(topic_rule("rt/mo*"), domains=BOTH))
 """It governs few topics, and a domain that no other does."""
 
 
@@ -194,7 +185,7 @@ def test_what_it_says_is_no_fault_of_the_enclaves(text: str, tmp_path: Path) -> 
 
 
 def test_one_without_a_single_meaning_may_say_anything(tmp_path: Path) -> None:
-    odd = governance(domain_rule(ZERO, topic_rule("rt/[a-") + topic_rule()))
+    odd = governance(domain_rule(topic_rule("rt/[a-") + topic_rule(), domains=ZERO))
     store = replace(STORE, strays={"governance.p7s": odd})
     for name, files, expected in (("a", {}, HOLDS), ("b", LYING_ABOUT, UNKNOWN)):
         root = written(tmp_path / name, files, store)

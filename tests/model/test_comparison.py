@@ -10,16 +10,8 @@ from msgspec.structs import replace
 
 from keystore_audit.model.comparison.change import Direction, FailOn, Layer
 from tests.amount import tried
-from tests.model.comparing import (
-    Store,
-    authority,
-    compared,
-    criterion,
-    domain_rule,
-    governance,
-    rule,
-    topic_rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, rule, topic_rule
+from tests.model.comparing import Store, authority, compared
 from tests.model.single_changes import BASE, CASES, EVERYBODY, SOONER, TALKER, Case, talker, talks
 
 
@@ -48,7 +40,7 @@ def test_equal_meaning_is_silent_but_for_the_signatures(tmp_path: Path) -> None:
     """Rules whose order does not matter, one rule written as two, other layout and comments, signed anew."""
     old = replace(
         BASE,
-        governance=governance(domain_rule(topics=topic_rule("rt/a*") + topic_rule("*"))),
+        governance=governance(domain_rule(topic_rule("rt/a*") + topic_rule("*"))),
     ).member(
         "/talker",
         permissions=talker(
@@ -56,9 +48,8 @@ def test_equal_meaning_is_silent_but_for_the_signatures(tmp_path: Path) -> None:
             rule(criterion("publish", "rt/x*")),
         ),
     )
-    new = replace(
-        BASE, governance="<?xml version='1.0'?>\n<!-- anew -->\n" + governance().replace("><", ">\n  <")
-    ).member(
+    anew = governance().replace("<dds>", "<!-- anew -->\n<dds>").replace("><", ">\n  <")
+    new = replace(BASE, governance=anew).member(
         "/talker",
         permissions=talker(
             rule(criterion("subscribe", "rt/clock")),

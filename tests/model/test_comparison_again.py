@@ -13,18 +13,8 @@ from msgspec.structs import replace
 
 from keystore_audit.model.comparison.change import Comparison, FailOn
 from tests.amount import tried
-from tests.model.comparing import (
-    Member,
-    Store,
-    authority,
-    compared,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    permissions,
-    rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule
+from tests.model.comparing import Member, Store, authority, compared
 from tests.model.single_changes import BASE, TALKER
 from tests.model.test_comparison_exactly import rules
 
@@ -48,7 +38,7 @@ def ruled(*rules: str) -> Store:
     return replace(BASE, governance=governance(*rules))
 
 
-OTHER = domain_rule("<id>7</id>")
+OTHER = domain_rule(domains="<id>7</id>")
 
 
 @pytest.mark.parametrize(

@@ -21,18 +21,8 @@ from msgspec.structs import replace
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.model.comparison.change import Change, Comparison, Direction
 from tests.amount import tried
-from tests.model.comparing import (
-    Member,
-    Store,
-    compared,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    permissions,
-    rule,
-    topic_rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule
+from tests.model.comparing import Member, Store, compared
 
 NAMES = tuple("".join(letters) for length in (1, 2, 3, 4) for letters in product("abc", repeat=length))
 DOMAINS = (0, 1, 2)
@@ -42,7 +32,7 @@ OPERATIONS = ("publish", "subscribe")
 expressions = st.text("ab*", min_size=1, max_size=3)
 domains = st.sampled_from(["<id>0</id>", "<id>1</id>", "<id_range><min>0</min><max>1</max></id_range>"])
 criteria = st.builds(
-    lambda operation, topics, partitions: criterion(operation, *topics, partitions=partitions),
+    lambda operation, topics, partitions: criterion(operation, *topics, partitions=partitions or None),
     st.sampled_from(OPERATIONS),
     st.lists(expressions, min_size=1, max_size=2),
     st.sampled_from([(), (), ("p",), ("*",), ("p", "q")]),
@@ -60,7 +50,7 @@ documents = st.builds(
 )
 kinds = st.sampled_from([kind.value for kind in ProtectionKind])
 topic_rules = st.builds(
-    lambda expression, reads, data: topic_rule(expression, enable_read_access_control=reads, data_protection_kind=data),
+    lambda expression, reads, data: topic_rule(expression, read=reads, data=data),
     expressions,
     st.sampled_from(["true", "false"]),
     st.sampled_from(["NONE", "SIGN", "ENCRYPT"]),
@@ -69,7 +59,7 @@ governances = st.builds(
     lambda several: governance(*several),
     st.lists(
         st.builds(
-            lambda where, topics, rtps: domain_rule(where, "".join(topics), rtps_protection_kind=rtps),
+            lambda where, topics, rtps: domain_rule(*topics, domains=where, rtps=rtps),
             domains,
             st.lists(topic_rules, min_size=1, max_size=3),
             kinds,

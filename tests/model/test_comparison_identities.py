@@ -13,24 +13,13 @@ from keystore_audit.keystore import unmanaged
 from keystore_audit.model.comparison.change import Comparison, FailOn
 from keystore_audit.profiles import resolve
 from tests.keystore.builder import Signed, certificate
-from tests.model.comparing import (
-    AT,
-    Store,
-    authority,
-    compared,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    key,
-    permissions,
-    rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule
+from tests.model.comparing import AT, Store, authority, compared, key
 from tests.model.single_changes import BASE
 
 RIGHTS = permissions(grant("/admin", rule(criterion("publish", "rt/*"))))
 GRANTED = replace(BASE, strays={"old.p7s": RIGHTS})
-OPEN = replace(BASE, governance=governance(domain_rule(enable_join_access_control="false")))
+OPEN = replace(BASE, governance=governance(domain_rule(join="false")))
 IDENTITY = authority("identityCA")
 
 

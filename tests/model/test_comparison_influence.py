@@ -16,7 +16,8 @@ from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.flow import Lane
 from keystore_audit.model.formal.influence import Influence
 from tests.amount import tried
-from tests.model.comparing import Member, Store, compared, criterion, grant, permissions, rule
+from tests.keystore.documents import criterion, grant, permissions, rule
+from tests.model.comparing import Member, Store, compared
 from tests.model.test_comparison_exactly import Permissions
 
 ENCLAVES = ("/a", "/b", "/c", "/d")

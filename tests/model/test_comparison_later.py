@@ -14,7 +14,8 @@ from keystore_audit.model.comparison.change import Comparison, FailOn
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.profiles import resolve
 from tests.amount import tried
-from tests.model.comparing import AT, Store, compared, criterion, grant, permissions, rule
+from tests.keystore.documents import criterion, grant, permissions, rule
+from tests.model.comparing import AT, Store, compared
 from tests.model.single_changes import BASE, LISTENER
 
 NOW = {"end": "2029-12-31T00:00:00"}

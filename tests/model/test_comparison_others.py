@@ -13,7 +13,8 @@ from msgspec.structs import replace
 from keystore_audit.model.comparison.change import Change, Comparison
 from keystore_audit.report.diff_text import sentence
 from tests.amount import tried
-from tests.model.comparing import Member, Store, compared, criterion, grant, permissions, rule
+from tests.keystore.documents import criterion, grant, permissions, rule
+from tests.model.comparing import Member, Store, compared
 from tests.model.single_changes import BASE, LISTENER, TALKER, talker
 from tests.model.test_comparison_exactly import rules
 

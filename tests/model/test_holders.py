@@ -16,7 +16,8 @@ from keystore_audit.model.inventory import documents_of, unmanaged_identities
 from keystore_audit.model.participants import unmanaged
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
-from tests.model.comparing import AT, Member, Store, criterion, domain_rule, governance, grant, permissions, rule
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule
+from tests.model.comparing import AT, Member, Store
 from tests.model.test_at_large import ADMIN, LYING_ABOUT, STORE, added, identity, understood, written
 
 FAR = "<id>7</id>"
@@ -83,7 +84,7 @@ def test_a_renewed_certificate_reads_by_a_document_that_its_enclave_has_not(prof
 def test_each_way_to_start_is_a_folder_of_its_own(tmp_path: Path) -> None:
     """Who starts is asked by folder: with another governance, or without a list, it may be another answer."""
     store = replace(at_large(FAR), revoked=(STORE.members["/talker"].serial,))
-    store = replace(store, strays={**store.strays, "governance.p7s": governance(domain_rule(FAR))})
+    store = replace(store, strays={**store.strays, "governance.p7s": governance(domain_rule(domains=FAR))})
     keystore = read_keystore(written(tmp_path, LYING_ABOUT, store))
     (large,) = unmanaged_identities(keystore, AT)
     numbers = {large.certificate.sha256: 0}

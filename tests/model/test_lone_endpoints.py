@@ -24,8 +24,10 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.truth import Truth
+from tests.keystore import documents
 from tests.keystore.builder import START, Signed, certificate, crl
-from tests.model.comparing import Member, Store, criterion, governance, grant, permissions, rule
+from tests.keystore.documents import criterion, governance, grant, permissions, rule
+from tests.model.comparing import Member, Store
 from tests.oracles.vendors import random_keystores, recipe
 
 EVERY = tuple(VARIANTS.values())
@@ -58,15 +60,15 @@ def test_equal_sets_are_kept_once(tmp_path: Path) -> None:
 def test_what_a_relay_takes_from_peers_alone(relayed: str, expected: set[tuple[str, str]], tmp_path: Path) -> None:
     """Fast DDS: to peers, a rule that lists a topic for relaying in some partitions denies it in all others."""
     rules = (
-        recipe.allow(recipe.criterion("relay", relayed, partitions=("p",))),
-        recipe.allow(recipe.sub("rt/a")),
+        documents.allow(documents.criterion("relay", relayed, partitions=("p",))),
+        documents.allow(documents.sub("rt/a")),
     )
     assert alone(recipe.of_rules(*rules), tmp_path / "k", "fastdds-3.6") == (expected, set())
 
 
 def test_a_rule_of_another_domain(tmp_path: Path) -> None:
     """Fast DDS applies it to its own readers and writers; Cyclone DDS does not."""
-    rules = recipe.of_rules(recipe.allow(recipe.sub("rt/a"), recipe.pub("rt/b"), where=recipe.domains(9)))
+    rules = recipe.of_rules(documents.allow(documents.sub("rt/a"), documents.pub("rt/b"), domains=documents.ids(9)))
     assert alone(rules, tmp_path / "fast", "fastdds-3.6") == ({("rt/a", "")}, {("rt/b", "")})
     assert alone(rules, tmp_path / "cyclone", "cyclonedds-11") == (set(), set())
 
@@ -77,9 +79,9 @@ def test_endpoints_that_peers_refuse_are_met_where_their_partitions_are_patterns
 ) -> None:
     """A rule for `?` admits an endpoint in `*`, which meets every partition."""
     rules = recipe.of_rules(
-        recipe.allow(recipe.sub("rt/a", partitions=(partition,)), where=recipe.domains(9)),
-        recipe.allow(recipe.pub("rt/b", partitions=(partition,)), where=recipe.domains(9)),
-        recipe.allow(recipe.pub("rt/a", partitions=("secret",)), recipe.sub("rt/b", partitions=("secret",))),
+        documents.allow(documents.sub("rt/a", partitions=(partition,)), domains=documents.ids(9)),
+        documents.allow(documents.pub("rt/b", partitions=(partition,)), domains=documents.ids(9)),
+        documents.allow(documents.pub("rt/a", partitions=("secret",)), documents.sub("rt/b", partitions=("secret",))),
     )
     reads, writes = alone(rules, tmp_path / "k", "fastdds-3.6")
     assert (("rt/a", "secret") in reads, ("rt/b", "secret") in writes) == (met, met)

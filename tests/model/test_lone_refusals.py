@@ -14,16 +14,8 @@ from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.rights import OwnRights
 from keystore_audit.profiles import Profile
-from tests.model.comparing import (
-    Store,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    permissions,
-    rule,
-    topic_rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule
+from tests.model.comparing import Store
 from tests.model.test_ability import AFTER, BEFORE, LISTENER, TALKER, holds
 from tests.model.test_lone_endpoints import EVERY, random_case
 from tests.oracles.vendors import recipe
@@ -82,7 +74,7 @@ def test_a_topic_that_is_not_created_by_the_governance_of_its_own(tmp_path: Path
     """Cyclone DDS 0.10 has no topic whose first rule denies, where its own governance controls both accesses."""
     denied = rule(criterion("publish", "rt/a", partitions=("p",)), allow=False)
     store = STOCK.member("/e", permissions=rules("publish", denied))
-    loose = governance(domain_rule(topics=topic_rule("rt/a", enable_read_access_control="false") + topic_rule()))
+    loose = governance(domain_rule(topic_rule("rt/a", read="false") + topic_rule()))
     assert not holds(store.member("/f", governance=loose), tmp_path / "k", profiles=("cyclonedds-0.10",))
     assert holds(STOCK.member("/f", governance=loose), tmp_path / "without", profiles=("cyclonedds-0.10",))
 

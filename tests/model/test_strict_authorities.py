@@ -19,8 +19,9 @@ from keystore_audit.model.participants.sight import strict_refusal
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import Signed, certificate, evidence
+from tests.keystore.documents import criterion, grant, permissions, rule
 from tests.model.comparing import AT as NOW
-from tests.model.comparing import Member, Store, authority, criterion, grant, permissions, rule
+from tests.model.comparing import Member, Store, authority
 from tests.oracles.vendors.recipes_signers import usage
 
 Extension = tuple[x509.ExtensionType, bool]

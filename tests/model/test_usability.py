@@ -18,7 +18,8 @@ from keystore_audit.model.trust import verdicts as trust
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.truth import Truth
 from tests.keystore import builder
-from tests.model.comparing import Member, Store, criterion, grant, permissions, rule
+from tests.keystore.documents import criterion, grant, permissions, rule
+from tests.model.comparing import Member, Store
 
 AT = datetime(2026, 6, 1, tzinfo=timezone.utc)
 SAMPLES = Path(__file__).parents[2] / "sample_keystores"

@@ -10,11 +10,12 @@ from msgspec.structs import replace
 
 from keystore_audit.model.comparison.change import Direction, FailOn
 from tests.keystore.builder import signed_document
-from tests.model.comparing import Member, Store, authority, compared, criterion, domain_rule, governance, rule
+from tests.keystore.documents import criterion, domain_rule, governance, rule
+from tests.model.comparing import Member, Store, authority, compared
 from tests.model.single_changes import BASE, LISTENER, SOONER, TALKER, by_topic, talker, talks
 from tests.model.test_comparison_identities import CERTIFICATE, KEY
 
-OPEN = governance(domain_rule(rtps_protection_kind="NONE"))
+OPEN = governance(domain_rule(rtps="NONE"))
 SIGNER = authority("permissionsCA")
 TWO = (authority("permissionsCA"), authority("another"))
 MORE = talks(TALKER, rule(criterion("publish", "rt/more")))
@@ -23,7 +24,7 @@ REVOKED = replace(BASE, revoked=(999,))
 
 PAIRS = {
     "right": (BASE, MORE),
-    "protection kind": (BASE, by_topic(data_protection_kind="SIGN")),
+    "protection kind": (BASE, by_topic(data="SIGN")),
     "anchor": (BASE, replace(BASE, permissions=TWO)),
     "signer": (BASE.member("/talker", tampered=True), BASE),
     "CRL entry": (replace(BASE, revoked=(998, 999)), REVOKED),

@@ -15,18 +15,8 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from tests.cli.keystores import answer
-from tests.model.comparing import (
-    AT,
-    Member,
-    Store,
-    authority,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    permissions,
-    rule,
-)
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule
+from tests.model.comparing import AT, Member, Store, authority
 from tests.model.test_at_large import HELD, LYING_ABOUT, NOBODYS, STORE, Files, identity, written
 
 
@@ -82,7 +72,7 @@ def test_an_enclave_of_its_subject_counts_where_whoever_takes_it_takes_that_encl
     assert beside(written(tmp_path / "d", LYING_ABOUT, revoked), "spec") == [Severity.HIGH]
 
 
-OPEN = governance(domain_rule(enable_join_access_control="false"))
+OPEN = governance(domain_rule(join="false"))
 
 
 @pytest.mark.parametrize(("profile", "found"), [("cyclonedds-11", [Severity.HIGH]), ("fastdds-3.6", [])])
@@ -187,11 +177,14 @@ def test_services_are_compared_where_enclaves_may_be(tmp_path: Path) -> None:
             for path, serial in (("/a", 301), ("/b", 302))
         }
         store = replace(
-            STORE, members=members, strays={**STORE.strays, **strays}, governance=governance(domain_rule(governed))
+            STORE,
+            members=members,
+            strays={**STORE.strays, **strays},
+            governance=governance(domain_rule(domains=governed)),
         )
         return {each.code for each in report(written(tmp_path / place, LYING_ABOUT, store)).findings}
 
-    far = governance(domain_rule("<id>7</id>"))
+    far = governance(domain_rule(domains="<id>7</id>"))
     assert "KA634" in told("theirs", "<id>0</id><id>7</id>", {})
     apart = told("apart", "<id>0</id>", {"governance.p7s": far})
     assert {"KA661", "KA668"} <= apart

@@ -22,6 +22,7 @@ from cryptography.hazmat.primitives.serialization import (
     pkcs7,
 )
 
+from tests.keystore import documents as d
 from tests.keystore.builder import Signed, certificate, crl
 from tests.oracles.vendors import recipe as r
 
@@ -34,7 +35,7 @@ _EXPIRED = AT - timedelta(days=30)
 
 _EXPRESSIONS = ("rt/a", "rt/b", "rt/*", "*", "rt/[ab]", "r?/a", "rt/[!a]", "rt/c*", "rt/a*", "rq/aRequest")
 _PARTITIONS = ("", "p", "p*", "*", "[pq]")
-_IDS: tuple[r.DomainEntry, ...] = (0, 0, 0, 1, (0, 1), (1, 5), (0, 230), (1, None), (0, None), (231, 232))
+_IDS: tuple[d.Domain, ...] = (0, 0, 0, 1, (0, 1), (1, 5), (0, 230), (1, None), (0, None), (231, 232))
 _KINDS = ("NONE", "SIGN", "ENCRYPT", "SIGN_WITH_ORIGIN_AUTHENTICATION", "ENCRYPT_WITH_ORIGIN_AUTHENTICATION")
 
 
@@ -130,20 +131,20 @@ def sign(text: str, signer: Signed, *embedded: Signed) -> bytes:
 
 
 def _domains(random: Random) -> str:
-    return r.domains(*random.sample(_IDS[:-1] if random.random() < 0.97 else _IDS, random.choice((1, 1, 2))))
+    return d.ids(*random.sample(_IDS[:-1] if random.random() < 0.97 else _IDS, random.choice((1, 1, 2))))
 
 
 def _criterion(random: Random, kind: str) -> str:
     topics = random.sample(_EXPRESSIONS, random.choice((1, 1, 2)))
     count = random.choice((None, None, None, None, None, 1, 2))
     partitions = None if count is None else tuple(random.sample(_PARTITIONS, count))
-    return r.criterion(kind, *topics, partitions=partitions)
+    return d.criterion(kind, *topics, partitions=partitions)
 
 
 def _rule(random: Random) -> str:
     kinds = (("publish", (0, 1, 1, 2)), ("subscribe", (0, 1, 1, 2)), ("relay", (0, 0, 0, 1)))
     criteria = [_criterion(random, kind) for kind, counts in kinds for _ in range(random.choice(counts))]
-    return (r.allow if random.random() < 0.6 else r.deny)(*criteria, where=_domains(random))
+    return (d.allow if random.random() < 0.6 else d.deny)(*criteria, domains=_domains(random))
 
 
 def _grant(random: Random, subject: str) -> str:
@@ -163,13 +164,13 @@ def _permissions(random: Random, name: str) -> str:
     others = (*NAMES, "/stranger", "/other0", "/other1")
     subjects = [name, *random.sample(others, random.choice((0, 0, 0, 1, 2)))]
     random.shuffle(subjects)
-    return r.permissions(*(_grant(random, subject) for subject in subjects))
+    return d.permissions(*(_grant(random, subject) for subject in subjects))
 
 
 def _governance(random: Random) -> str:
     def domain_rule() -> str:
         rules = [
-            r.topic_rule(
+            d.topic_rule(
                 random.choice((*_EXPRESSIONS, "*", "*")),
                 read=random.random() < 0.75,
                 write=random.random() < 0.75,
@@ -180,9 +181,9 @@ def _governance(random: Random) -> str:
             )
             for _ in range(random.choice((1, 1, 2, 3)))
         ]
-        return r.domain_rule(
+        return d.domain_rule(
             *rules,
-            where=_domains(random),
+            domains=_domains(random),
             join=random.random() < 0.6,
             unauthenticated=random.random() < 0.15,
             rtps=random.choice(_KINDS),
@@ -190,7 +191,7 @@ def _governance(random: Random) -> str:
             liveliness=random.choice(_KINDS),
         )
 
-    return r.governance(*(domain_rule() for _ in range(random.choice((1, 2, 3)))))
+    return d.governance(*(domain_rule() for _ in range(random.choice((1, 2, 3)))))
 
 
 def _signers(random: Random, name: str | None) -> Iterator[tuple[str, Signed, tuple[Signed, ...]]]:
@@ -227,7 +228,7 @@ def permissions(seed: int = 1) -> dict[str, Documents]:
 def governances(seed: int = 2) -> Documents:
     """Those of everybody."""
     random = Random(seed)
-    texts = [r.governance(), *(_governance(random) for _ in range(24))]
+    texts = [d.governance(), *(_governance(random) for _ in range(24))]
     return {
         by: [sign(text, signer, *more) for text in (texts if by in ("shared", "permissions") else texts[:4])]
         for by, signer, more in _signers(random, None)

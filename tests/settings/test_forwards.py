@@ -14,7 +14,8 @@ from keystore_audit.errors import UsageError
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
-from tests.model.comparing import Member, Store, criterion, domain_rule, governance, grant, permissions, rule
+from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule
+from tests.model.comparing import Member, Store
 from tests.settings.files import read, wrong
 from tools.samples.base import IDENTITY_CA, LISTENER, TALKER, TWO
 from tools.samples.certificates import Certificate
@@ -222,7 +223,7 @@ def test_a_domain_in_which_one_forward_is_impossible_is_looked_at_all_the_same(t
             "/k": allowed("/k", rule(hi, domains=everywhere)),
             "/r": allowed("/r", rule(hi, domains="<id>9</id>")),
         },
-        governance=governance(domain_rule(everywhere)),
+        governance=governance(domain_rule(domains=everywhere)),
     )
     form = '[[forward]]\nenclave = "{}"\nfrom = ["{}"]\nto = "{}"\nscheduler = "priority"\n'
     both = asked(low="/mv").replace('"/mv"', '["/mv", "/out"]')

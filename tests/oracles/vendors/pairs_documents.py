@@ -12,6 +12,7 @@ from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
 from tests.keystore.builder import authority, crl, signed_document
+from tests.keystore.documents import allow, criterion, deny, ids, pubsub, topic_rule
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
 from tests.oracles.vendors.pairs_case import CAS, FIRST, MAY_ALL, SECOND, Case, plain
 from tests.oracles.vendors.pairs_material import (
@@ -24,7 +25,6 @@ from tests.oracles.vendors.pairs_material import (
     grant,
     permissions,
 )
-from tests.oracles.vendors.recipe import allow, criterion, deny, domains, pubsub, topic_rule
 
 _SUBJECT = "CN=/second"
 _PARTITIONED = tuple(
@@ -145,10 +145,10 @@ def _rules() -> list[Case]:
     publish_a, subscribe_a = criterion("publish", "a*"), criterion("subscribe", "a*")
     everywhere = _PARTITIONED
     return [
-        _ruled("rule of another domain allows", allow(_A, where=domains(9))),
-        _ruled("rule of another domain denies", deny(_A, where=domains(9)), EVERYTHING),
-        replace(_ruled("rule of this domain and others", allow(_A, where=domains(3, 5))), domains=(5, 5)),
-        _ruled("a range with its end alone left open", allow(_A, where=domains((0, None)))),
+        _ruled("rule of another domain allows", allow(_A, domains=ids(9))),
+        _ruled("rule of another domain denies", deny(_A, domains=ids(9)), EVERYTHING),
+        replace(_ruled("rule of this domain and others", allow(_A, domains=ids(3, 5))), domains=(5, 5)),
+        _ruled("a range with its end alone left open", allow(_A, domains=ids((0, None)))),
         _ruled("default ALLOW", default="ALLOW"),
         _ruled("default ALLOW beside a deny rule", deny(_A), default="ALLOW"),
         _ruled("deny publish, then everything", deny(publish_a), EVERYTHING),
@@ -200,7 +200,7 @@ def _relays() -> list[Case]:
 
 
 def _joining() -> list[Case]:
-    elsewhere = allow(pubsub("*", partitions=("*",)), where=domains(9))
+    elsewhere = allow(pubsub("*", partitions=("*",)), domains=ids(9))
     cases = []
     for join, read, write in (
         (True, True, True),

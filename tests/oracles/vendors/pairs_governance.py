@@ -6,10 +6,10 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from tests.keystore.documents import ids, topic_rule
 from tests.oracles.vendors.enclave import publish, subscribe
 from tests.oracles.vendors.pairs_case import CAS, Case, plain
 from tests.oracles.vendors.pairs_material import governance
-from tests.oracles.vendors.recipe import domains, topic_rule
 
 _SIGN_ORIGIN = "SIGN_WITH_ORIGIN_AUTHENTICATION"
 _ENCRYPT_ORIGIN = "ENCRYPT_WITH_ORIGIN_AUTHENTICATION"
@@ -97,11 +97,11 @@ def _may_differ() -> list[Case]:
             governance(a, topic_rule("*", data="NONE")),
         ),
         _pair("another topic rule before it", governance(a), governance(topic_rule("*", data="NONE"), a)),
-        _pair("other domains, this one among them", governance(where=domains(0)), governance()),
+        _pair("other domains, this one among them", governance(domains=ids(0)), governance()),
         _pair("the topic is governed here alone", governance(), governance(topic_rule("b"))),
         _pair("the topic is governed there alone", governance(topic_rule("b")), governance()),
-        _pair("another domain is governed there", governance(), governance(where=domains(7))),
-        _pair("a domain that no rule governs", governance(where=domains(7)), domains=(5, 5)),
+        _pair("another domain is governed there", governance(), governance(domains=ids(7))),
+        _pair("a domain that no rule governs", governance(domains=ids(7)), domains=(5, 5)),
         _pair("two domains", governance(), domains=(0, 1)),
     ]
 

@@ -9,11 +9,12 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec import Struct
 
+from tests.keystore import documents
 from tests.keystore.builder import PrivateKey, Signed, authority, certificate, signed_document
+from tests.keystore.documents import allow, domain_rule, ids, pubsub, topic_rule
 from tests.oracles.vendors import recipe
-from tests.oracles.vendors.recipe import allow, domain_rule, domains, pubsub, topic_rule
 
-EVERY_DOMAIN = domains((0, 230))
+EVERY_DOMAIN = ids((0, 230))
 CONTROL_TOPICS = ("control", "control_secure")
 LONG = ("2024-01-01T00:00:00", "2034-01-01T00:00:00")
 PAST = ("2024-01-01T00:00:00", "2025-01-01T00:00:00")
@@ -24,14 +25,14 @@ CONTROL_RULES = (
 )
 
 
-def governance(*topic_rules: str, where: str = EVERY_DOMAIN, controls: bool = True, **flags: Any) -> bytes:
+def governance(*topic_rules: str, domains: str = EVERY_DOMAIN, controls: bool = True, **flags: Any) -> bytes:
     """One domain rule; without topic rules, sros2's. `controls`: rules for the controls come first."""
     rules = (*(CONTROL_RULES if controls else ()), *(topic_rules or (topic_rule(),)))
-    return recipe.governance(domain_rule(*rules, where=where, **flags)).encode()
+    return documents.governance(domain_rule(*rules, domains=domains, **flags)).encode()
 
 
-EVERYTHING = allow(pubsub("*", partitions=("*",)), where=EVERY_DOMAIN)
-CONTROLS_ALLOWED = allow(pubsub(*CONTROL_TOPICS), where=EVERY_DOMAIN)
+EVERYTHING = allow(pubsub("*", partitions=("*",)), domains=EVERY_DOMAIN)
+CONTROLS_ALLOWED = allow(pubsub(*CONTROL_TOPICS), domains=EVERY_DOMAIN)
 
 
 def grant(
@@ -45,7 +46,7 @@ def grant(
 
 def permissions(*grants: str) -> bytes:
     """A document."""
-    return recipe.permissions(*grants).encode()
+    return documents.permissions(*grants).encode()
 
 
 class Authorities(Struct, frozen=True, kw_only=True):

@@ -8,6 +8,7 @@ from __future__ import annotations
 from random import Random
 
 from keystore_audit.keystore.permissions import Operation
+from tests.keystore import documents as d
 from tests.oracles.vendors import recipe as r
 from tests.oracles.vendors.enclave import Endpoint
 from tests.oracles.vendors.recipe import Recipe
@@ -16,7 +17,7 @@ _EXPRESSIONS = ("rt/a", "rt/b", "rt/*", "*", "rt/[ab]", "r?/a", "rt/[!a]", "rt/c
 _TOPICS = ("rt/a", "rt/b", "rt/c", "rt/ab")
 _PARTITION_EXPRESSIONS = ("", "p", "q", "p*", "*", "[pq]", "?")
 _PARTITIONS = ((), ("p",), ("q",), ("",), ("p", "q"), ("*",), ("pq",), ("p", "z"), ("p*",))
-_IDS: tuple[r.DomainEntry, ...] = (
+_IDS: tuple[d.Domain, ...] = (
     0,
     1,
     2,
@@ -30,28 +31,28 @@ _IDS: tuple[r.DomainEntry, ...] = (
 
 
 def _domains(random: Random) -> str:
-    return r.domains(*random.sample(_IDS, random.choice((1, 1, 2))))
+    return d.ids(*random.sample(_IDS, random.choice((1, 1, 2))))
 
 
 def _criterion(random: Random, kind: str) -> str:
     topics = random.sample(_EXPRESSIONS, random.choice((1, 1, 2)))
     count = random.choice((None, None, None, 1, 1, 2))
     partitions = None if count is None else tuple(random.sample(_PARTITION_EXPRESSIONS, count))
-    return r.criterion(kind, *topics, partitions=partitions)
+    return d.criterion(kind, *topics, partitions=partitions)
 
 
 def _rule(random: Random) -> str:
     # In the order of the schema, which Fast DDS asks for.
     kinds = (("publish", (0, 1, 1, 2)), ("subscribe", (0, 1, 1, 2)), ("relay", (0, 0, 0, 1)))
     criteria = [_criterion(random, kind) for kind, counts in kinds for _ in range(random.choice(counts))]
-    rule = r.allow if random.random() < 0.6 else r.deny
-    return rule(*criteria, where=_domains(random))
+    rule = d.allow if random.random() < 0.6 else d.deny
+    return rule(*criteria, domains=_domains(random))
 
 
 def _grant(random: Random) -> str:
     rules = [_rule(random) for _ in range(random.choice((1, 2, 2, 3, 4)))]
     if random.random() < 0.7:
-        rules.insert(random.randrange(len(rules) + 1), r.allow(r.pub("rt/z"), where=r.domains((0, 9))))
+        rules.insert(random.randrange(len(rules) + 1), d.allow(d.pub("rt/z"), domains=d.ids((0, 9))))
     return r.grant(
         *rules,
         subject=random.choice(("CN=/talker",) * 4 + ("CN=/other",)),
@@ -64,12 +65,12 @@ def _grant(random: Random) -> str:
 
 def _topic_rule(random: Random) -> str:
     read, write = (random.random() < 0.75 for _ in range(2))
-    return r.topic_rule(random.choice((*_EXPRESSIONS, "*")), read=read, write=write)
+    return d.topic_rule(random.choice((*_EXPRESSIONS, "*")), read=read, write=write)
 
 
 def _domain_rule(random: Random) -> str:
     rules = [_topic_rule(random) for _ in range(random.choice((1, 1, 2, 3)))]
-    return r.domain_rule(*rules, where=_domains(random), join=random.random() < 0.6)
+    return d.domain_rule(*rules, domains=_domains(random), join=random.random() < 0.6)
 
 
 def endpoints(random: Random, count: int = 8) -> tuple[Endpoint, ...]:
@@ -91,8 +92,8 @@ def keystore(seed: int) -> Recipe:
     grants = [_grant(random) for _ in range(random.choice((1, 1, 2, 3)))]
     return Recipe(
         title=f"seed {seed}",
-        governance=r.governance(*domain_rules),
-        permissions=r.permissions(*grants),
+        governance=d.governance(*domain_rules),
+        permissions=d.permissions(*grants),
         domain=random.choice((0, 0, 1, 2)),
         endpoints=endpoints(random),
     )

@@ -10,11 +10,13 @@ from collections.abc import Callable, Mapping
 from datetime import datetime, timedelta, timezone
 from functools import lru_cache
 from pathlib import Path
-from xml.sax.saxutils import escape
+from typing import Any
 
 from msgspec import Struct, field
 
+from tests.keystore import documents
 from tests.keystore.builder import Signed, authority, certificate
+from tests.keystore.documents import allow, domain_rule, governance, permissions, pubsub
 from tests.keystore.messages import PYCA_OPTIONS, by_pyca
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
 
@@ -32,142 +34,14 @@ def date(*, hours: float) -> str:
     return (NOW + timedelta(hours=hours)).strftime(_FORM)
 
 
-def _element(name: str, *content: str) -> str:
-    return f"<{name}>{''.join(content)}</{name}>"
-
-
-def _flag(name: str, value: bool | str) -> str:
-    return _element(name, value if isinstance(value, str) else str(value).lower())
-
-
-DomainEntry = int | tuple[int | None, int | None]
-"""An id, or a range by its bounds."""
-
-
-def domains(*ids: DomainEntry) -> str:
-    """A set of domains: ids, and ranges with the bounds that are not None."""
-    entries = []
-    for entry in ids:
-        if isinstance(entry, int):
-            entries.append(_element("id", str(entry)))
-        else:
-            bounds = zip(("min", "max"), entry, strict=True)
-            entries.append(_element("id_range", *(_element(n, str(b)) for n, b in bounds if b is not None)))
-    return _element("domains", *entries)
-
-
-DOMAIN_0 = domains(0)
-
-
-def topic_rule(
-    expression: str = "*",
-    *,
-    read: bool | str = True,
-    write: bool | str = True,
-    discovery: bool | str = True,
-    liveliness: bool | str = True,
-    metadata: str = "ENCRYPT",
-    data: str = "ENCRYPT",
-) -> str:
-    """Of a governance; `expression` is XML."""
-    return _element(
-        "topic_rule",
-        _element("topic_expression", expression),
-        _flag("enable_discovery_protection", discovery),
-        _flag("enable_liveliness_protection", liveliness),
-        _flag("enable_read_access_control", read),
-        _flag("enable_write_access_control", write),
-        _element("metadata_protection_kind", metadata),
-        _element("data_protection_kind", data),
-    )
-
-
-def domain_rule(
-    *topic_rules: str,
-    where: str = DOMAIN_0,
-    unauthenticated: bool | str = False,
-    join: bool | str = True,
-    discovery: str = "ENCRYPT",
-    liveliness: str = "ENCRYPT",
-    rtps: str = "SIGN",
-) -> str:
-    """Of a governance; without topic rules, those of the stock one."""
-    return _element(
-        "domain_rule",
-        where,
-        _flag("allow_unauthenticated_participants", unauthenticated),
-        _flag("enable_join_access_control", join),
-        _element("discovery_protection_kind", discovery),
-        _element("liveliness_protection_kind", liveliness),
-        _element("rtps_protection_kind", rtps),
-        _element("topic_access_rules", *(topic_rules or (topic_rule(),))),
-    )
-
-
-_DDS = '<?xml version="1.0" encoding="UTF-8"?>\n<dds>{}</dds>\n'
-
-
-def governance(*domain_rules: str) -> str:
-    """A whole document; without domain rules, the stock one."""
-    return _DDS.format(_element("domain_access_rules", *(domain_rules or (domain_rule(),))))
-
-
-def of_topics(*topic_rules: str, where: str = DOMAIN_0) -> str:
+def of_topics(*topic_rules: str) -> str:
     """The stock governance with other topic rules."""
-    return governance(domain_rule(*topic_rules, where=where))
+    return governance(domain_rule(*topic_rules))
 
 
-def criterion(kind: str, *topics: str, partitions: tuple[str, ...] | None = None) -> str:
-    """A `publish`, `subscribe` or `relay`; `partitions` None leaves the element out. Names are texts, not XML."""
-    listed = _element("topics", *(_element("topic", escape(topic)) for topic in topics))
-    if partitions is not None:
-        listed += _element("partitions", *(_element("partition", escape(partition)) for partition in partitions))
-    return _element(kind, listed)
-
-
-def pub(*topics: str, partitions: tuple[str, ...] | None = None) -> str:
-    """Criteria of writers."""
-    return criterion("publish", *topics, partitions=partitions)
-
-
-def sub(*topics: str, partitions: tuple[str, ...] | None = None) -> str:
-    """Criteria of readers."""
-    return criterion("subscribe", *topics, partitions=partitions)
-
-
-def pubsub(*topics: str, partitions: tuple[str, ...] | None = None) -> str:
-    """Criteria of both."""
-    return pub(*topics, partitions=partitions) + sub(*topics, partitions=partitions)
-
-
-def allow(*criteria: str, where: str = DOMAIN_0) -> str:
-    """A rule that allows."""
-    return _element("allow_rule", where, *criteria)
-
-
-def deny(*criteria: str, where: str = DOMAIN_0) -> str:
-    """A rule that denies."""
-    return _element("deny_rule", where, *criteria)
-
-
-def grant(
-    *rules: str,
-    subject: str = "CN=/talker",
-    start: str = LAST_YEAR,
-    end: str = NEXT_YEAR,
-    default: str | None = "DENY",
-    name: str | None = "/talker",
-) -> str:
-    """Of permissions; `default` and `name` None leave them out, `subject` is XML."""
-    head = "<grant>" if name is None else f'<grant name="{name}">'
-    validity = _element("validity", _element("not_before", start), _element("not_after", end))
-    last = "" if default is None else _element("default", default)
-    return head + _element("subject_name", subject) + validity + "".join(rules) + last + "</grant>"
-
-
-def permissions(*grants: str) -> str:
-    """A whole document."""
-    return _DDS.format(_element("permissions", *grants))
+def grant(*rules: str, start: str = LAST_YEAR, end: str = NEXT_YEAR, name: str | None = "/talker", **more: Any) -> str:
+    """Of /talker's permissions, unless `more` says otherwise; in force."""
+    return documents.grant("/talker", *rules, start=start, end=end, name=name, **more)
 
 
 def of_rules(*rules: str, default: str | None = "DENY") -> str:

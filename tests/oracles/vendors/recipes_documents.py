@@ -2,18 +2,8 @@
 
 from __future__ import annotations
 
-from tests.oracles.vendors.recipe import (
-    Recipe,
-    allow,
-    criterion,
-    domain_rule,
-    governance,
-    grant,
-    of_rules,
-    permissions,
-    pub,
-    sub,
-)
+from tests.keystore.documents import allow, criterion, domain_rule, governance, permissions, pub, sub
+from tests.oracles.vendors.recipe import Recipe, grant, of_rules
 
 PLAIN = of_rules(allow(pub("rt/chatter"), sub("rt/chatter")))
 

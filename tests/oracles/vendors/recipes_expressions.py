@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from tests.keystore.documents import allow, deny, pub, pubsub, topic_rule
 from tests.oracles.vendors.enclave import publish
-from tests.oracles.vendors.recipe import Recipe, allow, deny, of_rules, of_topics, pub, pubsub, topic_rule
+from tests.oracles.vendors.recipe import Recipe, of_rules, of_topics
 
 NAMES = ("a", "b", "^", "]", "-", "!", "A", "1", "aa", "a/b", ".a", "", "\\", ":", " a", "[", "a]")
 EXPRESSIONS = (

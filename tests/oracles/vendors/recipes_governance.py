@@ -2,22 +2,9 @@
 
 from __future__ import annotations
 
+from tests.keystore.documents import allow, deny, domain_rule, governance, ids, pub, pubsub, sub, topic_rule
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
-from tests.oracles.vendors.recipe import (
-    CHATTER,
-    Recipe,
-    allow,
-    deny,
-    domain_rule,
-    domains,
-    governance,
-    of_rules,
-    of_topics,
-    pub,
-    pubsub,
-    sub,
-    topic_rule,
-)
+from tests.oracles.vendors.recipe import CHATTER, Recipe, of_rules, of_topics
 
 A, B = "rt/a", "rt/b"
 TOPICS = (publish(A), subscribe(A), publish(B), subscribe(B))
@@ -38,19 +25,19 @@ def governed(
 DOMAIN_RULES = (
     governed("first domain rule counts", governance(domain_rule(), domain_rule(OPEN))),
     governed("first domain rule counts, open", governance(domain_rule(OPEN), domain_rule())),
-    governed("first domain rule of another domain", governance(domain_rule(where=domains(3)), domain_rule(OPEN))),
-    governed("no rule for the domain", governance(domain_rule(where=domains(3))), EVERYTHING),
-    governed("no rule for the domain, default allow", governance(domain_rule(where=domains(3))), ALL_BY_DEFAULT),
-    governed("no rule for the domain, open elsewhere", governance(domain_rule(OPEN, where=domains(3)))),
+    governed("first domain rule of another domain", governance(domain_rule(domains=ids(3)), domain_rule(OPEN))),
+    governed("no rule for the domain", governance(domain_rule(domains=ids(3))), EVERYTHING),
+    governed("no rule for the domain, default allow", governance(domain_rule(domains=ids(3))), ALL_BY_DEFAULT),
+    governed("no rule for the domain, open elsewhere", governance(domain_rule(OPEN, domains=ids(3)))),
     governed("no fall-through to a second domain rule", governance(domain_rule(topic_rule("rt/b")), domain_rule(OPEN))),
-    governed("two ids", governance(domain_rule(OPEN, where=domains(3, 0)))),
+    governed("two ids", governance(domain_rule(OPEN, domains=ids(3, 0)))),
 )
 
 RANGES = tuple(
     Recipe(
         title=f"range {low}..{high} in domain {domain}, {part}",
-        governance=governance(domain_rule(where=entry if part == "governance" else domains((0, 230)))),
-        permissions=of_rules(allow(pubsub("*"), where=entry if part == "permissions" else domains((0, 230)))),
+        governance=governance(domain_rule(domains=entry if part == "governance" else ids((0, 230)))),
+        permissions=of_rules(allow(pubsub("*"), domains=entry if part == "permissions" else ids((0, 230)))),
         domain=domain,
         endpoints=CHATTER,
     )
@@ -66,41 +53,40 @@ RANGES = tuple(
         (0, 231, (0,)),
         (0, 232, (0,)),
     )
-    for entry in (domains((low, high)),)
+    for entry in (ids((low, high)),)
     for domain in asked
     for part in ("governance", "permissions")
 )
 
 
-def ids(title: str, text: str, *, domain: int = 0) -> Recipe:
+def of_ids(title: str, text: str, *, domain: int = 0) -> Recipe:
     """A keystore with this set of domains."""
-    where = f"<domains>{text}</domains>"
     return Recipe(
         title=f"domains {title}",
-        governance=governance(domain_rule(where=where)),
-        permissions=of_rules(allow(pubsub("*"), where=where)),
+        governance=governance(domain_rule(domains=text)),
+        permissions=of_rules(allow(pubsub("*"), domains=text)),
         domain=domain,
     )
 
 
 IDS = (
-    ids("of id 230", "<id>230</id>", domain=230),
-    ids("of id 231", "<id>231</id>", domain=231),
-    ids("of id 0 and 231", "<id>0</id><id>231</id>"),
-    ids("of id 232", "<id>0</id><id>232</id>", domain=232),
-    ids("of id 231 by a range from 0", "<id_range><min>0</min><max>230</max></id_range>", domain=231),
-    ids("with leading zeros", "<id>00</id>"),
-    ids("with a sign", "<id>+0</id>"),
-    ids("negative", "<id>-1</id>"),
-    ids("with blanks", "<id> 0 </id>"),
-    ids("in hexadecimal", "<id>0x0</id>"),
-    ids("with an empty id", "<id></id>"),
-    ids("empty", ""),
-    ids("as an empty range", "<id_range></id_range>"),
-    ids("as a range of maximum first", "<id_range><max>4</max><min>0</min></id_range>"),
-    ids("beyond 32 bits", "<id>4294967296</id>"),
-    ids("with a word", "<id>zero</id>"),
-    ids("range, then id", "<id_range><min>3</min><max>4</max></id_range><id>0</id>"),
+    of_ids("of id 230", "<id>230</id>", domain=230),
+    of_ids("of id 231", "<id>231</id>", domain=231),
+    of_ids("of id 0 and 231", "<id>0</id><id>231</id>"),
+    of_ids("of id 232", "<id>0</id><id>232</id>", domain=232),
+    of_ids("of id 231 by a range from 0", "<id_range><min>0</min><max>230</max></id_range>", domain=231),
+    of_ids("with leading zeros", "<id>00</id>"),
+    of_ids("with a sign", "<id>+0</id>"),
+    of_ids("negative", "<id>-1</id>"),
+    of_ids("with blanks", "<id> 0 </id>"),
+    of_ids("in hexadecimal", "<id>0x0</id>"),
+    of_ids("with an empty id", "<id></id>"),
+    of_ids("empty", ""),
+    of_ids("as an empty range", "<id_range></id_range>"),
+    of_ids("as a range of maximum first", "<id_range><max>4</max><min>0</min></id_range>"),
+    of_ids("beyond 32 bits", "<id>4294967296</id>"),
+    of_ids("with a word", "<id>zero</id>"),
+    of_ids("range, then id", "<id_range><min>3</min><max>4</max></id_range><id>0</id>"),
 )
 
 
@@ -165,7 +151,7 @@ UNAUTHENTICATED = tuple(
 
 PLAIN = governance()
 CLOSING = "</domain_access_rules>"
-SECOND = domain_rule(where=domains(9))
+SECOND = domain_rule(domains=ids(9))
 
 
 def altered(title: str, old: str, new: str, count: int = 1) -> Recipe:

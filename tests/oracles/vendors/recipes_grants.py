@@ -2,20 +2,8 @@
 
 from __future__ import annotations
 
-from tests.oracles.vendors.recipe import (
-    CHATTER,
-    LAST_YEAR,
-    NEXT_YEAR,
-    Recipe,
-    allow,
-    date,
-    deny,
-    grant,
-    permissions,
-    pub,
-    pubsub,
-    sub,
-)
+from tests.keystore.documents import allow, deny, permissions, pub, pubsub, sub
+from tests.oracles.vendors.recipe import CHATTER, LAST_YEAR, NEXT_YEAR, Recipe, date, grant
 
 ALLOWS = allow(pubsub("rt/chatter"))
 PUBLISHES = allow(pub("rt/chatter"))
@@ -44,9 +32,7 @@ CHOICE = (
     granted("a denying grant first", grant(deny(pubsub("*")), PUBLISHES), grant(ALLOWS)),
     granted("a grant without allow rule first", grant(deny(pub("rt/z"))), grant(ALLOWS)),
     granted("a grant without rules first", grant(), grant(ALLOWS)),
-    granted(
-        "first grant for another domain", grant(allow(pub("*"), where="<domains><id>9</id></domains>")), grant(ALLOWS)
-    ),
+    granted("first grant for another domain", grant(allow(pub("*"), domains="<id>9</id>")), grant(ALLOWS)),
     granted("default allow in the second grant", grant(PUBLISHES), grant(PUBLISHES, default="ALLOW")),
     granted("equal names", grant(PUBLISHES, name="x"), grant(SUBSCRIBES, name="x")),
     granted("no name", grant(ALLOWS, name=None)),

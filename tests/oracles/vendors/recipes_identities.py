@@ -18,8 +18,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from msgspec.structs import replace
 
 from tests.keystore.builder import END, START, Signed, authority, certificate
+from tests.keystore.documents import allow, permissions, pubsub
 from tests.oracles.smime.der import NULL, algorithm, parse
-from tests.oracles.vendors.recipe import NOW, Recipe, allow, common_authority, grant, permissions, pubsub, talker
+from tests.oracles.vendors.recipe import NOW, Recipe, common_authority, grant, talker
 from tests.oracles.vendors.recipes_signers import DAY, FUTURE, PAST, purpose, usage
 
 _UNKNOWN = x509.UnrecognizedExtension(x509.ObjectIdentifier("1.2.3.4"), b"\x05\x00")

@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
+from tests.keystore.documents import allow, deny, domain_rule, governance, ids, pub, pubsub, sub, topic_rule
+from tests.keystore.documents import criterion as criteria
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
-from tests.oracles.vendors.recipe import (
-    CHATTER,
-    Recipe,
-    allow,
-    deny,
-    domain_rule,
-    domains,
-    governance,
-    of_rules,
-    of_topics,
-    pub,
-    pubsub,
-    sub,
-    topic_rule,
-)
-from tests.oracles.vendors.recipe import criterion as criteria
+from tests.oracles.vendors.recipe import CHATTER, Recipe, of_rules, of_topics
 
 A, B = "rt/a", "rt/b"
 ENDPOINTS = (publish(A), subscribe(A), publish(B), subscribe(B), publish("rt/c"), subscribe("rt/c"))
-ELSEWHERE = domains(9)
+ELSEWHERE = ids(9)
 
 
 def rules(
@@ -87,16 +74,16 @@ DEFAULTS = (
 )
 
 RULE_DOMAINS = (
-    rules("allow in another domain", JOINS, allow(pubsub(A), where=ELSEWHERE)),
-    rules("only an allow in another domain", allow(pubsub(A), where=ELSEWHERE)),
-    rules("only an allow in another domain, default allow", allow(pubsub(A), where=ELSEWHERE), default="ALLOW"),
-    rules("deny in another domain first", deny(pubsub(A), where=ELSEWHERE), allow(pubsub(A, B))),
-    rules("allow in another domain, then deny", JOINS, allow(pubsub(A), where=ELSEWHERE), deny(pubsub(A))),
-    rules("deny publish in another domain", deny(pub(A), where=ELSEWHERE), allow(pubsub("*"))),
+    rules("allow in another domain", JOINS, allow(pubsub(A), domains=ELSEWHERE)),
+    rules("only an allow in another domain", allow(pubsub(A), domains=ELSEWHERE)),
+    rules("only an allow in another domain, default allow", allow(pubsub(A), domains=ELSEWHERE), default="ALLOW"),
+    rules("deny in another domain first", deny(pubsub(A), domains=ELSEWHERE), allow(pubsub(A, B))),
+    rules("allow in another domain, then deny", JOINS, allow(pubsub(A), domains=ELSEWHERE), deny(pubsub(A))),
+    rules("deny publish in another domain", deny(pub(A), domains=ELSEWHERE), allow(pubsub("*"))),
     rules("deny of the domain before its allow", deny(pubsub("*")), JOINS),
-    rules("rule of two domains", allow(pubsub(A), where=domains(9, 0))),
-    rules("rule of a range and an id", allow(pubsub(A), where=domains((5, 9), 0))),
-    rules("rule without any domain in its set", JOINS, allow(pubsub(A), where="<domains></domains>")),
+    rules("rule of two domains", allow(pubsub(A), domains=ids(9, 0))),
+    rules("rule of a range and an id", allow(pubsub(A), domains=ids((5, 9), 0))),
+    rules("rule without any domain in its set", JOINS, allow(pubsub(A), domains="")),
 )
 
 P, Q, BOTH = ("p",), ("q",), ("p", "q")
@@ -203,7 +190,7 @@ CLOSED = domain_rule()
 JOINS_FREELY = domain_rule(join=False)
 ONE_OPEN = domain_rule(topic_rule("rt/never", write=False), topic_rule())
 NO_ALLOW = of_rules(deny(pub("rt/z")))
-NO_ALLOW_HERE = of_rules(allow(pubsub("*"), where=ELSEWHERE))
+NO_ALLOW_HERE = of_rules(allow(pubsub("*"), domains=ELSEWHERE))
 NO_ALLOW_BY_DEFAULT = of_rules(deny(pub("rt/z")), default="ALLOW")
 DENY_ALL_THEN_ALLOW = of_rules(deny(pubsub("*")), allow(pub("rt/z")))
 

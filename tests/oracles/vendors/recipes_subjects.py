@@ -6,7 +6,8 @@ from cryptography import x509
 from cryptography.x509.oid import NameOID
 
 from tests.keystore.builder import certificate
-from tests.oracles.vendors.recipe import Recipe, allow, common_authority, grant, permissions, pubsub
+from tests.keystore.documents import allow, permissions, pubsub
+from tests.oracles.vendors.recipe import Recipe, common_authority, grant
 
 CN, ORG, OU, DC, C = (
     NameOID.COMMON_NAME,

@@ -14,6 +14,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.keystore.permissions import Operation
+from tests.keystore.documents import allow, deny, ids, topic_rule
+from tests.keystore.documents import criterion as criterion_element
 from tests.oracles.vendors.enclave import Endpoint
 from tests.oracles.vendors.pairs import Meeting, Side
 from tests.oracles.vendors.pairs_case import other_end
@@ -29,8 +31,6 @@ from tests.oracles.vendors.pairs_material import (
     permissions,
 )
 from tests.oracles.vendors.pairs_material import grant as grant_element
-from tests.oracles.vendors.recipe import allow, deny, domains, topic_rule
-from tests.oracles.vendors.recipe import criterion as criterion_element
 
 SUBJECT = "CN=/second"
 ENDPOINTS_OF_A_PAIR = 40
@@ -69,7 +69,7 @@ class Rule(Struct, frozen=True, kw_only=True):
     def xml(self) -> str:
         """The element."""
         made = allow if self.allow else deny
-        return made(*(each.xml() for each in self.criteria), where=domains(*self.domains))
+        return made(*(each.xml() for each in self.criteria), domains=ids(*self.domains))
 
 
 class Grant(Struct, frozen=True, kw_only=True):

@@ -12,11 +12,11 @@ from typing import Final
 import pytest
 from msgspec.structs import replace
 
+from tests.keystore.documents import allow, pubsub, topic_rule
 from tests.oracles.vendors.enclave import publish, subscribe
 from tests.oracles.vendors.pairs import Pairs, Side
 from tests.oracles.vendors.pairs_case import CAS, PLAIN_FIRST, PLAIN_SECOND
 from tests.oracles.vendors.pairs_material import EVERY_DOMAIN, governance, grant, permissions
-from tests.oracles.vendors.recipe import allow, pubsub, topic_rule
 
 pytestmark = pytest.mark.xdist_group("vendors-pairs")  # the programs are compiled once
 
@@ -50,7 +50,7 @@ def _heard(vendor: Pairs, rtps: str, metadata: str, directory: Path) -> frozense
     rules = topic_rule(metadata=metadata, data="NONE")
     signed = CAS.sign(governance(rules, rtps=rtps))
     granted = {"/second": "other", "/owner": "owned"}
-    grants = (grant(f"CN={name}", allow(pubsub(topic), where=EVERY_DOMAIN)) for name, topic in granted.items())
+    grants = (grant(f"CN={name}", allow(pubsub(topic), domains=EVERY_DOMAIN)) for name, topic in granted.items())
     both = CAS.sign(permissions(*grants))  # Cyclone DDS takes the first document of a process for all participants
     enclaves = {
         "first": PLAIN_FIRST,

@@ -11,11 +11,11 @@ from keystore_audit.circumstances import Circumstances
 from keystore_audit.diff import compare_keystores
 from keystore_audit.profiles import resolve
 from tests.keystore.builder import authority
+from tests.keystore.documents import allow, pubsub
 from tests.oracles.vendors.enclave import publish, subscribe
 from tests.oracles.vendors.pairs import Meeting, Pairs, Side
 from tests.oracles.vendors.pairs_case import CAS, FIRST, SECOND
 from tests.oracles.vendors.pairs_material import EVERYTHING, Authorities, Enclave, governance, grant, permissions
-from tests.oracles.vendors.recipe import allow, pubsub
 
 pytestmark = pytest.mark.xdist_group("vendors-pairs")
 
