@@ -15,7 +15,7 @@ from unittest.mock import patch
 
 from keystore_audit.cli.program import run
 from tests.keystore import documents
-from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, signed_document
+from tests.keystore.builder import GOVERNANCE, authority, certificate, write_enclave
 from tests.keystore.documents import criterion
 
 AT = "2026-11-21T12:00:00Z"
@@ -52,7 +52,7 @@ def rule(
     publish: tuple[str, ...] = (), subscribe: tuple[str, ...] = (), *, allow: bool = True, partition: str = ""
 ) -> str:
     """A rule of domain 0 in one line."""
-    where = (partition,) if partition else None
+    where = (partition,) if partition else ()
     listed = (("publish", publish), ("subscribe", subscribe))
     return documents.rule(*(criterion(way, *each, partitions=where) for way, each in listed if each), allow=allow)
 
@@ -72,22 +72,6 @@ def signed_keystore(root: Path, documents: Mapping[str, bytes], *, governance: b
         own = certificate(path, identity)
         write_enclave(root / "enclaves" / path.strip("/"), own, document, identity, permissions, governance)
     return root
-
-
-def write_enclave(
-    directory: Path, own: Signed, document: bytes, identity: Signed, permissions: Signed, governance: bytes
-) -> None:
-    """An enclave's folder with copies of all that it needs."""
-    directory.mkdir(parents=True)
-    for name, content in (
-        ("cert.pem", own.pem),
-        ("key.pem", own.key_pem),
-        ("identity_ca.cert.pem", identity.pem),
-        ("permissions_ca.cert.pem", permissions.pem),
-        ("permissions.p7s", signed_document(document, permissions)),
-        ("governance.p7s", signed_document(governance, permissions)),
-    ):
-        (directory / name).write_bytes(content)
 
 
 @contextmanager

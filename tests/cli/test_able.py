@@ -10,18 +10,8 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.cli.keystores import (
-    AT,
-    answer,
-    document_of,
-    grant_of,
-    keystore,
-    properties,
-    rule,
-    signed_keystore,
-    write_enclave,
-)
-from tests.keystore.builder import GOVERNANCE, authority, certificate, crl
+from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, properties, rule, signed_keystore
+from tests.keystore.builder import GOVERNANCE, authority, certificate, crl, write_enclave
 
 ENCLAVES = {
     "/button/left": (rule(("rt/stop",)),),

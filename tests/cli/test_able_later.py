@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.cli.keystores import AT, answer, document_of, grant_of, rule, write_enclave
-from tests.keystore.builder import END, GOVERNANCE, START, Signed, authority, certificate, crl
+from tests.cli.keystores import AT, answer, document_of, grant_of, rule
+from tests.keystore.builder import END, GOVERNANCE, START, Signed, authority, certificate, crl, write_enclave
 
 SOON, AGAIN, THEN = (datetime(2027, 1, day, tzinfo=timezone.utc) for day in (1, 15, 10))
 CLAIMS = {"now": None, "soon": "2026-12-24", "later": "2027-06-30"}

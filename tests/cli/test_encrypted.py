@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.keystores import document_of, grant_of, keystore, properties, signed_keystore, write_enclave
+from tests.cli.keystores import document_of, grant_of, keystore, properties, signed_keystore
 from tests.cli.keystores import rule as plain
-from tests.keystore.builder import GOVERNANCE, authority, certificate
+from tests.keystore.builder import GOVERNANCE, authority, certificate, write_enclave
 
 SETTINGS = """[[property]]
 name = "outside"

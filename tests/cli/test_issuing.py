@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.keystores import AT, answer, document_of, grant_of, properties, rule, write_enclave
-from tests.keystore.builder import GOVERNANCE, authority, certificate
+from tests.cli.keystores import AT, answer, document_of, grant_of, properties, rule
+from tests.keystore.builder import GOVERNANCE, authority, certificate, write_enclave
 
 ENCLAVES = {"/a": rule(("rt/x",)), "/b": rule((), ("rt/y",)), "/c": rule(("rt/y",))}
 SETTINGS = """[[property]]

@@ -8,18 +8,8 @@ from typing import Any
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.cli.keystores import (
-    AT,
-    answer,
-    document_of,
-    grant_of,
-    keystore,
-    properties,
-    rule,
-    signed_keystore,
-    write_enclave,
-)
-from tests.keystore.builder import GOVERNANCE, authority, certificate, crl
+from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, properties, rule, signed_keystore
+from tests.keystore.builder import GOVERNANCE, authority, certificate, crl, write_enclave
 
 SETTINGS = """single_writer = ["/x"]
 [[property]]

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.cli.keystores import AT, answer, document_of, grant_of, properties, rule, write_enclave
-from tests.keystore.builder import END, GOVERNANCE, START, authority, certificate, crl
+from tests.cli.keystores import AT, answer, document_of, grant_of, properties, rule
+from tests.keystore.builder import END, GOVERNANCE, START, authority, certificate, crl, write_enclave
 
 UNTIL, THEN = "2027-06-30", "2027-06-29T12:00:00Z"
 SETTINGS = "".join(

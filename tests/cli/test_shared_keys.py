@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.cli.keystores import document_of, grant_of, properties, rule, write_enclave
-from tests.keystore.builder import GOVERNANCE, authority, certificate
+from tests.cli.keystores import document_of, grant_of, properties, rule
+from tests.keystore.builder import GOVERNANCE, authority, certificate, write_enclave
 
 SETTINGS = """[[property]]
 name = "apart"

@@ -18,9 +18,18 @@ from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
 from keystore_audit.settings.settings import read_settings
 from tests.amount import tried
-from tests.cli.keystores import write_enclave
 from tests.keystore import documents
-from tests.keystore.builder import GOVERNANCE, PrivateKey, Signed, _write, authority, certificate, crl, signed_document
+from tests.keystore.builder import (
+    GOVERNANCE,
+    PrivateKey,
+    Signed,
+    _write,
+    authority,
+    certificate,
+    crl,
+    signed_document,
+    write_enclave,
+)
 from tests.keystore.documents import criterion
 
 AT = datetime(2026, 6, 1, 12, tzinfo=timezone.utc)

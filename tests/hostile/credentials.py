@@ -60,7 +60,7 @@ def pem(label: str, der: bytes) -> bytes:
 
 
 def der(store: Store) -> bytes:
-    return store.base.victim.certificate.public_bytes(Encoding.DER)
+    return store.base.victim.der
 
 
 def with_serial(store: Store, serial: bytes) -> bytes:

@@ -34,9 +34,8 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.profiles import VARIANTS, Access, Profile
 from keystore_audit.truth import Truth
-from tests.cli.keystores import write_enclave
 from tests.keystore import documents as d
-from tests.keystore.builder import Signed, authority, certificate
+from tests.keystore.builder import Signed, authority, certificate, write_enclave
 from tests.oracles.vendors import recipe as r
 
 AT = datetime(2030, 6, 1, 12, tzinfo=timezone.utc)

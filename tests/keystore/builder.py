@@ -1,14 +1,15 @@
-"""Builds certificates, keys and whole keystores for the tests of reading, in every layout that sros2 wrote.
+"""Keys, certificates, revocation lists, signed documents and whole keystores, for every test and benchmark.
 
 Each function takes only what differs from what sros2 makes today (facts: EC P-256, ten years, no extensions but
-BasicConstraints); `tools/build_samples.py` builds the committed samples, which tell stories.
+BasicConstraints); `documents.py` writes the XML. `tools/build_samples.py` alone has writers of its own: the committed
+samples are the same bytes at every build.
 """
 
 from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from functools import lru_cache
 from pathlib import Path
@@ -73,6 +74,17 @@ PERMISSIONS = """<?xml version="1.0" encoding="UTF-8"?>
 """
 
 
+Extension = tuple[x509.ExtensionType, bool]
+"""And whether it is critical."""
+
+CURVES = {each.name: each for each in (ec.SECP224R1(), ec.SECP256K1(), ec.SECP256R1(), ec.SECP384R1())}
+USAGES = (
+    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
+    *("key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
+)
+SROS2 = (pkcs7.PKCS7Options.Text, pkcs7.PKCS7Options.DetachedSignature)
+
+
 class Signed(Struct, frozen=True):
     """A certificate with its private key; it can issue others."""
 
@@ -84,12 +96,29 @@ class Signed(Struct, frozen=True):
         return self.certificate.public_bytes(Encoding.PEM)
 
     @property
+    def der(self) -> bytes:
+        return self.certificate.public_bytes(Encoding.DER)
+
+    @property
     def key_pem(self) -> bytes:
         return self.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
 
 
 def name(text: str) -> x509.Name:
-    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+    """A common name, no attribute at all for the empty one."""
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)] if text else [])
+
+
+@lru_cache(maxsize=1024)
+def key_of(label: str, curve: str = "secp256r1") -> ec.EllipticCurvePrivateKey:
+    """One key for each label and curve, made anew in each run."""
+    del label
+    return ec.generate_private_key(CURVES[curve])
+
+
+def usage(*which: str) -> Extension:
+    """Key usage, critical."""
+    return x509.KeyUsage(**{each: each in which for each in USAGES}), True
 
 
 def certificate(
@@ -98,14 +127,18 @@ def certificate(
     *,
     key: PrivateKey | None = None,
     ca: bool | None = False,
+    length: int | None = 1,
     issuer_name: x509.Name | None = None,
-    extensions: Sequence[tuple[x509.ExtensionType, bool]] = (),
+    extensions: Sequence[Extension] = (),
     digest: hashes.HashAlgorithm | None = None,
     start: datetime = START,
     end: datetime = END,
     serial: int | None = None,
 ) -> Signed:
-    """Make a certificate that `issuer` signs, itself if None; `ca` None leaves BasicConstraints out."""
+    """Make a certificate that `issuer` signs, itself if None.
+
+    `ca` None leaves BasicConstraints out; `length`: how long the path below an authority may be.
+    """
     key = key if key is not None else ec.generate_private_key(ec.SECP256R1())
     subject = subject if isinstance(subject, x509.Name) else name(subject)
     by = issuer_name or (issuer.certificate.subject if issuer is not None else subject)
@@ -119,7 +152,7 @@ def certificate(
         .not_valid_after(end)
     )
     if ca is not None:
-        builder = builder.add_extension(x509.BasicConstraints(ca, 1 if ca else None), critical=ca)
+        builder = builder.add_extension(x509.BasicConstraints(ca, length if ca else None), critical=ca)
     for extension, critical in extensions:
         builder = builder.add_extension(extension, critical)
     signing = issuer.key if issuer is not None else key
@@ -145,28 +178,41 @@ def authority(subject: str | x509.Name = "sros2CA", **others: object) -> Signed:
 
 
 def crl(
-    issuer: Signed, revoked: Sequence[int] = (), *, end: datetime | None = END, days: int = 0
+    issuer: Signed,
+    revoked: Sequence[int | tuple[int, x509.ExtensionType]] = (),
+    *,
+    start: datetime = START,
+    end: datetime | None = END,
+    days: int = 0,
+    extensions: Sequence[Extension] = (),
 ) -> x509.CertificateRevocationList:
+    """A list of serial numbers, each perhaps with what its entry says, from so many `days` behind `start` on."""
     builder = (
         x509.CertificateRevocationListBuilder()
         .issuer_name(issuer.certificate.subject)
-        .last_update(START + timedelta(days=days))
+        .last_update(start + timedelta(days=days))
         .next_update(end or END)
     )
-    for serial in revoked:
-        entry = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(START).build()
-        builder = builder.add_revoked_certificate(entry)
+    for extension, critical in extensions:
+        builder = builder.add_extension(extension, critical)
+    for each in revoked:
+        serial, *said = each if isinstance(each, tuple) else (each,)
+        entry = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(START)
+        for extension in said:
+            entry = entry.add_extension(extension, critical=isinstance(extension, x509.CertificateIssuer))
+        builder = builder.add_revoked_certificate(entry.build())
     return builder.sign(issuer.key, hashes.SHA256())  # type: ignore[arg-type]
 
 
-def signed_document(content: bytes, signer: Signed) -> bytes:
-    """Sign as sros2 does since Iron."""
-    return (
-        pkcs7.PKCS7SignatureBuilder()
-        .set_data(content)
-        .add_signer(signer.certificate, signer.key, hashes.SHA256())  # type: ignore[arg-type]
-        .sign(Encoding.SMIME, [pkcs7.PKCS7Options.Text, pkcs7.PKCS7Options.DetachedSignature])
-    )
+def signed_document(
+    content: bytes, signer: Signed, *embedded: Signed, options: Sequence[pkcs7.PKCS7Options] = SROS2
+) -> bytes:
+    """Sign as sros2 does since Iron; `embedded`: further certificates in the message."""
+    builder = pkcs7.PKCS7SignatureBuilder().set_data(content)
+    builder = builder.add_signer(signer.certificate, signer.key, hashes.SHA256())  # type: ignore[arg-type]
+    for each in embedded:
+        builder = builder.add_certificate(each.certificate)
+    return builder.sign(Encoding.SMIME, options)
 
 
 def present(content: bytes, path: str = "cert.pem") -> File:
@@ -185,9 +231,40 @@ def evidence(signed: Signed) -> Certificate:
     return only
 
 
-def _write(path: Path, content: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(content)
+def write(root: Path, files: Mapping[str, bytes | str | None]) -> Path:
+    """Write files by path: bytes are contents, texts are where links lead, None is left out."""
+    for path, content in files.items():
+        place = root / path
+        if content is None:
+            continue
+        place.parent.mkdir(parents=True, exist_ok=True)
+        if isinstance(content, str):
+            os.symlink(content, place)
+        else:
+            place.write_bytes(content)
+    return root
+
+
+def enclave(
+    own: Signed, identity_ca: bytes, permissions_ca: bytes, governance: bytes, permissions: bytes
+) -> dict[str, bytes]:
+    """The files of an enclave by name; the documents are signed already."""
+    return {
+        "cert.pem": own.pem,
+        "key.pem": own.key_pem,
+        "identity_ca.cert.pem": identity_ca,
+        "permissions_ca.cert.pem": permissions_ca,
+        "permissions.p7s": permissions,
+        "governance.p7s": governance,
+    }
+
+
+def write_enclave(
+    directory: Path, own: Signed, document: bytes, identity: Signed, permissions: Signed, governance: bytes
+) -> None:
+    """An enclave's folder with copies of all that it needs."""
+    documents = (signed_document(each, permissions) for each in (governance, document))
+    write(directory, enclave(own, identity.pem, permissions.pem, *documents))
 
 
 def sros2(
@@ -196,29 +273,21 @@ def sros2(
     """Build the layout of Foxy and later: `links` as on Linux or copies, `split` for two authorities."""
     identity = authority()
     permissions = authority() if split else identity
-    for directory in ("public", "private", "enclaves"):
-        (root / directory).mkdir(parents=True)
     for stem, signer in (("identity_ca", identity), ("permissions_ca", permissions)):
         for folder, kind, pem in (("public", "cert", signer.pem), ("private", "key", signer.key_pem)):
-            if split:
-                _write(root / folder / f"{stem}.{kind}.pem", pem)
-            else:
-                _write(root / folder / f"ca.{kind}.pem", pem)
-                os.symlink(f"ca.{kind}.pem", root / folder / f"{stem}.{kind}.pem")
-    _write(root / "enclaves/governance.xml", GOVERNANCE)
-    _write(root / "enclaves/governance.p7s", signed_document(GOVERNANCE, permissions))
+            one = {} if split or stem != "identity_ca" else {f"{folder}/ca.{kind}.pem": pem}
+            write(root, {**one, f"{folder}/{stem}.{kind}.pem": pem if split else f"ca.{kind}.pem"})
+    governance = signed_document(GOVERNANCE, permissions)
+    write(root, {"enclaves/governance.xml": GOVERNANCE, "enclaves/governance.p7s": governance})
     for path in enclaves:
         directory = root / "enclaves" / path.strip("/")
-        _enclave(directory, path, identity, permissions)
+        own = _own(path, identity, permissions)
         up = "../" * (path.strip("/").count("/") + 1) if path != "/" else ""
         targets = {f"{ca}_ca.cert.pem": f"../{up}public/{ca}_ca.cert.pem" for ca in ("identity", "permissions")}
         if path != "/":
             targets["governance.p7s"] = f"{up}governance.p7s"
-        for entry, target in targets.items():
-            if links:
-                os.symlink(target, directory / entry)
-            else:
-                _write(directory / entry, (directory / target).read_bytes())
+        write(directory, own)
+        write(directory, {n: target if links else (directory / target).read_bytes() for n, target in targets.items()})
     return root
 
 
@@ -226,31 +295,17 @@ def flat(root: Path, nodes: Sequence[str] = ("talker", "ns/listener"), *, ardent
     """Build the layout of Crystal to Eloquent, or of Ardent and Bouncy: copies below a flat root."""
     ca = authority("sros2testCA")
     governance = signed_document(GOVERNANCE, ca)
-    for entry, content in (
-        ("ca.cert.pem", ca.pem),
-        ("ca.key.pem", ca.key_pem),
-        ("governance.xml", GOVERNANCE),
-        ("governance.p7s", governance),
-        ("index.txt", b"V\n"),
-        ("serial", b"1002\n"),
-        ("1000.pem", ca.pem),
-    ):
-        _write(root / entry, content)
+    documents = {"governance.xml": GOVERNANCE, "governance.p7s": governance}
+    database = {"index.txt": b"V\n", "serial": b"1002\n", "1000.pem": ca.pem}
+    write(root, {"ca.cert.pem": ca.pem, "ca.key.pem": ca.key_pem, **documents, **database})
     for node in nodes:
-        _enclave(root / node, node if ardent else f"/{node}", ca, ca)
-        for entry in ("ca.cert.pem",) if ardent else ("identity_ca.cert.pem", "permissions_ca.cert.pem"):
-            _write(root / node / entry, ca.pem)
-        _write(root / node / "governance.p7s", governance)
+        shared = ("ca.cert.pem",) if ardent else ("identity_ca.cert.pem", "permissions_ca.cert.pem")
+        own = _own(node if ardent else f"/{node}", ca, ca)
+        write(root / node, {**own, **dict.fromkeys(shared, ca.pem), "governance.p7s": governance})
     return root
 
 
-def _enclave(directory: Path, path: str, identity: Signed, permissions: Signed) -> None:
-    own = certificate(path, identity)
-    document = PERMISSIONS.format(name=path).encode()
-    for entry, content in (
-        ("cert.pem", own.pem),
-        ("key.pem", own.key_pem),
-        ("permissions.xml", document),
-        ("permissions.p7s", signed_document(document, permissions)),
-    ):
-        _write(directory / entry, content)
+def _own(path: str, identity: Signed, permissions: Signed) -> dict[str, bytes]:
+    own, document = certificate(path, identity), PERMISSIONS.format(name=path).encode()
+    signed = signed_document(document, permissions)
+    return {"cert.pem": own.pem, "key.pem": own.key_pem, "permissions.xml": document, "permissions.p7s": signed}

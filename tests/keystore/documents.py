@@ -116,10 +116,10 @@ def governance(*domain_rules: str) -> str:
     return _DDS.format(element("domain_access_rules", *(domain_rules or (domain_rule(),))))
 
 
-def criterion(kind: str, *topics: str, partitions: Sequence[str] | None = None) -> str:
-    """A `publish`, `subscribe` or `relay`; `partitions` None leaves the element out. Names are texts, not XML."""
+def criterion(kind: str, *topics: str, partitions: Sequence[str] | None = ()) -> str:
+    """A `publish`, `subscribe` or `relay`; Without partitions no such element. Names are texts, not XML."""
     listed = element("topics", *(element("topic", escape(topic)) for topic in topics))
-    if partitions is not None:
+    if partitions:
         listed += element("partitions", *(element("partition", escape(each)) for each in partitions))
     return element(kind, listed)
 
@@ -127,7 +127,7 @@ def criterion(kind: str, *topics: str, partitions: Sequence[str] | None = None) 
 pub, sub = (partial(criterion, kind) for kind in ("publish", "subscribe"))
 
 
-def pubsub(*topics: str, partitions: Sequence[str] | None = None) -> str:
+def pubsub(*topics: str, partitions: Sequence[str] | None = ()) -> str:
     """Criteria of writers and of readers."""
     return pub(*topics, partitions=partitions) + sub(*topics, partitions=partitions)
 

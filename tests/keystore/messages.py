@@ -10,10 +10,9 @@ from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
+from cryptography.hazmat.primitives.serialization import pkcs7
 
-from tests.keystore.builder import GOVERNANCE, Signed
+from tests.keystore.builder import GOVERNANCE, SROS2, Signed, signed_document
 
 OPENSSL_OPTIONS: dict[str, tuple[str, ...]] = {
     "smime -text": ("smime", "-text"),
@@ -68,24 +67,12 @@ RSA_OPTIONS: dict[str, tuple[str, ...]] = {
     "cms -text, RSA-PSS": ("cms", "-text", "-keyopt", "rsa_padding_mode:pss"),
 }
 PYCA_OPTIONS: dict[str, tuple[pkcs7.PKCS7Options, ...]] = {
-    "pyca as sros2": (pkcs7.PKCS7Options.Text, pkcs7.PKCS7Options.DetachedSignature),
+    "pyca as sros2": SROS2,
     "pyca opaque": (),
     "pyca without text": (pkcs7.PKCS7Options.DetachedSignature,),
-    "pyca no attributes": (
-        pkcs7.PKCS7Options.Text,
-        pkcs7.PKCS7Options.DetachedSignature,
-        pkcs7.PKCS7Options.NoAttributes,
-    ),
-    "pyca no capabilities": (
-        pkcs7.PKCS7Options.Text,
-        pkcs7.PKCS7Options.DetachedSignature,
-        pkcs7.PKCS7Options.NoCapabilities,
-    ),
-    "pyca no certificates": (
-        pkcs7.PKCS7Options.Text,
-        pkcs7.PKCS7Options.DetachedSignature,
-        pkcs7.PKCS7Options.NoCerts,
-    ),
+    "pyca no attributes": (*SROS2, pkcs7.PKCS7Options.NoAttributes),
+    "pyca no capabilities": (*SROS2, pkcs7.PKCS7Options.NoCapabilities),
+    "pyca no certificates": (*SROS2, pkcs7.PKCS7Options.NoCerts),
 }
 
 
@@ -106,18 +93,13 @@ def by_openssl(options: Sequence[str], *signers: Signed, content: bytes = GOVERN
         return (directory / "message").read_bytes()
 
 
-def by_pyca(options: Sequence[pkcs7.PKCS7Options], signer: Signed, content: bytes = GOVERNANCE) -> bytes:
-    """Sign with the library that sros2 uses since Iron."""
-    builder = pkcs7.PKCS7SignatureBuilder().set_data(content)
-    builder = builder.add_signer(signer.certificate, signer.key, hashes.SHA256())  # type: ignore[arg-type]
-    return builder.sign(Encoding.SMIME, list(options))
-
-
 def corpus(signer: Signed, *, rsa: bool) -> dict[str, bytes]:
     """Every option set of every writer, signed by `signer`."""
     options = OPENSSL_OPTIONS | (RSA_OPTIONS if rsa else {})
     made = {title: by_openssl(arguments, signer) for title, arguments in options.items() if title != "cms -text -keyid"}
-    return made | {title: by_pyca(arguments, signer) for title, arguments in PYCA_OPTIONS.items()}
+    return made | {
+        title: signed_document(GOVERNANCE, signer, options=arguments) for title, arguments in PYCA_OPTIONS.items()
+    }
 
 
 # --- taking a message apart and putting it together again

@@ -85,7 +85,7 @@ def test_no_partition_is_in_any_list_of_an_allow_rule_and_in_none_of_a_deny_rule
     for name, partitions, allowed in (
         ("all", ("*",), expected),
         ("stars", ("**", ""), expected),
-        ("none", None, False),
+        ("none", (), False),
     ):
         denial = rule(criterion("publish", "rt/a", partitions=partitions), allow=False)
         own = permissions(grant("/e", denial, rule(everywhere)))

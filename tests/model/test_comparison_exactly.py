@@ -32,7 +32,7 @@ OPERATIONS = ("publish", "subscribe")
 expressions = st.text("ab*", min_size=1, max_size=3)
 domains = st.sampled_from(["<id>0</id>", "<id>1</id>", "<id_range><min>0</min><max>1</max></id_range>"])
 criteria = st.builds(
-    lambda operation, topics, partitions: criterion(operation, *topics, partitions=partitions or None),
+    lambda operation, topics, partitions: criterion(operation, *topics, partitions=partitions),
     st.sampled_from(OPERATIONS),
     st.lists(expressions, min_size=1, max_size=2),
     st.sampled_from([(), (), ("p",), ("*",), ("p", "q")]),

@@ -15,30 +15,24 @@ from keystore_audit.model.trust.chain import path_refusal
 from keystore_audit.model.trust.verdicts import document_verdict
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.truth import Truth
-from tests.keystore.builder import END, START, Signed, authority, certificate
+from tests.keystore.builder import END, START, Signed, authority, certificate, usage
 from tests.oracles.vendors.recipe import Recipe
 from tests.oracles.vendors.recipes_signers import PAST, _ca, with_options
 
-USAGES = (
-    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
-    *("key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
-)
 FIRST, SECOND, EXPIRED, OTHER = authority("p"), authority("p"), authority("p", **PAST), authority("q")
-USAGE = x509.KeyUsage(*(name == "crl_sign" for name in USAGES))
 LATER = authority("p", start=START + timedelta(days=200), end=END + timedelta(days=200))
-IDLE = authority("p", key=SECOND.key, extensions=[(USAGE, True)])
+IDLE = authority("p", key=SECOND.key, extensions=[usage("crl_sign")])
 LEAF = certificate("/mallory", SECOND)
 NAMED = x509.AuthorityKeyIdentifier(
     None, [x509.DirectoryName(FIRST.certificate.issuer)], FIRST.certificate.serial_number
 )
 CROSS = certificate("p", FIRST, ca=True, extensions=[(NAMED, False)])
-ENDLESS = [(x509.BasicConstraints(ca=True, path_length=None), True)]
-TOP = certificate("top", ca=None, extensions=ENDLESS)
-MIDDLE = certificate("middle", TOP, ca=None, extensions=ENDLESS)
+TOP = certificate("top", ca=True, length=None)
+MIDDLE = certificate("middle", TOP, ca=True, length=None)
 LOWER = certificate("lower", MIDDLE, ca=True)
 LOWEST = certificate("/mallory", LOWER)
-GONE = certificate("middle", TOP, key=MIDDLE.key, ca=None, extensions=ENDLESS, end=START + timedelta(days=30))
-SHORT = certificate("top", key=TOP.key, ca=None, extensions=[(x509.BasicConstraints(ca=True, path_length=0), True)])
+GONE = certificate("middle", TOP, key=MIDDLE.key, ca=True, length=None, end=START + timedelta(days=30))
+SHORT = certificate("top", key=TOP.key, ca=True, length=0)
 CASES = {
     "the second": (FIRST.pem + SECOND.pem, SECOND, True),
     "the first": (FIRST.pem + SECOND.pem, FIRST, False),

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from html import escape
 from pathlib import Path
 
-from tests.cli.keystores import document_of, grant_of, rule, write_enclave
-from tests.keystore.builder import GOVERNANCE, authority, certificate
+from tests.cli.keystores import document_of, grant_of, rule
+from tests.keystore.builder import GOVERNANCE, authority, certificate, write_enclave
 
 PAYLOADS = (
     "<script>document.title='executed'</script>",

@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from keystore_audit.cli.program import run
 from keystore_audit.formats import FORMATS
 from keystore_audit.report.json import encoded
-from tests.cli.keystores import document_of, grant_of, rule, write_enclave
-from tests.keystore.builder import GOVERNANCE, authority, certificate
+from tests.cli.keystores import document_of, grant_of, rule
+from tests.keystore.builder import GOVERNANCE, authority, certificate, write_enclave
 
 STEERING = re.compile(r"##[A-Za-z]*\[|::[A-Za-z]|[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]|\r(?!\n)")
 """Commands of Azure, TeamCity and GitHub, and what terminals obey."""

@@ -35,8 +35,16 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.profiles import resolve
 from keystore_audit.report.content import Report
-from tests.cli.keystores import answer, write_enclave
-from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, certificate, signed_document
+from tests.cli.keystores import answer
+from tests.keystore.builder import (
+    GOVERNANCE,
+    PERMISSIONS,
+    Signed,
+    authority,
+    certificate,
+    signed_document,
+    write_enclave,
+)
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
 INSTANT = "2026-11-21T12:00:00Z"

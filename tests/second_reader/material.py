@@ -8,22 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import datetime, timedelta, timezone
-from functools import lru_cache
+from functools import lru_cache, partial
 from random import Random
 
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import (
     BestAvailableEncryption,
     Encoding,
-    NoEncryption,
     PrivateFormat,
-    pkcs7,
 )
 
 from tests.keystore import documents as d
-from tests.keystore.builder import Signed, certificate, crl
+from tests.keystore.builder import Signed, certificate, crl, signed_document
 from tests.oracles.vendors import recipe as r
 
 AT = datetime(2026, 11, 23, tzinfo=timezone.utc)
@@ -39,9 +36,7 @@ _IDS: tuple[d.Domain, ...] = (0, 0, 0, 1, (0, 1), (1, 5), (0, 230), (1, None), (
 _KINDS = ("NONE", "SIGN", "ENCRYPT", "SIGN_WITH_ORIGIN_AUTHENTICATION", "ENCRYPT_WITH_ORIGIN_AUTHENTICATION")
 
 
-def _ca(subject: str, issuer: Signed | None = None, *, length: int | None = None, **how: object) -> Signed:
-    constraints = x509.BasicConstraints(ca=True, path_length=length), True
-    return certificate(subject, issuer, ca=None, extensions=[constraints], **how)  # type: ignore[arg-type]
+_ca = partial(certificate, ca=True, length=None)
 
 
 @lru_cache(maxsize=1)
@@ -123,11 +118,7 @@ def lists() -> dict[str, bytes]:
 
 def sign(text: str, signer: Signed, *embedded: Signed) -> bytes:
     """As sros2 signs, with more certificates in the message."""
-    builder = pkcs7.PKCS7SignatureBuilder().set_data(text.encode())
-    builder = builder.add_signer(signer.certificate, signer.key, hashes.SHA256())  # type: ignore[arg-type]
-    for each in embedded:
-        builder = builder.add_certificate(each.certificate)
-    return builder.sign(Encoding.SMIME, [pkcs7.PKCS7Options.Text, pkcs7.PKCS7Options.DetachedSignature])
+    return signed_document(text.encode(), signer, *embedded)
 
 
 def _domains(random: Random) -> str:
@@ -233,13 +224,3 @@ def governances(seed: int = 2) -> Documents:
         by: [sign(text, signer, *more) for text in (texts if by in ("shared", "permissions") else texts[:4])]
         for by, signer, more in _signers(random, None)
     }
-
-
-def key_pem(signed: Signed) -> bytes:
-    """Its private key."""
-    return signed.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
-
-
-def der(signed: Signed) -> bytes:
-    """The certificate without armour."""
-    return signed.certificate.public_bytes(Encoding.DER)

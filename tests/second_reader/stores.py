@@ -5,13 +5,13 @@ A store says which features it has.
 
 from __future__ import annotations
 
-import os
 from base64 import b64encode
 from pathlib import Path
 from random import Random
 
 from msgspec import Struct, field
 
+from tests.keystore.builder import write
 from tests.second_reader import material as m
 
 UNREAD = frozenset({"outside link", "pkcs11", "locked key"})
@@ -26,18 +26,7 @@ class Store(Struct):
 
     def write(self, root: Path) -> Path:
         """Write it."""
-        made = set()
-        for path, content in self.files.items():
-            target = os.path.join(root, path)
-            folder = os.path.dirname(target)
-            if folder not in made:
-                os.makedirs(folder, exist_ok=True)
-                made.add(folder)
-            if isinstance(content, str):
-                os.symlink(content, target)
-            else:
-                Path(target).write_bytes(content)
-        return root
+        return write(root, self.files)
 
     @property
     def may_be_unknown(self) -> bool:
@@ -127,7 +116,7 @@ class _Maker:
     def _public(self) -> None:
         if self._one_ca and self._identity == self._permissions:
             self._put("public/ca.cert.pem", self._pem(self._identity))
-            self._put("private/ca.key.pem", m.key_pem(m.authorities()["shared"]))
+            self._put("private/ca.key.pem", m.authorities()["shared"].key_pem)
             for stem in ("identity_ca", "permissions_ca"):
                 self._put(f"public/{stem}.cert.pem", "ca.cert.pem")
                 self._put(f"private/{stem}.key.pem", "ca.key.pem")

@@ -8,46 +8,30 @@ from random import Random
 from typing import Any
 
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.name import _ASN1Type
 from cryptography.x509.oid import NameOID
 from msgspec import Struct
 
-from tests.keystore.builder import START, Signed, certificate, crl
-
-_Extension = tuple[x509.ExtensionType, bool]
-
-_USAGES = (
-    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
-    *("key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
-)
+from tests.keystore.builder import START, Extension, Signed, certificate, crl, usage
 
 
-def _constraints(length: int | None = None) -> _Extension:
-    return x509.BasicConstraints(ca=True, path_length=length), True
-
-
-def _usage(*which: str) -> _Extension:
-    return x509.KeyUsage(**{name: name in which for name in _USAGES}), True
-
-
-def _subject_key(signed: Signed) -> _Extension:
+def _subject_key(signed: Signed) -> Extension:
     return x509.SubjectKeyIdentifier.from_public_key(signed.key.public_key()), False
 
 
-def _authority_key(issuer: Signed) -> _Extension:
+def _authority_key(issuer: Signed) -> Extension:
     return x509.AuthorityKeyIdentifier.from_issuer_public_key(issuer.key.public_key()), False
 
 
 def _authority(
     subject: str | x509.Name,
     issuer: Signed | None = None,
-    *extensions: _Extension,
+    *extensions: Extension,
     length: int | None = None,
     **how: Any,
 ) -> Signed:
-    return certificate(subject, issuer, ca=None, extensions=(_constraints(length), *extensions), **how)
+    return certificate(subject, issuer, ca=True, length=length, extensions=extensions, **how)
 
 
 def _printable(text: str) -> x509.Name:
@@ -75,18 +59,18 @@ def pool() -> Pool:
         "expired root": _authority("root", key=root.key, end=START + timedelta(days=30)),
         "printable root": _authority(_printable("root"), key=root.key),
         "no authority": certificate("root", key=root.key, ca=False),
-        "may not sign": _authority("root", None, _usage("digital_signature", "crl_sign"), key=root.key),
-        "may not revoke": _authority("root", None, _usage("key_cert_sign"), key=root.key),
+        "may not sign": _authority("root", None, usage("digital_signature", "crl_sign"), key=root.key),
+        "may not revoke": _authority("root", None, usage("key_cert_sign"), key=root.key),
         "may not revoke, expired": _authority(
-            "root", None, _usage("key_cert_sign"), key=root.key, end=START + timedelta(days=30)
+            "root", None, usage("key_cert_sign"), key=root.key, end=START + timedelta(days=30)
         ),
         "unknown extension": _authority("root", None, unknown, key=root.key),
         "below": below,
         "below below": _authority("below below", below),
         "expired below": _authority("below", root, key=below.key, end=START + timedelta(days=30)),
         "forged below": _authority("below", _authority("root"), key=below.key),
-        "old root": certificate("old root", ca=None, extensions=[_usage("key_cert_sign", "crl_sign")]),
-        "old below": certificate("old below", root, ca=None, extensions=[_usage("key_cert_sign", "crl_sign")]),
+        "old root": certificate("old root", ca=None, extensions=[usage("key_cert_sign", "crl_sign")]),
+        "old below": certificate("old below", root, ca=None, extensions=[usage("key_cert_sign", "crl_sign")]),
         "short root": short,
         "below short": _authority("below short", short),
     }
@@ -110,8 +94,8 @@ def pool() -> Pool:
     serials = [each.certificate.serial_number for each in identities.values()]
     point = x509.IssuingDistributionPoint(None, None, False, True, None, False, False)
     made = {
-        "unknown list extension": _marked(root, unknown),
-        "of authorities alone": _marked(root, (point, True)),
+        "unknown list extension": crl(root, extensions=[unknown]),
+        "of authorities alone": crl(root, extensions=[(point, True)]),
         "empty": crl(root),
         "all of root": crl(root, serials),
         "stale": crl(root, end=START + timedelta(days=30)),
@@ -123,13 +107,6 @@ def pool() -> Pool:
     }
     lists = {name: each.public_bytes(Encoding.DER) for name, each in made.items()}
     return Pool(authorities, identities, lists)
-
-
-def _marked(issuer: Signed, extension: _Extension) -> x509.CertificateRevocationList:
-    """A list with an extension that nobody takes back by."""
-    builder = x509.CertificateRevocationListBuilder().issuer_name(issuer.certificate.subject)
-    dated = builder.last_update(START).next_update(START + timedelta(days=3650))
-    return dated.add_extension(*extension).sign(issuer.key, hashes.SHA256())  # type: ignore[arg-type]
 
 
 class Combination(Struct, frozen=True):

@@ -5,15 +5,13 @@ from __future__ import annotations
 from datetime import timedelta
 
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec import Struct
 
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.verdicts import is_issued
 from keystore_audit.profiles import VARIANTS
 from tests.amount import tried
-from tests.keystore.builder import START, Signed, authority, certificate, evidence, read
+from tests.keystore.builder import START, authority, certificate, evidence, read
 from tests.oracles.identities.pool import Combination, combinations, pool
 from tests.oracles.pkits import paths
 from tests.oracles.pkits.audited import NO_PARTICIPANT, REFUSALS, objections
@@ -21,7 +19,6 @@ from tests.oracles.pkits.audited import NO_PARTICIPANT, REFUSALS, objections
 pytestmark = pytest.mark.xdist_group("identities")  # every combination is tried once
 
 AT = START + timedelta(days=400)
-CONSTRAINTS = ((x509.BasicConstraints(ca=True, path_length=None), True),)
 NUMBER = tried(300)
 """Random combinations, 15 ms each."""
 
@@ -49,17 +46,13 @@ class Row(Struct, frozen=True):
         return f"{self.combination}: {self.vendor} {self.refused or 'accepts'}, we: {sorted(self.said)}"
 
 
-def der(signed: Signed) -> bytes:
-    return signed.certificate.public_bytes(Encoding.DER)
-
-
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
     made, openssl = pool(), paths.load()
     found = []
     for combination in combinations(made, NUMBER, seed=20261121):
-        authorities = [der(made.authorities[name]) for name in combination.authorities]
-        identity = der(made.identities[combination.identity])
+        authorities = [made.authorities[name].der for name in combination.authorities]
+        identity = made.identities[combination.identity].der
         lists = [made.lists[combination.revocations]] if combination.revocations is not None else []
         said = objections(tmp_path_factory.mktemp("keystore"), AT, authorities, identity, *lists)
         for caller in paths.CALLERS:
@@ -76,10 +69,10 @@ def test_accepted_is_accepted_and_refused_is_refused(rows: list[Row]) -> None:
 @pytest.mark.parametrize(("days", "refused"), [(30, "certificate has expired"), (3650, "")])
 def test_a_path_that_is_taken_has_to_be_in_force_though_another_one_is(days: int, refused: str) -> None:
     """A root that an older one certified, too, and both its certificates: the older one is found first."""
-    older = certificate("older", ca=None, extensions=CONSTRAINTS, end=START + timedelta(days=days))
+    older = authority("older", length=None, end=START + timedelta(days=days))
     root = authority("root")
     crossed = certificate("root", older, key=root.key, ca=True)
-    authorities, identity = [der(each) for each in (older, crossed, root)], der(certificate("/talker", root))
+    authorities, identity = [each.der for each in (older, crossed, root)], certificate("/talker", root).der
     caller = next(each for each in paths.CALLERS if each.whole_file)
     assert paths.load().accepts(caller, authorities, identity, AT) == refused
     file, leaf = read(*(each.pem for each in (older, crossed, root))), evidence(certificate("/talker", root))

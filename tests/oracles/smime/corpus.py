@@ -16,13 +16,12 @@ from tempfile import TemporaryDirectory
 
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.name import _ASN1Type
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID, ObjectIdentifier
 from msgspec import Struct
 from msgspec.structs import replace
 
-from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, signed_document
+from tests.keystore.builder import GOVERNANCE, Extension, Signed, authority, certificate, signed_document, usage
 from tests.keystore.messages import by_openssl, corpus, taken_apart, with_signature
 from tests.oracles.smime.comparison import compare
 from tests.oracles.smime.crafted import CRAFTED
@@ -150,11 +149,11 @@ def _signers() -> Iterator[Case]:
 
 def _bringing(*others: Signed) -> bytes:
     """A message that the authority signed, with these certificates."""
-    brought = tlv(0xA0, *(other.certificate.public_bytes(Encoding.DER) for other in others))
+    brought = tlv(0xA0, *(other.der for other in others))
     return with_signature(MESSAGE, replace(GOOD, certificates=brought).der())
 
 
-def _fitness() -> Iterator[tuple[str, list[tuple[x509.ExtensionType, bool]]]]:
+def _fitness() -> Iterator[tuple[str, list[Extension]]]:
     for title, purposes in (
         ("clientAuth", [ExtendedKeyUsageOID.CLIENT_AUTH]),
         ("emailProtection", [ExtendedKeyUsageOID.EMAIL_PROTECTION]),
@@ -163,14 +162,7 @@ def _fitness() -> Iterator[tuple[str, list[tuple[x509.ExtensionType, bool]]]]:
     ):
         yield f"extended key usage {title}", [(x509.ExtendedKeyUsage(purposes), False)]
     for used in ("digital_signature", "content_commitment", "key_encipherment", "key_cert_sign"):
-        flags = dict.fromkeys(
-            (
-                *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
-                *("key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
-            ),
-            False,
-        )
-        yield f"key usage {used}", [(x509.KeyUsage(**flags | {used: True}), True)]
+        yield f"key usage {used}", [usage(used)]
     for title, mask in (("S/MIME", b"\x20"), ("SSL server", b"\x40"), ("SSL client", b"\x80")):
         netscape = x509.UnrecognizedExtension(ObjectIdentifier("2.16.840.1.113730.1.1"), tlv(3, b"\x05", mask))
         yield f"Netscape type {title}", [(netscape, False)]
@@ -184,7 +176,7 @@ def _signed_by(signer: Signed, *brought: Signed) -> bytes:
         type(signer.key).__name__
     )
     info = Info(signer=signer) if label is None else Info(signer=signer, label=label)
-    certificates = tlv(0xA0, *(other.certificate.public_bytes(Encoding.DER) for other in (signer, *brought)))
+    certificates = tlv(0xA0, *(other.der for other in (signer, *brought)))
     return with_signature(MESSAGE, replace(GOOD, certificates=certificates, infos=(info,)).der())
 
 
@@ -234,7 +226,7 @@ def _chains() -> Iterator[Case]:
         trusted=(named_key(),),
     )
     for title, length in (("none", 0), ("one", 1)):
-        root = certificate("root", ca=None, extensions=[(x509.BasicConstraints(True, length), True)])
+        root = authority("root", length=length)
         below_root = certificate("middle", root, ca=True)
         yield Case(
             name=f"chain: an enclave below a middle authority where the path may hold {title}",
@@ -266,7 +258,7 @@ def named_key() -> Signed:
 
 def _version_1() -> Signed:
     """A self-signed certificate of version 1, which has no extensions."""
-    (structure,) = parse(CA.certificate.public_bytes(Encoding.DER))
+    (structure,) = parse(CA.der)
     signed, _, signature = structure.children
     del signed.children[0], signed.children[-1]
     signature.octets = b"\0" + sign(CA, signed.encode())

@@ -70,7 +70,7 @@ VALUES = {
 
 def _odd_certificate() -> bytes:
     """A certificate whose signature algorithm has a malformed parameter."""
-    (structure,) = parse(RSA_CA.certificate.public_bytes(Encoding.DER))
+    (structure,) = parse(RSA_CA.der)
     identifier, parameter = structure.children[0].children[2].children
     identifier.octets, parameter.octets = b"\x2a\x03\x04", b"x"
     return structure.encode()
@@ -91,7 +91,7 @@ CRAFTED: dict[str, bytes] = {
     "no certificates": replace(GOOD, certificates=b"").der(),
     "two certificates out of order": replace(
         GOOD,
-        certificates=tlv(160, *sorted((s.certificate.public_bytes(Encoding.DER) for s in (CA, LEAF)), reverse=True)),
+        certificates=tlv(160, *sorted((s.der for s in (CA, LEAF)), reverse=True)),
     ).der(),
     "no attributes": changed(attributes=None).der(),
     "other digest in the attributes": changed(attributes=(CONTENT_TYPE, OTHER_DIGEST)).der(),
@@ -133,9 +133,7 @@ CRAFTED: dict[str, bytes] = {
     ).der(),
     "a certificate whose name is no string": replace(
         GOOD,
-        certificates=tlv(
-            160, CA.certificate.public_bytes(Encoding.DER).replace(b"\x0c\x07sros2CA", b"\x04\x07sros2CA")
-        ),
+        certificates=tlv(160, CA.der.replace(b"\x0c\x07sros2CA", b"\x04\x07sros2CA")),
     ).der(),
     "no content type": changed(attributes=(MESSAGE_DIGEST,)).der(),
     "content type of another type": changed(
@@ -171,9 +169,7 @@ CRAFTED: dict[str, bytes] = {
     "digest of nothing known": changed(digest=algorithm("1.2.3.4"), label=algorithm(ECDSA_SHA256)).der(),
     "label of Ed25519": changed(label=algorithm(ED25519)).der(),
     "too many signers": replace(GOOD, infos=tuple(sorted(Info().der() for _ in range(MAX_SIGNERS + 1)))).der(),
-    "too many certificates": replace(
-        GOOD, certificates=tlv(160, CA.certificate.public_bytes(Encoding.DER) * (MAX_EMBEDDED + 1))
-    ).der(),
+    "too many certificates": replace(GOOD, certificates=tlv(160, CA.der * (MAX_EMBEDDED + 1))).der(),
     "nothing": b"",
     "a sequence of nothing": b"0\x00",
     "cut off": GOOD.der()[:-1],

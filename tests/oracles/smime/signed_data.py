@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, ed25519, padding, rsa
-from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec import Struct, field
 from msgspec.structs import replace
 
@@ -89,7 +88,7 @@ class Cms(Struct, frozen=True, kw_only=True):
     version: bytes = tlv(2, b"\x01")
     digests: tuple[bytes, ...] = (algorithm(SHA256, NULL),)
     content: bytes = tlv(0x30, oid(DATA))
-    certificates: bytes = field(default_factory=lambda: tlv(0xA0, CA.certificate.public_bytes(Encoding.DER)))
+    certificates: bytes = field(default_factory=lambda: tlv(0xA0, CA.der))
     crls: bytes = b""
     infos: tuple[bytes | Info, ...] = (Info(),)
     trailing: bytes = b""

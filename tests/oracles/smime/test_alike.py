@@ -10,7 +10,6 @@ from pathlib import Path
 
 from cryptography import x509
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
-from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.name import _ASN1Type
 from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
@@ -60,7 +59,7 @@ def _pool(rng: random.Random) -> list[Signed]:
 
 
 def _message(rng: random.Random, pool: Sequence[Signed]) -> bytes:
-    brought = [each.certificate.public_bytes(Encoding.DER) for each in _some(rng, pool)]
+    brought = [each.der for each in _some(rng, pool)]
     infos = sorted(_info(rng, pool) for _ in range(rng.choice((1, 1, 1, 2))))
     certificates = tlv(0xA0, *brought) if brought else b""
     return with_signature(MESSAGE, replace(GOOD, certificates=certificates, infos=tuple(infos)).der())

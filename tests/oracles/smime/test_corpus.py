@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit.truth import Truth
 from tests.keystore.builder import read
@@ -83,7 +82,7 @@ def test_an_oracle_that_dies_is_reported_and_started_again(oracle: Callable[[str
 
 
 def test_a_certificate_with_an_empty_name_warns_nobody() -> None:
-    (structure,) = parse(CA.certificate.public_bytes(Encoding.DER))
+    (structure,) = parse(CA.der)
     for element in structure.walk():
         element.octets = b"" if element.octets == b"sros2CA" else element.octets
     encoded = base64.encodebytes(structure.encode())

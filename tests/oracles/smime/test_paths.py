@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from keystore_audit.keystore.smime import Candidates, read_signed
@@ -20,7 +18,7 @@ from keystore_audit.model.trust.chain import path_refusal
 from keystore_audit.model.trust.verdicts import document_verdict, may_sign, signers_taken
 from keystore_audit.model.validity import in_force
 from keystore_audit.truth import Truth
-from tests.keystore.builder import PrivateKey, Signed, certificate, present, read
+from tests.keystore.builder import Extension, PrivateKey, Signed, certificate, present, read, signed_document
 from tests.oracles.smime.comparison import CHAINED, INSTANT
 from tests.oracles.smime.oracle import running
 
@@ -44,7 +42,7 @@ def _authority(rng: random.Random, before: Sequence[Signed]) -> Signed:
     key: PrivateKey = old.key if old is not None else rng.choice(KEYS)
     name: Any = old.certificate.subject if old is not None and rng.random() < 0.7 else rng.choice("abc")
     length = rng.choice((None, None, None, 2, 1, 0))
-    extensions: list[tuple[x509.ExtensionType, bool]] = [(x509.BasicConstraints(ca=True, path_length=length), True)]
+    extensions: list[Extension] = []
     if rng.random() < 0.25:
         extensions.append((x509.SubjectKeyIdentifier.from_public_key(key.public_key()), False))
     if rng.random() < 0.15:
@@ -57,15 +55,7 @@ def _authority(rng: random.Random, before: Sequence[Signed]) -> Signed:
     if rng.random() < 0.1:
         purpose = rng.choice((ExtendedKeyUsageOID.CLIENT_AUTH, ExtendedKeyUsageOID.EMAIL_PROTECTION))
         extensions.append((x509.ExtendedKeyUsage([purpose]), False))
-    return certificate(name, issuer, key=key, ca=None, extensions=extensions, **rng.choice(_DATES))
-
-
-def _message(signer: Signed, brought: Sequence[Signed]) -> bytes:
-    builder = pkcs7.PKCS7SignatureBuilder().set_data(b"<dds></dds>\n")
-    builder = builder.add_signer(signer.certificate, signer.key, hashes.SHA256())  # type: ignore[arg-type]
-    for each in brought:
-        builder = builder.add_certificate(each.certificate)
-    return builder.sign(Encoding.SMIME, [pkcs7.PKCS7Options.Text, pkcs7.PKCS7Options.DetachedSignature])
+    return certificate(name, issuer, key=key, ca=True, length=length, extensions=extensions, **rng.choice(_DATES))
 
 
 def _accepted(message: bytes, authorities: bytes) -> bool:
@@ -92,7 +82,7 @@ def test_the_way_that_openssl_takes_decides(oracle: Callable[[str], str], tmp_pa
             for _ in range(MESSAGES):
                 pem = b"".join(each.pem for each in rng.sample(authorities, rng.choice((1, 2, 3))))
                 brought = rng.sample(authorities, rng.choice((0, 0, 1, 2, 3)))
-                message = _message(rng.choice((*authorities, *leaves, *leaves)), brought)
+                message = signed_document(b"<dds></dds>\n", rng.choice((*authorities, *leaves, *leaves)), *brought)
                 answers.trust(pem)
                 accepted = answers.ask(message).chained is not None
                 assert _accepted(message, pem) == accepted, f"pool {pool}:\n{pem.decode()}\n{message.decode()}"

@@ -10,7 +10,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec import Struct
 
 from tests.keystore import documents
-from tests.keystore.builder import PrivateKey, Signed, authority, certificate, signed_document
+from tests.keystore.builder import PrivateKey, Signed, authority, certificate, enclave, signed_document, write
 from tests.keystore.documents import allow, domain_rule, ids, pubsub, topic_rule
 from tests.oracles.vendors import recipe
 
@@ -91,21 +91,16 @@ class Enclave(Struct, frozen=True, kw_only=True):
 
     def contents(self) -> dict[str, bytes]:
         """By file name."""
-        key = self.identity if self.key is None else Signed(self.key, self.identity.certificate)
+        own = self.identity if self.key is None else Signed(self.key, self.identity.certificate)
         revocations = {} if self.crl is None else {"crl.pem": self.crl.public_bytes(Encoding.PEM)}
-        return {
-            "identity_ca.cert.pem": self.identity_ca or self.authorities.identity.pem,
-            "permissions_ca.cert.pem": self.permissions_ca or self.authorities.permissions.pem,
-            "cert.pem": self.identity.pem,
-            "key.pem": key.key_pem,
-            "governance.p7s": self.governance,
-            "permissions.p7s": self.permissions,
-            **revocations,
-        }
+        trusted = self.authorities
+        identity_ca, permissions_ca = (
+            self.identity_ca or trusted.identity.pem,
+            self.permissions_ca or trusted.permissions.pem,
+        )
+        return {**enclave(own, identity_ca, permissions_ca, self.governance, self.permissions), **revocations}
 
     def write(self, directory: Path) -> Path:
         """Write the files into a new directory."""
         directory.mkdir(parents=True)
-        for file, content in self.contents().items():
-            (directory / file).write_bytes(content)
-        return directory
+        return write(directory, self.contents())

@@ -15,9 +15,8 @@ from typing import Any
 from msgspec import Struct, field
 
 from tests.keystore import documents
-from tests.keystore.builder import Signed, authority, certificate
+from tests.keystore.builder import Signed, authority, certificate, enclave, signed_document, write
 from tests.keystore.documents import allow, domain_rule, governance, permissions, pubsub
-from tests.keystore.messages import PYCA_OPTIONS, by_pyca
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
 
 NOW = datetime.now(timezone.utc).replace(microsecond=0)
@@ -63,7 +62,7 @@ def talker() -> Signed:
 
 def sign(document: bytes, signer: Signed | None = None) -> bytes:
     """The signed message, as sros2 makes it."""
-    return by_pyca(PYCA_OPTIONS["pyca as sros2"], signer or common_authority(), document)
+    return signed_document(document, signer or common_authority())
 
 
 Signing = Callable[[bytes], bytes]
@@ -91,17 +90,9 @@ class Recipe(Struct, frozen=True, kw_only=True):
 
     def build(self, directory: Path) -> Path:
         """Write the enclave into this new directory."""
+        ca = common_authority().pem
+        governance = self.sign_governance(self.governance.encode())
+        permissions = self.sign_permissions(self.permissions.encode())
         directory.mkdir(parents=True)
-        identity = self.identity or talker()
-        files: dict[str, bytes | None] = {
-            "identity_ca.cert.pem": common_authority().pem,
-            "permissions_ca.cert.pem": common_authority().pem,
-            "cert.pem": identity.pem,
-            "key.pem": identity.key_pem,
-            "governance.p7s": self.sign_governance(self.governance.encode()),
-            "permissions.p7s": self.sign_permissions(self.permissions.encode()),
-        }
-        for name, content in {**files, **self.files}.items():
-            if content is not None:
-                (directory / name).write_bytes(content)
+        write(directory, {**enclave(self.identity or talker(), ca, ca, governance, permissions), **self.files})
         return directory

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from datetime import timedelta
 from functools import lru_cache
 
@@ -17,7 +18,7 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID
 from msgspec.structs import replace
 
-from tests.keystore.builder import END, START, Signed, authority, certificate
+from tests.keystore.builder import END, START, Signed, authority, certificate, crl
 from tests.keystore.documents import allow, permissions, pubsub
 from tests.oracles.smime.der import NULL, algorithm, parse
 from tests.oracles.vendors.recipe import NOW, Recipe, common_authority, grant, talker
@@ -103,7 +104,7 @@ def keys() -> tuple[Recipe, ...]:
 
 def chains() -> tuple[Recipe, ...]:
     """Authorities of identities."""
-    wide = certificate("wide root", ca=None, extensions=((x509.BasicConstraints(ca=True, path_length=None), True),))
+    wide = authority("wide root", length=None)
     intermediate = certificate("intermediate", wide, ca=True)
     narrow = certificate("below sros2's", common_authority(), ca=True)
     leaf, mine = certificate("/talker", intermediate), certificate("/talker", wide)
@@ -152,7 +153,7 @@ def chains() -> tuple[Recipe, ...]:
 
 def saying_outside(ca: Signed, other: bytes) -> Signed:
     """The same certificate with another algorithm where nothing signs it."""
-    (structure,) = parse(ca.certificate.public_bytes(Encoding.DER))
+    (structure,) = parse(ca.der)
     structure.children[1] = parse(other)[0]
     return Signed(ca.key, x509.load_der_x509_certificate(structure.encode()))
 
@@ -181,35 +182,20 @@ def kinds_of_authorities() -> tuple[Recipe, ...]:
     )
 
 
-Entry = int | tuple[int, x509.ExtensionType]
-"""A serial number, perhaps with what its entry says."""
-
-
 def _list(
     issuer: Signed,
-    revoked: tuple[Entry, ...] = (),
+    revoked: Sequence[int | tuple[int, x509.ExtensionType]] = (),
     *,
     start: int = -9,
-    end: int | None = 9,
+    end: int = 9,
     signer: Signed | None = None,
     extensions: tuple[x509.ExtensionType, ...] = (),
 ) -> bytes:
     """A revocation list in PEM, from and to so many days from now; its extensions are critical."""
-    builder = (
-        x509.CertificateRevocationListBuilder()
-        .issuer_name(issuer.certificate.subject)
-        .last_update(NOW + start * DAY)
-        .next_update(NOW + (end or 9) * DAY)
-    )
-    for extension in extensions:
-        builder = builder.add_extension(extension, critical=True)
-    for each in revoked:
-        serial, said = each if isinstance(each, tuple) else (each, None)
-        entry = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(NOW - 20 * DAY)
-        if said is not None:
-            entry = entry.add_extension(said, critical=isinstance(said, x509.CertificateIssuer))
-        builder = builder.add_revoked_certificate(entry.build())
-    return builder.sign((signer or issuer).key, hashes.SHA256()).public_bytes(Encoding.PEM)
+    by = Signed((signer or issuer).key, issuer.certificate)
+    critical = [(each, True) for each in extensions]
+    made = crl(by, revoked, start=NOW + start * DAY, end=NOW + end * DAY, extensions=critical)
+    return made.public_bytes(Encoding.PEM)
 
 
 _REMOVED = x509.CRLReason(x509.ReasonFlags.remove_from_crl)

@@ -151,7 +151,9 @@ PARTITIONS = (
     partitioned("deny of another kind in p", deny(pub(B, partitions=P)), allow(pubsub("*", partitions=("*",)))),
     partitioned("partition in capitals", allow(pub(A, partitions=("P",)))),
     partitioned("partition with blanks", allow(pub(A, partitions=(" p ",)))),
-    partitioned("no partition in the element", allow(pub(A, partitions=()))),
+    partitioned(
+        "no partition in the element", allow(pub(A).replace("</topics>", "</topics><partitions></partitions>"))
+    ),
     rules(
         "semicolons in partitions",
         allow(pub(A, partitions=BOTH)),

@@ -11,23 +11,13 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from tests.keystore.builder import Signed, authority, certificate
-from tests.keystore.messages import OPENSSL_OPTIONS, PYCA_OPTIONS, RSA_OPTIONS, by_openssl, by_pyca
+from tests.keystore.builder import Extension, Signed, authority, certificate, signed_document, usage
+from tests.keystore.messages import OPENSSL_OPTIONS, PYCA_OPTIONS, RSA_OPTIONS, by_openssl
 from tests.oracles.vendors.recipe import NOW, Recipe, Signing, common_authority, sign, talker
 
-_USAGES = (
-    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
-    *("key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
-)
-Extension = tuple[x509.ExtensionType, bool]
 DAY = timedelta(days=1)
 PAST = {"start": NOW - 9 * DAY, "end": NOW - DAY}
 FUTURE = {"start": NOW + DAY, "end": NOW + 9 * DAY}
-
-
-def usage(*which: str) -> Extension:
-    """Key usage, critical."""
-    return x509.KeyUsage(**{name: name in which for name in _USAGES}), True
 
 
 def purpose(which: x509.ObjectIdentifier) -> Extension:
@@ -88,7 +78,7 @@ def ways_to_sign() -> tuple[Recipe, ...]:
     openssl = {title: options for title, options in OPENSSL_OPTIONS.items() if title != "cms -text -keyid"}
 
     def of_pyca(title: str) -> Signing:
-        return lambda document: by_pyca(PYCA_OPTIONS[title], common_authority(), document)
+        return lambda document: signed_document(document, common_authority(), options=PYCA_OPTIONS[title])
 
     return (
         *(Recipe(title=f"permissions by {title}", sign_permissions=with_options(o)) for title, o in openssl.items()),
@@ -132,7 +122,7 @@ def envelopes() -> tuple[Recipe, ...]:
 def authorities() -> tuple[Recipe, ...]:
     """What the permissions CA may be; it signs both documents."""
     root = authority("root", extensions=())
-    wide = certificate("wide root", ca=None, extensions=((x509.BasicConstraints(ca=True, path_length=None), True),))
+    wide = certificate("wide root", ca=True, length=None)
     intermediate = certificate("intermediate", wide, ca=True)
     kinds = {
         "another than the identity CA": root,

@@ -9,8 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
 
 from keystore_audit.access import Access
 from keystore_audit.circumstances import Circumstances
@@ -21,7 +19,7 @@ from keystore_audit.model.question import Question
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.properties import Status
 from keystore_audit.truth import Truth
-from tests.keystore.builder import Signed, certificate
+from tests.keystore.builder import Signed, certificate, signed_document
 from tests.oracles.vendors import recipe
 from tests.oracles.vendors.enclave import publish, subscribe
 from tests.oracles.vendors.pairs import pairs
@@ -47,18 +45,9 @@ LITTLE = Enclave(
 UNPINNED = {"cyclone": "cyclonedds-0.10", "fastdds": "fastdds-2.9"}
 
 
-def signed(signer: Signed, *embedded: Signed) -> bytes:
-    """Everything for /second, by a key of its own, with these certificates in the message."""
-    builder = pkcs7.PKCS7SignatureBuilder().set_data(ALL)
-    builder = builder.add_signer(signer.certificate, signer.key, hashes.SHA256())  # type: ignore[arg-type]
-    for each in embedded:
-        builder = builder.add_certificate(each.certificate)
-    return builder.sign(Encoding.SMIME, [pkcs7.PKCS7Options.Text, pkcs7.PKCS7Options.DetachedSignature])
-
-
 PRESENTED = {
-    "cross": (CROSS, signed(SECOND, CROSS)),
-    "again": (AGAIN, signed(AGAIN)),
+    "cross": (CROSS, signed_document(ALL, SECOND, CROSS)),
+    "again": (AGAIN, signed_document(ALL, AGAIN)),
 }
 
 

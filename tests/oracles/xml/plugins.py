@@ -13,9 +13,8 @@ from pathlib import Path
 from cryptography import x509
 from msgspec import Struct, field
 
-from tests.keystore.builder import END, GOVERNANCE, START, Signed, authority, certificate
+from tests.keystore.builder import END, GOVERNANCE, START, Signed, authority, certificate, signed_document
 from tests.keystore.documents import PERMISSIONS
-from tests.keystore.messages import PYCA_OPTIONS, by_pyca
 from tests.oracles.xml.ours import DocumentKind
 from tests.oracles.xml.parsers import compiled
 
@@ -67,7 +66,7 @@ class Plugin:
 
     def sign(self, document: bytes) -> bytes:
         """The signed message, as sros2 makes it."""
-        return by_pyca(PYCA_OPTIONS["pyca as sros2"], self._authority, document)
+        return signed_document(document, self._authority)
 
     def ask(self, message: bytes, kind: DocumentKind, *topics: str) -> Answer:
         """What becomes of the enclave in domain 0 with this document and a plain one of the other kind."""
