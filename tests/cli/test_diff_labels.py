@@ -10,9 +10,9 @@ from msgspec.structs import replace
 
 from keystore_audit.cli.program import run
 from tests.cli.keystores import AT
-from tests.keystore.builder import certificate
+from tests.keystore.builder import certificate, key
 from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule
-from tests.model.comparing import Member, Store, authority, key
+from tests.model.comparing import Member, Store, authority
 
 SETTINGS = """
 [lattice]

@@ -23,11 +23,11 @@ from tests.keystore.builder import (
     GOVERNANCE,
     PrivateKey,
     Signed,
-    _write,
     authority,
     certificate,
     crl,
     signed_document,
+    write,
     write_enclave,
 )
 from tests.keystore.documents import criterion
@@ -99,11 +99,11 @@ def keystore(chance: random.Random, root: Path) -> Path:
         write_enclave(directory, own, document, identity, permissions, GOVERNANCE)
         os.chmod(directory / "key.pem", 0o600)
         if chance.random() < 0.1:
-            _write(directory / "crl.pem", revocations(chance, identity))
+            write(directory, {"crl.pem": revocations(chance, identity)})
     if chance.random() < 0.3:  # a document that any enclave may present
         granted = grant(chance, chance.choice(("/e", "/f")))
         document = documents.permissions(granted).encode()
-        _write(root / "enclaves/old.p7s", signed_document(document, permissions))
+        write(root, {"enclaves/old.p7s": signed_document(document, permissions)})
     return root
 
 

@@ -110,10 +110,13 @@ def name(text: str) -> x509.Name:
 
 
 @lru_cache(maxsize=1024)
-def key_of(label: str, curve: str = "secp256r1") -> ec.EllipticCurvePrivateKey:
-    """One key for each label and curve, made anew in each run."""
-    del label
+def _key(_label: str, curve: str) -> ec.EllipticCurvePrivateKey:
     return ec.generate_private_key(CURVES[curve])
+
+
+def key(label: str, curve: str = "secp256r1") -> ec.EllipticCurvePrivateKey:
+    """One key for each label and curve, made anew in each run."""
+    return _key(label, curve)
 
 
 def usage(*which: str) -> Extension:

@@ -7,7 +7,6 @@ from datetime import datetime, timezone
 from functools import lru_cache
 from pathlib import Path
 
-from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec import Struct, field
 from msgspec.structs import replace
@@ -16,17 +15,10 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.comparison.change import Aspect, Change, Comparison, Consequence
 from keystore_audit.model.comparison.compare import compare
 from keystore_audit.profiles import Profile, resolve
-from tests.keystore.builder import END, Signed, certificate, crl, signed_document
+from tests.keystore.builder import END, Signed, certificate, crl, enclave, key, signed_document, write
 from tests.keystore.documents import governance
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
-
-
-@lru_cache(maxsize=256)
-def key(name: str) -> ec.EllipticCurvePrivateKey:
-    """The key of that name: a new one for each name, the same for each call."""
-    del name
-    return ec.generate_private_key(ec.SECP256R1())
 
 
 @lru_cache(maxsize=256)
@@ -34,19 +26,7 @@ def authority(name: str, *, end: datetime = END, serial: int = 7) -> Signed:
     return certificate(name, ca=True, key=key(name), serial=serial, end=end)
 
 
-@lru_cache(maxsize=1024)
-def _issued(subject: str, key_name: str, issuer: Signed, serial: int, end: datetime, *, ca: bool) -> Signed:
-    return certificate(subject, issuer, key=key(key_name), serial=serial, end=end, ca=ca)
-
-
-@lru_cache(maxsize=4096)
-def _signed(content: str, signer: Signed) -> bytes:
-    return signed_document(content.encode(), signer)
-
-
-@lru_cache(maxsize=64)
-def _revoked(issuer: Signed, serials: tuple[int, ...], end: datetime) -> bytes:
-    return crl(issuer, serials, end=end).public_bytes(Encoding.PEM)
+_issued, _signed, _revoked = (lru_cache(maxsize=4096)(made) for made in (certificate, signed_document, crl))
 
 
 class Member(Struct, frozen=True, kw_only=True):
@@ -87,39 +67,28 @@ class Store(Struct, frozen=True, kw_only=True):
 
     def write(self, root: Path) -> Path:
         for path, member in self.members.items():
-            directory = root / "enclaves" / path.strip("/")
-            directory.mkdir(parents=True)
-            for name, content in self._files(path, member).items():
-                (directory / name).write_bytes(content)
-        for name, document in self.strays.items():
-            (root / name).write_bytes(_signed(document, self.permissions[0]))
-        for name, content in self.files.items():
-            (root / name).parent.mkdir(exist_ok=True)
-            (root / name).write_bytes(content)
-        return root
+            write(root / "enclaves" / path.strip("/"), self._files(path, member))
+        strays = {name: _signed(document.encode(), self.permissions[0]) for name, document in self.strays.items()}
+        return write(root, {**strays, **self.files})
 
     def _files(self, path: str, member: Member) -> dict[str, bytes]:
         own = _issued(
             member.subject or path,
-            member.key or path,
             member.issuer or self.identity[0],
-            member.serial,
-            member.end,
+            key=key(member.key or path),
+            serial=member.serial,
+            end=member.end,
             ca=member.ca,
         )
-        document = _signed(member.permissions, member.signer or self.permissions[0])
-        files = {
-            "cert.pem": own.pem,
-            "key.pem": replace(own, key=key(member.private_key)).key_pem if member.private_key else own.key_pem,
-            "identity_ca.cert.pem": b"".join(each.pem for each in self.identity),
-            "permissions_ca.cert.pem": b"".join(each.pem for each in self.permissions),
-            "permissions.p7s": document.replace(b"chatter", b"changed") if member.tampered else document,
-            "governance.p7s": _signed(
-                member.governance or self.governance, self.governance_signer or self.permissions[0]
-            ),
-        }
+        own = replace(own, key=key(member.private_key)) if member.private_key else own
+        authorities = (b"".join(each.pem for each in several) for several in (self.identity, self.permissions))
+        document = _signed(member.permissions.encode(), member.signer or self.permissions[0])
+        document = document.replace(b"chatter", b"changed") if member.tampered else document
+        governance = (member.governance or self.governance).encode()
+        governed = _signed(governance, self.governance_signer or self.permissions[0])
+        files = enclave(own, *authorities, governed, document)
         if self.revoked is not None:
-            files["crl.pem"] = _revoked(self.identity[0], self.revoked, self.crl_end)
+            files["crl.pem"] = _revoked(self.identity[0], self.revoked, end=self.crl_end).public_bytes(Encoding.PEM)
         return files
 
 

@@ -25,9 +25,9 @@ from keystore_audit.model.participants.lone_participants import _later
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
-from tests.keystore.builder import START, Signed, certificate, crl, signed_document
+from tests.keystore.builder import START, Signed, certificate, crl, key, signed_document
 from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule
-from tests.model.comparing import AT, Member, Store, authority, key
+from tests.model.comparing import AT, Member, Store, authority
 
 ONE, OTHER = authority("one"), authority("other")
 NAMESAKE = certificate("one", ca=True, key=key("namesake"), serial=8)

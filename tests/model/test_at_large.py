@@ -30,9 +30,9 @@ from keystore_audit.model.participants import unmanaged as participants
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
-from tests.keystore.builder import Signed, certificate
+from tests.keystore.builder import Signed, certificate, key
 from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule
-from tests.model.comparing import AT, Member, Store, authority, key
+from tests.model.comparing import AT, Member, Store, authority
 
 IDENTITY = authority("identityCA")
 TALKER = Member(permissions=permissions(grant("/talker", rule(criterion("publish", "rt/chatter")))), serial=101)

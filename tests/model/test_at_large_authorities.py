@@ -12,8 +12,8 @@ from keystore_audit.flow import find_blast_radius
 from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
-from tests.keystore.builder import Signed, certificate
-from tests.model.comparing import AT, Store, authority, key
+from tests.keystore.builder import Signed, certificate, key
+from tests.model.comparing import AT, Store, authority
 from tests.model.test_at_large import IDENTITY, LYING_ABOUT, STORE, flows, identity, written
 
 PERMISSIONS = authority("permissionsCA")

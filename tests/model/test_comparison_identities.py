@@ -12,9 +12,9 @@ from msgspec.structs import replace
 from keystore_audit.keystore import unmanaged
 from keystore_audit.model.comparison.change import Comparison, FailOn
 from keystore_audit.profiles import resolve
-from tests.keystore.builder import Signed, certificate
+from tests.keystore.builder import Signed, certificate, key
 from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule
-from tests.model.comparing import AT, Store, authority, compared, key
+from tests.model.comparing import AT, Store, authority, compared
 from tests.model.single_changes import BASE
 
 RIGHTS = permissions(grant("/admin", rule(criterion("publish", "rt/*"))))

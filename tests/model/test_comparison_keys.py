@@ -15,7 +15,8 @@ from cryptography.hazmat.primitives.serialization import (
 from msgspec.structs import replace
 
 from keystore_audit.model.comparison.change import Comparison, FailOn
-from tests.model.comparing import authority, compared, key
+from tests.keystore.builder import key
+from tests.model.comparing import authority, compared
 from tests.model.single_changes import BASE
 
 IDENTITY, PERMISSIONS = authority("identityCA"), authority("permissionsCA")

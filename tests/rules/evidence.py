@@ -13,10 +13,7 @@ from functools import cache
 from typing import Any
 
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
-from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Result
@@ -37,6 +34,8 @@ from keystore_audit.profiles import DEFAULT, VARIANTS
 from keystore_audit.rules import RULES, registry
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Context
+from tests.keystore import builder
+from tests.keystore.builder import Signed, authority, certificate, key, name
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
 START = datetime(2020, 1, 1, tzinfo=timezone.utc)
@@ -47,17 +46,6 @@ Change = Callable[[Keystore], Keystore]
 
 
 # Certificates
-
-
-CURVES = {"secp224r1": ec.SECP224R1, "secp384r1": ec.SECP384R1, "secp256k1": ec.SECP256K1, "secp256r1": ec.SECP256R1}
-_KEYS: dict[tuple[str, str], ec.EllipticCurvePrivateKey] = {}
-
-
-def key(label: str, curve: str = "secp256r1") -> ec.EllipticCurvePrivateKey:
-    """One key for each label and curve, made anew in each run."""
-    if (label, curve) not in _KEYS:
-        _KEYS[label, curve] = ec.generate_private_key(CURVES[curve]())
-    return _KEYS[label, curve]
 
 
 @cache
@@ -78,27 +66,27 @@ def pem(
 
     `ca`: BasicConstraints; None: CA:TRUE for a subject without a slash, CA:FALSE for an enclave's path.
     """
-    issued_to = key(label or subject, curve)
-    builder = (
-        x509.CertificateBuilder()
-        .subject_name(name(subject))
-        .issuer_name(name(issuer))
-        .public_key(issued_to.public_key())
-        .serial_number(serial if serial is not None else zlib.crc32(repr((subject, label, start, end)).encode()) + 1)
-        .not_valid_before(start)
-        .not_valid_after(end)
-        .add_extension(
-            x509.BasicConstraints(ca=not subject.startswith("/") if ca is None else ca, path_length=None), critical=True
-        )
-    )
+    extensions = []
     if critical is not None:
-        builder = builder.add_extension(x509.UnrecognizedExtension(x509.ObjectIdentifier(critical), b"\x05\x00"), True)
-    return builder.sign(key(issuer_label or issuer), hashes.SHA256()).public_bytes(Encoding.PEM)
+        extensions.append((x509.UnrecognizedExtension(x509.ObjectIdentifier(critical), b"\x05\x00"), True))
+    made = certificate(
+        subject,
+        _issuer(issuer, issuer_label or issuer),
+        key=key(label or subject, curve),
+        ca=not subject.startswith("/") if ca is None else ca,
+        length=None,
+        extensions=extensions,
+        start=start,
+        end=end,
+        serial=serial if serial is not None else zlib.crc32(repr((subject, label, start, end)).encode()) + 1,
+    )
+    return made.pem
 
 
-def name(common_name: str) -> x509.Name:
-    """`CN=common_name`, no attribute at all for the empty one."""
-    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)] if common_name else [])
+@cache
+def _issuer(subject: str, label: str) -> Signed:
+    """Who issues under a name with the key of a label."""
+    return authority(subject, key=key(label))
 
 
 IDENTITY_CA = pem("identityCA", issuer="identityCA")
@@ -139,19 +127,15 @@ def crl(
     revoked_of: str | None = None,
 ) -> CrlFile:
     """A revocation list, read by the real reader; `delta`: of changes alone, `revoked_of`: the entries' issuer."""
-    builder = x509.CertificateRevocationListBuilder(
-        issuer_name=name(issuer), last_update=this_update, next_update=next_update
+    entries = [
+        serial if revoked_of is None else (serial, x509.CertificateIssuer([x509.DirectoryName(name(revoked_of))]))
+        for serial in revoked
+    ]
+    indicated = [(x509.DeltaCRLIndicator(1), True)] if delta else []
+    made = builder.crl(
+        _issuer(issuer, label or issuer), entries, start=this_update, end=next_update, extensions=indicated
     )
-    for serial in revoked:
-        entry = x509.RevokedCertificateBuilder(serial_number=serial, revocation_date=START)
-        if revoked_of is not None:
-            others = x509.CertificateIssuer([x509.DirectoryName(name(revoked_of))])
-            entry = entry.add_extension(others, critical=True)
-        builder = builder.add_revoked_certificate(entry.build())
-    if delta:
-        builder = builder.add_extension(x509.DeltaCRLIndicator(1), critical=True)
-    signed = builder.sign(key(label or issuer), hashes.SHA256())
-    return read_crl(file(path, signed.public_bytes(Encoding.PEM)))
+    return read_crl(file(path, made.public_bytes(Encoding.PEM)))
 
 
 def joined(*files: CrlFile) -> CrlFile:

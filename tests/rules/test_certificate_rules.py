@@ -25,6 +25,7 @@ from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.certificate import weak_key, weak_signature_algorithm
 from keystore_audit.rules.subjects import certificate_uses
 from keystore_audit.truth import Truth
+from tests.keystore.builder import key, name
 from tests.rules.evidence import (
     AT,
     DAY,
@@ -48,10 +49,8 @@ from tests.rules.evidence import (
     healthy,
     joined,
     judged,
-    key,
     keystore,
     meaning,
-    name,
     open_codes,
     pem,
     permissions,

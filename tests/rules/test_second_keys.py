@@ -10,8 +10,8 @@ from keystore_audit.findings import Severity
 from keystore_audit.keystore.keystore import MAX_FURTHER_KEYS
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
-from tests.keystore.builder import certificate
-from tests.model.comparing import AT, authority, key
+from tests.keystore.builder import certificate, key
+from tests.model.comparing import AT, authority
 from tests.model.single_changes import BASE
 
 
