@@ -13,6 +13,7 @@ from cryptography.hazmat.primitives.asymmetric import ec, padding
 
 from benchmarks import keystores
 from benchmarks.program import run
+from tests.keystore.builder import authority
 
 LOOP = r"""
 set -eu
@@ -44,8 +45,7 @@ def audit(store: Path) -> None:
 
 def raw_verification(kind: str) -> float:
     """Seconds for one signature verification through `cryptography`."""
-    key = keystores.new_key(kind)
-    made = keystores.certificate("a", key, "a", key, ca=True)
+    made = authority(key=keystores.new_key(kind)).certificate
     public, signature, body = made.public_key(), made.signature, made.tbs_certificate_bytes
 
     def verify() -> None:

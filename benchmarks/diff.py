@@ -8,6 +8,8 @@ from pathlib import Path
 
 from benchmarks import keystores
 from benchmarks.program import run
+from tests.keystore.documents import domain_rule, topic_rule
+from tests.keystore.documents import governance as governance_of
 
 
 def others(root: Path, paths: list[str]) -> Iterator[tuple[str, Path]]:
@@ -26,12 +28,9 @@ def others(root: Path, paths: list[str]) -> Iterator[tuple[str, Path]]:
         for path in paths
     }
     yield "wildcards for each robot", keystores.build_with(root / "diff-wild", "ec", wild)
-    kept = keystores.GOVERNANCE
-    flag = "<enable_write_access_control>"
-    keystores.GOVERNANCE = kept.replace(f"{flag}true", f"{flag}false")
-    open_store = keystores.build_with(root / "diff-open", "ec", {path: keystores.permissions(path) for path in paths})
-    keystores.GOVERNANCE = kept
-    yield "no write access control", open_store
+    governance = governance_of(domain_rule(topic_rule(write=False))).encode()
+    same = {path: keystores.permissions(path) for path in paths}
+    yield "no write access control", keystores.build_with(root / "diff-open", "ec", same, governance)
 
 
 def main() -> None:

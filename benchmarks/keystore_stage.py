@@ -22,7 +22,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 from lxml import etree
 
-from benchmarks.keystores import ROOT, build, certificate, new_key
+from benchmarks.keystores import ROOT, build
 from keystore_audit.keystore.certificate import Certificate, read_certificates
 from keystore_audit.keystore.cms import SignerInfo, read_signed_data
 from keystore_audit.keystore.files import File
@@ -37,6 +37,7 @@ from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
 from keystore_audit.keystore.xml import read_xml
 from keystore_audit.keystore.xsd import Grammar, validate
+from tests.keystore.builder import authority
 
 ROUNDS = 5
 CHUNK = 25
@@ -103,8 +104,7 @@ STEPS: dict[str, Callable[[Subject], object]] = {
 
 def raw() -> Verify:
     """What verifies one signature so many times: one P-256 key, the bytes of one certificate."""
-    key = new_key("ec")
-    made = certificate("a", key, "a", key, ca=True)
+    made = authority().certificate
     public, signature, data = made.public_key(), made.signature, made.tbs_certificate_bytes
     assert isinstance(public, ec.EllipticCurvePublicKey)
 
