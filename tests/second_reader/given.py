@@ -104,91 +104,97 @@ def _short(name: str) -> str:
     return match[1] if match else name
 
 
-def of_system(system: Any) -> Relations:  # noqa: C901 - a list
+_FIELDS = {
+    # By relation: the letter of atoms on the left, of those on the right, where they stand, and the field.
+    ("issuer", "C", "C"): ("certificates", "issuers"),
+    ("signer", "P", "C"): ("documents", "signers"),
+    **{(name, "R", "C"): ("trust_domains", name) for name in ("identity_ca", "permissions_ca", "revoked", "refuses")},
+    ("governance", "R", "P"): ("trust_domains", "governance"),
+    ("in_trust_domain", "E", "R"): ("enclaves", "trust_domain"),
+    ("identity", "E", "C"): ("enclaves", "identity"),
+    ("permissions", "E", "P"): ("enclaves", "permissions"),
+    **{
+        (name, "E", "T"): ("enclaves", name)
+        for name in ("reads_alone", "writes_alone", "refused_writes", "refused_reads")
+    },
+    ("topic_expression", "TR", "T"): ("topic_rules", "channels"),
+    ("subject_name", "G", "C"): ("grants", "names"),
+    **{(name, "PR", "T"): ("rules", name) for name in ("publish", "subscribe", "relay")},
+    ("in_domain", "T", "D"): ("channels", "domain"),
+    ("domains", "DR", "D"): ("domain_rules", "domains"),
+    ("domains", "PR", "D"): ("rules", "domains"),
+    **{(name, letter, "I"): (where, name) for name in ("not_before", "not_after")
+       for letter, where in (("C", "certificates"), ("G", "grants"))},
+}  # fmt: skip
+_FLAGS = {
+    ("certificates", "C"): ("authority", "fit_to_sign", "opaque"),
+    ("documents", "P"): ("intact", "opaque"),
+    ("enclaves", "E"): ("opaque",),
+    ("domain_rules", "DR"): ("allow_unauthenticated_participants", "enable_join_access_control"),
+    ("topic_rules", "TR"): (
+        *("enable_discovery_protection", "enable_liveliness_protection"),
+        *("enable_read_access_control", "enable_write_access_control"),
+    ),
+    ("grants", "G"): ("default_allow",),
+    ("rules", "PR"): ("allow",),
+}
+_KINDS = {
+    ("domain_rules", "DR"): ("discovery", "liveliness", "rtps"),
+    ("topic_rules", "TR"): ("metadata", "data"),
+}
+_PARENTS = {
+    # By relation: the letter of the parent and of what belongs to it, where that stands, and the field.
+    ("domain_rule", "P", "DR"): ("domain_rules", "document"),
+    ("topic_rule", "DR", "TR"): ("topic_rules", "domain_rule"),
+    ("grant", "P", "G"): ("grants", "document"),
+    ("rule", "G", "PR"): ("rules", "grant"),
+}
+_OF_ALL = {
+    # What a system says of each trust domain or of each grant.
+    "R": ("asks_announced_only", "pins_signer", "requires_grant"),
+    "G": ("skips_grants_out_of_date", "joins_out_of_date"),
+}
+_OTHERWISE = {"allow": "allow_rule", "skips_grants_out_of_date": "skipped_out_of_date"}
+"""Fields whose relation has another name."""
+
+
+def of_system(s: Any) -> Relations:
     """The same of the `System` that the native engine reads."""
-    s, found = system, {}
+    found: dict[str, set[tuple[str, ...]]] = {}
 
     def put(name: str, pairs: Iterable[tuple[str, ...]]) -> None:
-        found[name] = frozenset(pairs)
+        found.setdefault(_OTHERWISE.get(name, name), set()).update(pairs)
 
-    def rows(left: str, right: str, several: Iterable[Iterable[int] | None]) -> Iterator[tuple[str, str]]:
-        yield from ((f"{left}{n}", f"{right}{m}") for n, each in enumerate(several) for m in each or ())
-
-    def lone(number: int | None) -> tuple[int, ...]:
-        return () if number is None else (number,)
-
-    def flags(letter: str, several: Iterable[bool]) -> Iterator[tuple[str]]:
-        yield from ((f"{letter}{n}",) for n, each in enumerate(several) if each)
-
+    for (name, left, right), (where, field) in _FIELDS.items():
+        for number, each in enumerate(getattr(s, where)):
+            value = getattr(each, field)
+            several = () if value is None else (value,) if isinstance(value, int) else value
+            put(name, ((f"{left}{number}", f"{right}{other}") for other in several))
+        put(name, ())
+    for (where, letter), fields in _FLAGS.items():
+        for field in fields:
+            put(field, ((f"{letter}{n}",) for n, each in enumerate(getattr(s, where)) if getattr(each, field)))
+    for (where, letter), fields in _KINDS.items():
+        for field in (f"{name}_protection_kind" for name in fields):
+            put(field, ((f"{letter}{n}", getattr(each, field).value) for n, each in enumerate(getattr(s, where))))
+    for (name, above, letter), (where, field) in _PARENTS.items():
+        parents = [getattr(each, field) for each in getattr(s, where)]
+        put(name, ((f"{above}{parent}", f"{letter}{n}") for n, parent in enumerate(parents)))
+        put("precedes", _following(letter, parents))
+    for letter, fields in _OF_ALL.items():
+        atoms = [(f"{letter}{n}",) for n, _each in enumerate(s.trust_domains if letter == "R" else s.grants)]
+        for field in fields:
+            put(field, atoms if getattr(s, field) else ())
     keys = {key: n for n, key in enumerate(sorted({c.key for c in s.certificates}))}
-    put("issuer", rows("C", "C", [c.issuers for c in s.certificates]))
-    put("authority", flags("C", [c.authority for c in s.certificates]))
-    put("fit_to_sign", flags("C", [c.fit_to_sign for c in s.certificates]))
-    put("public_key", rows("C", "K", [[keys[c.key]] for c in s.certificates]))
-    for name in ("not_before", "not_after"):
-        dated = [(letter, getattr(each, name), n) for letter, several in (("C", s.certificates), ("G", s.grants))
-                 for n, each in enumerate(several)]  # fmt: skip
-        put(name, ((f"{letter}{n}", f"I{instant}") for letter, instant, n in dated))
-    put("audit_instant", [(f"I{s.now}",)])
-    put("intact", flags("P", [d.intact for d in s.documents]))
-    put("signer", rows("P", "C", [d.signers for d in s.documents]))
-    opaque = [("P", s.documents), ("E", s.enclaves), ("C", s.certificates)]
-    put("opaque", (row for letter, several in opaque for row in flags(letter, [each.opaque for each in several])))
-    every_trust_domain = [(f"R{n}",) for n in range(len(s.trust_domains))]
+    put("public_key", ((f"C{n}", f"K{keys[c.key]}") for n, c in enumerate(s.certificates)))
     every = {each.value for each in type(next(iter(s.assumed)))} if s.assumed else set()
     told = {each.value for each in s.assumed}
     names = {"".join(word.capitalize() for word in each.split("-")) for each in told}
     put("assumed", [("Assumption",)] if told == every else [(name,) for name in names])
-    put("asks_announced_only", every_trust_domain if s.asks_announced_only else [])
-    put("pins_signer", every_trust_domain if s.pins_signer else [])
-    put("requires_grant", every_trust_domain if s.requires_grant else [])
-    for name in ("identity_ca", "permissions_ca", "revoked", "refuses"):
-        put(name, rows("R", "C", [getattr(trust_domain, name) for trust_domain in s.trust_domains]))
-    put("governance", rows("R", "P", [lone(trust_domain.governance) for trust_domain in s.trust_domains]))
-    put("in_trust_domain", rows("E", "R", [[e.trust_domain] for e in s.enclaves]))
-    put("identity", rows("E", "C", [lone(e.identity) for e in s.enclaves]))
-    put("permissions", rows("E", "P", [lone(e.permissions) for e in s.enclaves]))
-    for name in ("reads_alone", "writes_alone", "refused_writes", "refused_reads"):
-        put(name, rows("E", "T", [getattr(e, name) for e in s.enclaves]))
-    siblings = (
-        ("DR", [rule.document for rule in s.domain_rules]),
-        ("TR", [rule.domain_rule for rule in s.topic_rules]),
-        ("G", [grant.document for grant in s.grants]),
-        ("PR", [rule.grant for rule in s.rules]),
-    )
-    put("precedes", (pair for letter, parents in siblings for pair in _following(letter, parents)))
-    put("domain_rule", ((f"P{r.document}", f"DR{n}") for n, r in enumerate(s.domain_rules)))
-    put("topic_rule", ((f"DR{r.domain_rule}", f"TR{n}") for n, r in enumerate(s.topic_rules)))
-    put("grant", ((f"P{g.document}", f"G{n}") for n, g in enumerate(s.grants)))
-    put("rule", ((f"G{r.grant}", f"PR{n}") for n, r in enumerate(s.rules)))
-    covered = [*rows("DR", "D", [r.domains for r in s.domain_rules]), *rows("PR", "D", [r.domains for r in s.rules])]
-    put("domains", covered)
-    for letter, several, names in (
-        ("DR", s.domain_rules, ("allow_unauthenticated_participants", "enable_join_access_control")),
-        ("TR", s.topic_rules, ("enable_discovery_protection", "enable_liveliness_protection",
-                               "enable_read_access_control", "enable_write_access_control")),
-        ("G", s.grants, ("default_allow",)),
-    ):  # fmt: skip
-        for name in names:
-            put(name, flags(letter, [getattr(each, name) for each in several]))
-    for letter, several, names in (
-        ("DR", s.domain_rules, ("discovery", "liveliness", "rtps")),
-        ("TR", s.topic_rules, ("metadata", "data")),
-    ):
-        for name in (f"{name}_protection_kind" for name in names):
-            put(name, ((f"{letter}{n}", getattr(each, name).value) for n, each in enumerate(several)))
-    put("topic_expression", rows("TR", "T", [r.channels for r in s.topic_rules]))
-    put("subject_name", rows("G", "C", [g.names for g in s.grants]))
-    every_grant = [(f"G{n}",) for n in range(len(s.grants))]
-    put("skipped_out_of_date", every_grant if s.skips_grants_out_of_date else [])
-    put("joins_out_of_date", every_grant if s.joins_out_of_date else [])
-    put("allow_rule", flags("PR", [r.allow for r in s.rules]))
-    for name in ("publish", "subscribe", "relay"):
-        put(name, rows("PR", "T", [getattr(r, name) for r in s.rules]))
-    put("in_domain", ((f"T{n}", f"D{c.domain}") for n, c in enumerate(s.channels)))
-    put("meets", rows("T", "T", s.meets))
+    put("audit_instant", [(f"I{s.now}",)])
+    put("meets", ((f"T{n}", f"T{other}") for n, several in enumerate(s.meets) for other in several))
     put("following", ((f"I{n}", f"I{n + 1}") for n in range(len(s.instants) - 1)))
-    return found
+    return {name: frozenset(pairs) for name, pairs in found.items()}
 
 
 def _following(letter: str, parents: list[int]) -> Iterator[tuple[str, str]]:

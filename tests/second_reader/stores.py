@@ -124,7 +124,7 @@ class _Maker:
         for stem, names in (("identity_ca", self._identity), ("permissions_ca", self._permissions)):
             self._put(f"public/{stem}.cert.pem", self._pem(names))
             if self._random.random() < 0.5:
-                self._put(f"private/{stem}.key.pem", m.key_pem(m.authorities()[names[0]]))
+                self._put(f"private/{stem}.key.pem", m.authorities()[names[0]].key_pem)
 
     def _enclave(self, name: str, folder: str, *, links: bool) -> None:
         random = self._random
@@ -137,7 +137,7 @@ class _Maker:
             chain += random.choice((own["by permissions"], own["another subject"], m.authorities()["identity"])).pem
         self._put(f"{at}cert.pem", chain)
         if not self._has("no key", 0.1):
-            self._put(f"{at}key.pem", m.key_pem(own[kind]))
+            self._put(f"{at}key.pem", own[kind].key_pem)
         self._trust(folder, at, links=links)
         if not self._has("no permissions", 0.05):
             whose = random.choice(m.NAMES) if self._has("permissions of another", 0.05) else name
@@ -199,7 +199,7 @@ class _Maker:
         if layout == "sros2" and self._has("enclave by link", 0.05):
             self._put("enclaves/alias", self._names[0][1:])
         if self._has("other forms", 0.1):
-            content = random.choice((m.key_pem(m.identities()[name]["identity"]), self._document(name, 0.1)))
+            content = random.choice((m.identities()[name]["identity"].key_pem, self._document(name, 0.1)))
             shown = content.decode().encode("utf-16") if random.random() < 0.5 else b64encode(b64encode(content))
             self._put(self._somewhere("notes.bin"), shown)
         if self._has("link to a file", 0.1):
@@ -212,7 +212,7 @@ class _Maker:
         random, every = self._random, m.identities()
         if self._has("certificate alone", 0.3):
             kind = random.choice(list(every[name]))
-            content = every[name][kind].pem if random.random() < 0.7 else m.der(every[name][kind])
+            content = every[name][kind].pem if random.random() < 0.7 else every[name][kind].der
             self._put(self._somewhere("robot.pem", "cert.crt", "c.der"), content)
         if self._has("cross certificate", 0.2):
             cross = m.authorities()[random.choice(m.CROSS)]
@@ -221,8 +221,8 @@ class _Maker:
             whose = every[random.choice(("/stranger", name))]
             kind = random.choice(list(whose))
             self._put(self._somewhere("their.pem"), whose[kind].pem)
-            self._put(self._somewhere("their.key.pem", "id_key"), m.key_pem(whose[kind]))
+            self._put(self._somewhere("their.key.pem", "id_key"), whose[kind].key_pem)
         if self._has("key alone", 0.1):
-            self._put(self._somewhere("lost.key"), m.key_pem(every[name]["identity"]))
+            self._put(self._somewhere("lost.key"), every[name]["identity"].key_pem)
         if self._has("locked key", 0.02):
             self._put(self._somewhere("safe.key"), m.locked_key())
