@@ -17,7 +17,7 @@ from cryptography.hazmat.primitives.serialization import (
     PrivateFormat,
 )
 
-from tests.hostile.store import CERT, KEY, Case, Finds, Store
+from tests.hostile.store import CERT, KEY, Case, Store, case
 from tests.keystore.builder import END, START, PrivateKey, authority, certificate, crl
 from tests.oracles.smime.der import parse
 
@@ -33,20 +33,15 @@ def file(name: str, content: Make) -> Callable[[Store], None]:
     return lambda store: store.put(name, content(store))
 
 
-def case(name: str, path: str, content: Make, code: str, line: int | None = 1, **more: Any) -> Case:
+def holding(name: str, path: str, content: Make, code: str, line: int | None = 1, **more: Any) -> Case:
     """The victim's file at `path` holds something else."""
-    return Case(name, file(path.rpartition("/")[2], content), (Finds(code, path, line=line),), **more)
+    return case(name, file(path.rpartition("/")[2], content), code, path, line=line, **more)
 
 
 def issued(**others: Any) -> Callable[[Store], None]:
     """The victim has another certificate, with the key that belongs to it."""
 
-    def spoil(store: Store) -> None:
-        made = certificate("/victim", store.base.identity, **others)
-        store.put("cert.pem", made.pem)
-        store.put("key.pem", made.key_pem)
-
-    return spoil
+    return lambda store: store.identify(certificate("/victim", store.base.identity, **others))
 
 
 def keyed(key: PrivateKey) -> Callable[[Store], None]:
@@ -111,25 +106,27 @@ def _authority_key_in_public(store: Store) -> None:
 
 def _same_key(store: Store) -> None:
     """The victim has a certificate of its own for the bystander's key."""
-    made = certificate("/victim", store.base.identity, key=store.base.bystander.key)
-    store.put("cert.pem", made.pem)
-    store.put("key.pem", made.key_pem)
+    store.identify(certificate("/victim", store.base.identity, key=store.base.bystander.key))
 
 
 def _same_certificate(store: Store) -> None:
-    store.put("cert.pem", store.base.bystander.pem)
-    store.put("key.pem", store.base.bystander.key_pem)
+    store.identify(store.base.bystander)
 
 
 def _stranger(store: Store) -> None:
-    other = authority(store.base.identity.certificate.subject)
-    made = certificate("/victim", other)
-    store.put("cert.pem", made.pem)
-    store.put("key.pem", made.key_pem)
+    store.identify(certificate("/victim", authority(store.base.identity.certificate.subject)))
 
 
 def _revoking(store: Store, **others: Any) -> bytes:
     return crl(store.base.identity, [store.base.victim.certificate.serial_number], **others).public_bytes(Encoding.PEM)
+
+
+def _of_a_namesake(store: Store) -> bytes:
+    return crl(authority(store.base.identity.certificate.subject)).public_bytes(Encoding.PEM)
+
+
+def _many(store: Store) -> bytes:
+    return crl(store.base.identity, range(1, 5_000)).public_bytes(Encoding.PEM)
 
 
 def _long_list(store: Store) -> bytes:
@@ -152,7 +149,7 @@ UNKNOWN: Final = x509.UnrecognizedExtension(x509.ObjectIdentifier("1.2.3.4"), b"
 JUNK: Final = bytes(range(256)) * 8
 
 CERTIFICATES: Final = (
-    case(
+    holding(
         "two certificates in one file",
         CERT,
         lambda s: s.base.victim.pem + s.base.bystander.pem,
@@ -161,10 +158,10 @@ CERTIFICATES: Final = (
         exit=1,
         options=MEDIUM,
     ),
-    case(
+    holding(
         "text around the certificate", CERT, lambda s: b"<dds/>\n" + s.base.victim.pem, "KA202", exit=1, options=MEDIUM
     ),
-    case(
+    holding(
         "a private key beside the certificate",
         CERT,
         lambda s: s.base.victim.pem + s.base.victim.key_pem,
@@ -173,22 +170,22 @@ CERTIFICATES: Final = (
         exit=1,
         options=MEDIUM,
     ),
-    case("a certificate in DER", CERT, der, "KA201", line=None),
-    case("a certificate under another label", CERT, lambda s: pem("TRUSTED CERTIFICATE", der(s)), "KA201"),
-    case("a key where the certificate belongs", CERT, lambda s: s.base.victim.key_pem, "KA201", line=None),
-    case("an empty certificate", CERT, lambda _: b"", "KA201", line=None),
-    case("a certificate of random bytes", CERT, lambda _: pem("CERTIFICATE", JUNK), "KA201"),
-    case("a certificate file of NULs", CERT, lambda _: b"\0" * (1 << 20), "KA201", line=None),
-    case("a certificate that never ends", CERT, lambda s: s.base.victim.pem[:-30], "KA201"),
-    case("a certificate with bytes behind it", CERT, lambda s: pem("CERTIFICATE", der(s) + b"\0"), "KA201"),
-    case(
+    holding("a certificate in DER", CERT, der, "KA201", line=None),
+    holding("a certificate under another label", CERT, lambda s: pem("TRUSTED CERTIFICATE", der(s)), "KA201"),
+    holding("a key where the certificate belongs", CERT, lambda s: s.base.victim.key_pem, "KA201", line=None),
+    holding("an empty certificate", CERT, lambda _: b"", "KA201", line=None),
+    holding("a certificate of random bytes", CERT, lambda _: pem("CERTIFICATE", JUNK), "KA201"),
+    holding("a certificate file of NULs", CERT, lambda _: b"\0" * (1 << 20), "KA201", line=None),
+    holding("a certificate that never ends", CERT, lambda s: s.base.victim.pem[:-30], "KA201"),
+    holding("a certificate with bytes behind it", CERT, lambda s: pem("CERTIFICATE", der(s) + b"\0"), "KA201"),
+    holding(
         "a certificate whose length says 2^31",
         CERT,
         lambda _: pem("CERTIFICATE", b"\x30\x84\x7f\xff\xff\xff" + JUNK),
         "KA201",
     ),
-    case("a certificate of 100,000 levels", CERT, lambda _: pem("CERTIFICATE", b"\x30\x80" * 100_000), "KA201"),
-    case(
+    holding("a certificate of 100,000 levels", CERT, lambda _: pem("CERTIFICATE", b"\x30\x80" * 100_000), "KA201"),
+    holding(
         "100,000 PEM blocks",
         CERT,
         lambda s: s.base.victim.pem + b"-----BEGIN X-----\n-----END X-----\n" * 100_000,
@@ -197,8 +194,8 @@ CERTIFICATES: Final = (
         exit=1,
         options=MEDIUM,
     ),
-    case("a million begins of a PEM block", CERT, lambda _: b"-----BEGIN CERTIFICATE-----\n" * 140_000, "KA201"),
-    case(
+    holding("a million begins of a PEM block", CERT, lambda _: b"-----BEGIN CERTIFICATE-----\n" * 140_000, "KA201"),
+    holding(
         "3 MB of text around the certificate",
         CERT,
         lambda s: b"x" * (3 << 20) + b"\n" + s.base.victim.pem,
@@ -206,51 +203,38 @@ CERTIFICATES: Final = (
         exit=1,
         options=MEDIUM,
     ),
-    case(
+    holding(
         "an authority that is text",
         IDENTITY_CA,
         lambda _: b"-----BEGIN CERTIFICATE-----\n\x1b]0;x\x07\n-----END CERTIFICATE-----\n",
         "KA201",
         bystander_changes=True,
     ),
-    case("dates that are none", CERT, _unreadable_dates, "KA201"),
-    case("a negative serial number", CERT, lambda s: pem("CERTIFICATE", with_serial(s, b"\xff\x01")), "KA201"),
-    case("a serial number of 40 octets", CERT, lambda s: pem("CERTIFICATE", with_serial(s, b"\x01" * 40)), "KA201"),
-    case("a serial number of nothing", CERT, lambda s: pem("CERTIFICATE", with_serial(s, b"")), "KA201"),
-    Case("dates that are reversed", issued(start=END, end=END + timedelta(1)), (Finds("KA204", CERT, line=1),), 1),
-    Case(
+    holding("dates that are none", CERT, _unreadable_dates, "KA201"),
+    holding("a negative serial number", CERT, lambda s: pem("CERTIFICATE", with_serial(s, b"\xff\x01")), "KA201"),
+    holding("a serial number of 40 octets", CERT, lambda s: pem("CERTIFICATE", with_serial(s, b"\x01" * 40)), "KA201"),
+    holding("a serial number of nothing", CERT, lambda s: pem("CERTIFICATE", with_serial(s, b"")), "KA201"),
+    case("dates that are reversed", issued(start=END, end=END + timedelta(1)), "KA204", CERT, line=1, exit=1),
+    case(
         "dates before 1970",
         issued(start=datetime(1950, 1, 1, tzinfo=timezone.utc), end=datetime(1969, 1, 1, tzinfo=timezone.utc)),
-        (Finds("KA203", CERT, line=1),),
-        1,
+        "KA203",
+        CERT,
+        line=1,
+        exit=1,
     ),
-    Case(
-        "dates until the end of 9999",
-        issued(start=START, end=FOREVER),
-        (Finds("KA206", CERT, line=1),),
-        1,
-        options=LOW,
+    case("dates until the end of 9999", issued(start=START, end=FOREVER), "KA206", CERT, line=1, exit=1, options=LOW),
+    case("a critical extension that nobody knows", issued(extensions=[(UNKNOWN, True)]), "KA221", CERT, line=1, exit=1),
+    case("a certificate of somebody with the CA's name", _stranger, "KA207", CERT, line=1, exit=1),
+    case("the key of the other enclave", _same_key, "KA219", CERT, line=1, exit=1, bystander_changes=True),
+    case(
+        "the certificate of the other enclave", _same_certificate, "KA219", CERT, line=1, exit=1, bystander_changes=True
     ),
-    Case(
-        "a critical extension that nobody knows",
-        issued(extensions=[(UNKNOWN, True)]),
-        (Finds("KA221", CERT, line=1),),
-        1,
-    ),
-    Case("a certificate of somebody with the CA's name", _stranger, (Finds("KA207", CERT, line=1),), 1),
-    Case("the key of the other enclave", _same_key, (Finds("KA219", CERT, line=1),), 1, bystander_changes=True),
-    Case(
-        "the certificate of the other enclave",
-        _same_certificate,
-        (Finds("KA219", CERT, line=1),),
-        1,
-        bystander_changes=True,
-    ),
-    Case("a serial number of 20 octets and a bit", issued(serial=(1 << 159) - 1), (), 0),
+    case("a serial number of 20 octets and a bit", issued(serial=(1 << 159) - 1), exit=0),
 )
 
 KEYS: Final = (
-    case(
+    holding(
         "a key of another certificate",
         KEY,
         lambda s: s.base.bystander.key_pem,
@@ -259,16 +243,16 @@ KEYS: Final = (
         exit=1,
         bystander_changes=True,
     ),
-    case("a key with a password", KEY, encrypted, "KA211", exit=1),
-    case("a traditional key with a password", KEY, encrypted_traditional, "KA211", exit=1),
-    case("a key in DER", KEY, key_der, "KA210"),
-    case("a key under another label", KEY, lambda s: pem("RSA PRIVATE KEY", key_der(s)[26:]), "KA210"),
-    case("a certificate where the key belongs", KEY, lambda s: s.base.victim.pem, "KA210"),
-    case("a key that never ends", KEY, lambda s: s.base.victim.key_pem[:-20], "KA210"),
-    case("a key cut off inside", KEY, lambda s: pem("PRIVATE KEY", key_der(s)[:60]), "KA210"),
-    case("a key of nothing", KEY, lambda _: pem("PRIVATE KEY", b""), "KA210"),
-    case("a key of 3 MB", KEY, lambda _: pem("PRIVATE KEY", b"\x30\x83\x2d\xc6\xc0" + b"\0" * 3_000_000), "KA210"),
-    case(
+    holding("a key with a password", KEY, encrypted, "KA211", exit=1),
+    holding("a traditional key with a password", KEY, encrypted_traditional, "KA211", exit=1),
+    holding("a key in DER", KEY, key_der, "KA210"),
+    holding("a key under another label", KEY, lambda s: pem("RSA PRIVATE KEY", key_der(s)[26:]), "KA210"),
+    holding("a certificate where the key belongs", KEY, lambda s: s.base.victim.pem, "KA210"),
+    holding("a key that never ends", KEY, lambda s: s.base.victim.key_pem[:-20], "KA210"),
+    holding("a key cut off inside", KEY, lambda s: pem("PRIVATE KEY", key_der(s)[:60]), "KA210"),
+    holding("a key of nothing", KEY, lambda _: pem("PRIVATE KEY", b""), "KA210"),
+    holding("a key of 3 MB", KEY, lambda _: pem("PRIVATE KEY", b"\x30\x83\x2d\xc6\xc0" + b"\0" * 3_000_000), "KA210"),
+    holding(
         "an RSA key of 0",
         KEY,
         lambda _: pem("RSA PRIVATE KEY", b"\x30\x1b" + b"\x02\x01\x00" * 9),
@@ -276,85 +260,53 @@ KEYS: Final = (
         line=None,
         exit=1,
     ),
-    case(
+    holding(
         "a PKCS #11 address where the key belongs",
         KEY,
         lambda _: b"pkcs11:pin-value=CANARY-PIN-771\n",
         "KA210",
         secrets=(b"CANARY-PIN-771",),
     ),
-    Case(
-        "a PKCS #11 address beside the key",
-        _address,
-        (Finds("KA111", "enclaves/victim/key.p11"),),
-        secrets=(b"CANARY-PIN-771",),
+    case(
+        "a PKCS #11 address beside the key", _address, "KA111", "enclaves/victim/key.p11", secrets=(b"CANARY-PIN-771",)
     ),
-    Case("a key that everybody can read", _chmod, (Finds("KA108", KEY),), 1, options=MEDIUM),
-    Case(
+    case("a key that everybody can read", _chmod, "KA108", KEY, exit=1, options=MEDIUM),
+    case(
         "an authority's key in the tree",
         _authority_key,
-        (Finds("KA109", "private/permissions_ca.key.pem"),),
-        1,
+        "KA109",
+        "private/permissions_ca.key.pem",
+        exit=1,
         options=("--deployed",),
     ),
-    Case(
+    case(
         "an authority's key in public/",
         _authority_key_in_public,
-        (Finds("KA118", "public/ca.key.pem"),),
-        1,
+        "KA118",
+        "public/ca.key.pem",
+        exit=1,
         options=("--deployed",),
     ),
-    Case("Ed25519", keyed(ed25519.Ed25519PrivateKey.generate()), (Finds("KA217", CERT, line=1),), 1, options=MEDIUM),
-    Case("P-384", keyed(ec.generate_private_key(ec.SECP384R1())), (Finds("KA217", CERT, line=1),), 1, options=MEDIUM),
-    Case(
-        "RSA of 3,072 bits",
-        keyed(rsa.generate_private_key(65537, 3072)),
-        (Finds("KA217", CERT, line=1),),
-        1,
-        options=MEDIUM,
+    case("Ed25519", keyed(ed25519.Ed25519PrivateKey.generate()), "KA217", CERT, line=1, exit=1, options=MEDIUM),
+    case("P-384", keyed(ec.generate_private_key(ec.SECP384R1())), "KA217", CERT, line=1, exit=1, options=MEDIUM),
+    case(
+        "RSA of 3,072 bits", keyed(rsa.generate_private_key(65537, 3072)), "KA217", CERT, line=1, exit=1, options=MEDIUM
     ),
-    Case("RSA of 1,024 bits", keyed(rsa.generate_private_key(65537, 1024)), (Finds("KA216", CERT, line=1),), 1),
+    case("RSA of 1,024 bits", keyed(rsa.generate_private_key(65537, 1024)), "KA216", CERT, line=1, exit=1),
 )
 
-LISTS: Final = (
-    case("a list that revokes the enclave", CRL, _revoking, "KA212", exit=1, bystander_changes=True),
-    case("a list that is random", CRL, lambda _: pem("X509 CRL", JUNK), "KA213", bystander_changes=True),
-    case("a list that is empty", CRL, lambda _: b"", "KA213", line=None, bystander_changes=True),
-    case(
-        "a list of somebody with the CA's name",
-        CRL,
-        lambda s: crl(authority(s.base.identity.certificate.subject)).public_bytes(Encoding.PEM),
-        "KA213",
-        exit=1,
-        bystander_changes=True,
-    ),
-    case(
-        "a list that is stale",
-        CRL,
-        lambda s: _revoking(s, end=START + timedelta(1)),
-        "KA214",
-        exit=1,
-        bystander_changes=True,
-    ),
-    case(
-        "a list that is never stale",
-        CRL,
-        lambda s: _revoking(s, end=FOREVER),
-        "KA212",
-        exit=1,
-        bystander_changes=True,
-    ),
-    case("a list of 3 MB", CRL, _long_list, "KA213", exit=1, bystander_changes=True),
-    case(
-        "a list of 5,000 serial numbers",
-        CRL,
-        lambda s: crl(s.base.identity, range(1, 5_000)).public_bytes(Encoding.PEM),
-        "KA215",
-        exit=1,
-        line=None,
-        options=MEDIUM,
-        bystander_changes=True,
-    ),
+LISTS: Final = tuple(
+    holding(f"a list {what}", CRL, make, code, **{"exit": 1, "bystander_changes": True, **more})
+    for what, make, code, more in (
+        ("that revokes the enclave", _revoking, "KA212", {}),
+        ("that is random", lambda _: pem("X509 CRL", JUNK), "KA213", {"exit": 4}),
+        ("that is empty", lambda _: b"", "KA213", {"exit": 4, "line": None}),
+        ("of somebody with the CA's name", _of_a_namesake, "KA213", {}),
+        ("that is stale", lambda s: _revoking(s, end=START + timedelta(1)), "KA214", {}),
+        ("that is never stale", lambda s: _revoking(s, end=FOREVER), "KA212", {}),
+        ("of 3 MB", _long_list, "KA213", {}),
+        ("of 5,000 serial numbers", _many, "KA215", {"line": None, "options": MEDIUM}),
+    )
 )
 
 CASES: Final = CERTIFICATES + KEYS + LISTS

@@ -13,7 +13,7 @@ from typing import Final
 import pytest
 
 from tests.hostile.server import NOBODY
-from tests.hostile.store import CERT, KEY, P7S, Case, Finds, Store
+from tests.hostile.store import CERT, KEY, P7S, Store, case
 
 VICTIM: Final = "enclaves/victim"
 GOVERNANCE: Final = f"{VICTIM}/governance.p7s"
@@ -141,7 +141,7 @@ def _closed(store: Store) -> None:
     _locked("closed")(store)
 
 
-CLOSED: Final = Case("a folder of others", _closed, (Finds("KA107", "closed"),), nobody=True)
+CLOSED: Final = case("a folder of others", _closed, "KA107", "closed", nobody=True)
 
 
 def _copy_called(name: str) -> Callable[[Store], None]:
@@ -169,10 +169,6 @@ def _missing(path: str) -> Callable[[Store], None]:
 
 def _directory_missing(store: Store) -> None:
     shutil.rmtree(store.root / "public")
-
-
-def case(name: str, spoil: Callable[[Store], None], code: str, path: str = P7S, exit: int = 4, **more: bool) -> Case:  # noqa: A002
-    return Case(name, spoil, (Finds(code, path),), exit, **more)  # type: ignore[arg-type]
 
 
 LINKS: Final = (
@@ -203,17 +199,19 @@ LINKS: Final = (
     case("a link of 4,000 characters", linked("cert.pem", "x/" * 2_000), "KA102", CERT, exit=1),
     case("a link to a directory", linked("cert.pem", "../bystander"), "KA101", CERT, exit=1, bystander_changes=True),
     case("an enclave that is a link to a directory outside", _below("../../outside/below"), "KA104", "enclaves/linked"),
-    Case(
+    case(
         "an enclave that is a link to another",
         _below("bystander"),
-        (Finds("KA219", "enclaves/bystander/cert.pem", line=1),),
-        1,
+        "KA219",
+        "enclaves/bystander/cert.pem",
+        line=1,
+        exit=1,
         bystander_changes=True,
     ),
     case("an enclave that is a link to /", _below("/"), "KA104", "enclaves/linked"),
-    Case("an enclave that is a link to its parent", _below("."), (Finds("KA121", "enclaves/linked"),), 0),
-    Case("a link with escape sequences in it", linked("permissions.p7s", "\x1b]0;x\x07/\u202e"), (Finds("KA102"),), 1),
-    Case("hard links", _hard_links, (), 0),
+    case("an enclave that is a link to its parent", _below("."), "KA121", "enclaves/linked", exit=0),
+    case("a link with escape sequences in it", linked("permissions.p7s", "\x1b]0;x\x07/\u202e"), "KA102", exit=1),
+    case("hard links", _hard_links, exit=0),
 )
 
 KINDS: Final = (
@@ -231,19 +229,20 @@ KINDS: Final = (
     case("a file of 10 GB", replaced("permissions.p7s", _sparse), "KA106"),
     case("a key of 10 GB", replaced("key.pem", _sparse), "KA106", KEY),
     case("a file of beginnings in base64", replaced("permissions.p7s", _beginnings), "KA106"),  # took a minute
-    Case("a governance.xml that is a named pipe", lambda store: os.mkfifo(store.victim / "governance.xml"), (), 0),
+    case("a governance.xml that is a named pipe", lambda store: os.mkfifo(store.victim / "governance.xml"), exit=0),
     case("a file that nobody may read", _locked(P7S), "KA107", nobody=True),
-    Case("notes that nobody may read", _notes(0), (Finds("KA121", "notes"),), 0, nobody=True),
-    Case(
+    case("notes that nobody may read", _notes(0), "KA121", "notes", exit=0, nobody=True),
+    case(
         "notes that nobody may read on a robot",
         _notes(0),
-        (Finds("KA121", "notes"),),
-        1,
+        "KA121",
+        "notes",
+        exit=1,
         nobody=True,
         options=("--deployed",),
     ),
-    Case("an authority's key that nobody may read", _notes(0, "private/old_ca.key.pem"), (), 0, nobody=True),
-    Case("notes that their owner may read", _notes(0o400), (), 0, nobody=True),
+    case("an authority's key that nobody may read", _notes(0, "private/old_ca.key.pem"), exit=0, nobody=True),
+    case("notes that their owner may read", _notes(0o400), exit=0, nobody=True),
     case("a key that nobody may read", _locked(KEY), "KA107", KEY, nobody=True),
     case("a directory that nobody may list", _locked(VICTIM, 0o311), "KA107", VICTIM, nobody=True),
     case("a directory that nobody may enter", _locked(VICTIM, 0o444), "KA107", VICTIM, nobody=True),
@@ -257,43 +256,24 @@ KINDS: Final = (
         bystander_changes=True,
     ),
     case("a directory 400 deep", _deep, "KA107", "/".join(["enclaves"] + ["d"] * 128)),
-    Case("3,000 files that mean nothing", _wide, (), 0),
+    case("3,000 files that mean nothing", _wide, exit=0),
 )
 
 NAMES: Final = (
-    Case(
-        "a name that is no UTF-8", _enclave_called(b"caf\xe9"), (Finds("KA113", "enclaves/caf%E9"),), 1, options=MEDIUM
+    *(
+        case(f"a name {what}", _enclave_called(name), "KA113", f"enclaves/{path}", exit=1, options=MEDIUM)
+        for what, name, path in (
+            ("that is no UTF-8", b"caf\xe9", "caf%E9"),
+            ("with escape sequences", b"\x1b]0;x\x07\x1b[2J", "%1B]0;x%07%1B[2J"),
+            ("with a line end", b"a\nPASS", "a%0APASS"),
+            ("that turns the line around", "a\u202eb".encode(), "a%E2%80%AEb"),
+            ("of blanks", b"  ", "  "),
+            ("of percent signs", b"%2e%2e", "%252e%252e"),
+            ("that is an option", b"--help", "--help"),
+        )
     ),
-    Case(
-        "a name with escape sequences",
-        _enclave_called(b"\x1b]0;x\x07\x1b[2J"),
-        (Finds("KA113", "enclaves/%1B]0;x%07%1B[2J"),),
-        1,
-        options=MEDIUM,
-    ),
-    Case(
-        "a name with a line end", _enclave_called(b"a\nPASS"), (Finds("KA113", "enclaves/a%0APASS"),), 1, options=MEDIUM
-    ),
-    Case(
-        "a name that turns the line around",
-        _enclave_called("a\u202eb".encode()),
-        (Finds("KA113", "enclaves/a%E2%80%AEb"),),
-        1,
-        options=MEDIUM,
-    ),
-    Case("a name of blanks", _enclave_called(b"  "), (Finds("KA113", "enclaves/  "),), 1, options=MEDIUM),
-    Case(
-        "a name of percent signs",
-        _enclave_called(b"%2e%2e"),
-        (Finds("KA113", "enclaves/%252e%252e"),),
-        1,
-        options=MEDIUM,
-    ),
-    Case("a name of 255 characters", _enclave_called(b"x" * 255), (), 0),
-    Case(
-        "a name that is an option", _enclave_called(b"--help"), (Finds("KA113", "enclaves/--help"),), 1, options=MEDIUM
-    ),
-    Case("two names that differ in case", _copy_called("VICTIM"), (Finds("KA114", "enclaves/VICTIM"),), 1, options=LOW),
+    case("a name of 255 characters", _enclave_called(b"x" * 255), exit=0),
+    case("two names that differ in case", _copy_called("VICTIM"), "KA114", "enclaves/VICTIM", exit=1, options=LOW),
 )
 
 CASES: Final = LINKS + KINDS + NAMES

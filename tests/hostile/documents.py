@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable
 from typing import Final
 
-from tests.hostile.store import ANY, GOVERNANCE_OF_ALL, PERMISSIONS_OF_VICTIM, Case, Finds, Store
+from tests.hostile.store import ANY, GOVERNANCE_OF_ALL, PERMISSIONS_OF_VICTIM, Case, Finds, Store, case
 
 P: Final = PERMISSIONS_OF_VICTIM
 SUBJECT: Final = b"<subject_name>CN=/victim</subject_name>"
@@ -46,18 +46,22 @@ def doctype(declarations: bytes, subject: bytes = SUBJECT) -> Callable[[Store], 
     return spoil
 
 
+def typed(name: str, declarations: bytes, subject: bytes = SUBJECT, *secrets: bytes) -> Case:
+    return case(name, doctype(declarations, subject), "KA502", at=b"<!DOCTYPE", secrets=secrets)
+
+
 def ambiguous(name: str, spoil: Callable[[Store], None], at: bytes | None = MARK, line: int | None = None) -> Case:
-    return Case(name, spoil, (Finds("KA502", at=at, line=line),))
+    return case(name, spoil, "KA502", at=at, line=line)
 
 
 def invalid(name: str, spoil: Callable[[Store], None], at: bytes = MARK) -> Case:
     """XML that every parser reads alike, and no permissions document."""
-    return Case(name, spoil, (Finds("KA501", at=at),))
+    return case(name, spoil, "KA501", at=at)
 
 
 def harmless(name: str, spoil: Callable[[Store], None]) -> Case:
     """What only costs time; it is read to the end, and has the one meaning that it says."""
-    return Case(name, spoil, (), exit=0)
+    return case(name, spoil, exit=0)
 
 
 def _entities(levels: int) -> bytes:
@@ -77,71 +81,36 @@ USES: Final = b"<subject_name>CN=/&x;</subject_name>"
 EXPANDED: Final = (b"EXPANDED",)
 
 TYPES: Final = (
-    Case(
-        "an external entity that names a file",
-        doctype(b'[<!ENTITY x SYSTEM "file://{outside}/secret">]', USES),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
-    ),
-    Case(
-        "an external entity that names a server",
-        doctype(b'[<!ENTITY x SYSTEM "{url}/x">]', USES),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
-    ),
-    Case(
-        "an external entity that names a device",
-        doctype(b'[<!ENTITY x SYSTEM "file:///dev/zero">]', USES),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
-    ),
-    Case(
-        "a parameter entity that names a file",
-        doctype(b'[<!ENTITY % p SYSTEM "file://{outside}/evil.dtd"> %p;]', USES),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
-    ),
-    Case(
+    typed("an external entity that names a file", b'[<!ENTITY x SYSTEM "file://{outside}/secret">]', USES),
+    typed("an external entity that names a server", b'[<!ENTITY x SYSTEM "{url}/x">]', USES),
+    typed("an external entity that names a device", b'[<!ENTITY x SYSTEM "file:///dev/zero">]', USES),
+    typed("a parameter entity that names a file", b'[<!ENTITY % p SYSTEM "file://{outside}/evil.dtd"> %p;]', USES),
+    typed(
         "an external document type in a file",
-        doctype(b'SYSTEM "{outside}/evil.dtd"', b"<subject_name>CN=&canary;</subject_name>"),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
+        b'SYSTEM "{outside}/evil.dtd"',
+        b"<subject_name>CN=&canary;</subject_name>",
     ),
-    Case(
-        "an external document type on a server",
-        doctype(b'PUBLIC "-//x//y" "{url}/evil.dtd"'),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
-    ),
-    Case("a document type without anything in it", doctype(b""), (Finds("KA502", at=b"<!DOCTYPE"),)),
-    Case(
-        "an internal entity in text",
-        doctype(b'[<!ENTITY y "EXPAN"><!ENTITY x "&y;DED">]', USES),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
-        secrets=EXPANDED,
-    ),
-    Case(
+    typed("an external document type on a server", b'PUBLIC "-//x//y" "{url}/evil.dtd"'),
+    typed("a document type without anything in it", b""),
+    typed("an internal entity in text", b'[<!ENTITY y "EXPAN"><!ENTITY x "&y;DED">]', USES, *EXPANDED),
+    case(
         "an internal entity in an attribute",
         lambda store: store.permit(
             P.replace(DECLARATION, DECLARATION + b'<!DOCTYPE dds [<!ENTITY y "EXPAN"><!ENTITY x "&y;DED">]>\n').replace(
                 b'grant name="/victim"', b'grant name="&x;"'
             )
         ),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
+        "KA502",
+        at=b"<!DOCTYPE",
         secrets=EXPANDED,
     ),
-    Case(
-        "an attribute that the document type sets",
-        doctype(b'[<!ATTLIST grant name CDATA "injected">]'),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
-    ),
-    Case(
-        "a billion laughs",
-        doctype(_entities(12), b"<subject_name>&e11;</subject_name>"),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
-        secrets=EXPANDED,
-    ),
-    Case(
+    typed("an attribute that the document type sets", b'[<!ATTLIST grant name CDATA "injected">]'),
+    typed("a billion laughs", _entities(12), b"<subject_name>&e11;</subject_name>", *EXPANDED),
+    typed(
         "a quadratic blow-up",
-        doctype(
-            b'[<!ENTITY x "' + b"EXPANDED" * 12_000 + b'">]', b"<subject_name>" + b"&x;" * 50_000 + b"</subject_name>"
-        ),
-        (Finds("KA502", at=b"<!DOCTYPE"),),
-        secrets=(b"EXPANDED" * 2,),
+        b'[<!ENTITY x "' + b"EXPANDED" * 12_000 + b'">]',
+        b"<subject_name>" + b"&x;" * 50_000 + b"</subject_name>",
+        b"EXPANDED" * 2,
     ),
     ambiguous("an entity that nobody declared", edited(SUBJECT, USES)),
 )
@@ -161,7 +130,7 @@ VALUES: Final = (
         "a value that declares another type", edited(b"<default>", b'<default xsi:type="xsi:string">'), at=b"<default"
     ),
     invalid("a value that declares itself nil", edited(b"<default>", b'<default xsi:nil="true">'), at=b"<default"),
-    Case("an empty topic", edited(TOPIC, b"<topic/>"), (Finds("KA517", at=b"<topic/>"),)),
+    case("an empty topic", edited(TOPIC, b"<topic/>"), "KA517", at=b"<topic/>"),
     *(
         ambiguous(f"the domain {shown}", edited(b"<id>0</id>", b"<id>" + shown.encode() + b"</id>"), at=b"<id>")
         for shown in ("+0", "00", "-0", " 0 ", "1" + "0" * 22, "233")
@@ -170,10 +139,12 @@ VALUES: Final = (
         ambiguous(f"the date {date}", edited(b"2034-01-01T00:00:00", date.encode()), at=b"<not_after>")
         for date in ("99999-01-01T00:00:00", "-0001-01-01T00:00:00")
     ),
-    Case(
+    # Cyclone DDS: beyond 63 bits of nanoseconds.
+    case(
         "the date that has no second after it",
         edited(b"2034-01-01T00:00:00", b"9999-12-31T23:59:59"),
-        (Finds("KA612", at=b"<not_after>"),),  # Cyclone DDS: beyond 63 bits of nanoseconds
+        "KA612",
+        at=b"<not_after>",
         exit=1,
     ),
     invalid("a date that there is not", edited(b"2034-01-01T00:00:00", b"2034-02-30T00:00:00"), at=b"<not_after>"),
@@ -181,8 +152,8 @@ VALUES: Final = (
 )
 
 ENCODINGS: Final = (
-    Case("UTF-16", whole(P.decode().replace("UTF-8", "UTF-16").encode("utf-16")), (Finds("KA305", at=b"\xff\xfe<"),)),
-    Case("UTF-16 that says UTF-8", whole(P.decode().encode("utf-16-be")), (Finds("KA305", at=b"\x00<\x00?"),)),
+    case("UTF-16", whole(P.decode().replace("UTF-8", "UTF-16").encode("utf-16")), "KA305", at=b"\xff\xfe<"),
+    case("UTF-16 that says UTF-8", whole(P.decode().encode("utf-16-be")), "KA305", at=b"\x00<\x00?"),
     ambiguous(
         "ISO-8859-1", whole(P.replace(b"UTF-8", b"ISO-8859-1").replace(b"CN=/victim", b"CN=/v\xefctim")), at=b"<?xml"
     ),
@@ -198,34 +169,32 @@ ENCODINGS: Final = (
     ambiguous("an escape byte", edited(SUBJECT, b"<subject_name>CN=/\x1b[31m</subject_name>")),
     ambiguous("a reference to an escape byte", edited(SUBJECT, b"<subject_name>CN=/&#27;</subject_name>")),
     ambiguous("a reference to NUL", edited(SUBJECT, b"<subject_name>CN=/&#0;</subject_name>")),
-    Case(
-        "a NUL in a value", edited(SUBJECT, b"<subject_name>CN=/vic\x00tim</subject_name>"), (Finds("KA305", at=MARK),)
-    ),
-    Case("a NUL behind the root", whole(P + b"\x00<dds/>"), (Finds("KA305", at=b"\x00<dds/>"),)),
+    case("a NUL in a value", edited(SUBJECT, b"<subject_name>CN=/vic\x00tim</subject_name>"), "KA305", at=MARK),
+    case("a NUL behind the root", whole(P + b"\x00<dds/>"), "KA305", at=b"\x00<dds/>"),
 )
 
 STRUCTURE: Final = (
     ambiguous("a second root", whole(P + b"<dds>two</dds>\n"), at=b"<dds>two"),
     ambiguous("no root", whole(b"<!-- nothing -->"), at=b"<!-- nothing -->"),
-    Case("an empty document", whole(b""), (Finds("KA521", line=9),)),
+    case("an empty document", whole(b""), "KA521", line=9),
     ambiguous("a document cut off", whole(P[: P.index(b"</validity>")]), at=b"<validity>"),
     ambiguous("a namespace", edited(b"<permissions>", b'<permissions xmlns="urn:x">'), at=b"<permissions"),
     invalid("another root", whole(re.sub(rb"(?s)<dds .*</dds>", b"<DDS/>", P)), at=b"<DDS/>"),
-    Case(
+    case(
         "a schema of the attacker's in a file",
         edited(
             b"http://www.omg.org/spec/DDS-SECURITY/20170901/omg_shared_ca_permissions.xsd", b"file://{outside}/evil.xsd"
         ),
-        (),
         exit=0,
     ),
-    Case(
+    case(
         "a schema of the attacker's on a server, and a document that is invalid",
         edited(
             P[P.index(b"http://www.omg.org") : P.index(b"<validity>")],
             b'{url}/evil.xsd" xsi:schemaLocation="urn:x {url}/evil.xsd">\n<permissions><grant name="x">',
         ),
-        (Finds("KA501", at=b"<grant"),),
+        "KA501",
+        at=b"<grant",
     ),
     invalid("a doubled element", edited(SUBJECT, SUBJECT + b"\n" + SUBJECT), at=b"\n" + SUBJECT),
     Case(
@@ -236,7 +205,7 @@ STRUCTURE: Final = (
 )
 
 COSTS: Final = (
-    Case("a text of 11 MB", edited(TOPIC, b"<topic>" + b"x" * (11 << 20) + b"</topic>"), (Finds("KA106"),)),
+    case("a text of 11 MB", edited(TOPIC, b"<topic>" + b"x" * (11 << 20) + b"</topic>"), "KA106"),
     harmless("a text of 3 MB", edited(TOPIC, b"<topic>" + b"x" * (3 << 20) + b"</topic>")),
     harmless("an attribute of 3 MB", edited(b'name="/victim"', b'name="' + b"x" * (3 << 20) + b'"')),
     ambiguous("300 elements in one another", edited(TOPIC, b"<topic>" * 300 + b"</topic>" * 300), at=b"<topic>"),
@@ -256,10 +225,11 @@ COSTS: Final = (
     harmless(
         "10,000 topics of one grant", edited(TOPIC, b"".join(b"<topic>rt/t%d</topic>\n" % i for i in range(10_000)))
     ),
-    Case(
+    case(
         "95,000 topics of one grant",
         edited(TOPIC, b"".join(b"<topic>rt/t%d</topic>\n" % i for i in range(95_000))),
-        (Finds("KA502", at=b"<topic>rt/t10000<"),),
+        "KA502",
+        at=b"<topic>rt/t10000<",
     ),
 )
 
@@ -307,29 +277,27 @@ def _in_domains(domains: int, each: int) -> Callable[[Store], None]:
 
 PUBLISH: Final = P[P.index(b"<publish>") : P.index(b"</publish>")] + b"</publish>"
 EXPRESSIONS: Final = (
-    Case(
+    case(
         "20 topics that multiply the states of the automaton",
         _topics(*("*".join(("", *random.Random(number).choices("abc", k=12), "")) for number in range(20))),
-        (),
         bystander_changes=True,
     ),
     harmless("199 topics of 1 to 199 question marks", _topics(*("?" * length for length in range(1, 200)))),
-    Case("a topic of 3,000,000 question marks", _topics("?" * 3_000_000), (Finds("KA502", at=b"<topic>?"),)),
-    Case("300 topics of 1,000 sets of characters", _topics(*["[!a-z]" * 1_000] * 300), (Finds("KA502", line=ANY),)),
+    case("a topic of 3,000,000 question marks", _topics("?" * 3_000_000), "KA502", at=b"<topic>?"),
+    case("300 topics of 1,000 sets of characters", _topics(*["[!a-z]" * 1_000] * 300), "KA502", line=ANY),
     harmless("a topic of 500 stars", _topics("*a" * 500)),
     harmless("1,000 rules", edited(RULE, RULE * 1_000)),
-    Case(
-        "1,001 rules",  # more than are read: undecided
+    # More than are read: undecided.
+    case(
+        "1,001 rules",
         edited(RULE, RULE * 1_000 + b"\n" + RULE.replace(b"allow_rule", b"deny_rule")),
-        (Finds("KA502", at=b"<deny_rule>"),),
+        "KA502",
+        at=b"<deny_rule>",
     ),
-    Case(
-        "14,000 rules that deny, below a default that allows",  # was killed after ten seconds
-        _denials(14_000),
-        (Finds("KA502", line=ANY),),
-    ),
-    Case("1,000 rules that deny, below a default that allows", _denials(1_000), (Finds("KA637", line=ANY),), exit=1),
-    Case(
+    # Was killed after ten seconds.
+    case("14,000 rules that deny, below a default that allows", _denials(14_000), "KA502", line=ANY),
+    case("1,000 rules that deny, below a default that allows", _denials(1_000), "KA637", line=ANY, exit=1),
+    case(
         "1,000 rules about relaying",
         edited(
             RULE,
@@ -337,7 +305,8 @@ EXPRESSIONS: Final = (
                 RULE.replace(b"publish>", b"relay>").replace(b"chatter", b"t%d" % number) for number in range(1_000)
             ),
         ),
-        (Finds("KA609", line=ANY),),
+        "KA609",
+        line=ANY,
         exit=1,
     ),
     harmless("1,500 topics that begin differently", _topics(*(f"rt/t{number}*" for number in range(1_500)))),
@@ -357,13 +326,9 @@ EXPRESSIONS: Final = (
         _topics(*(name for number in range(5_000) for name in (f"rq/s{number}Request", f"rr/s{number}Reply"))),
     ),
     harmless("10,000 partitions", _partitions(b"p%d", 10_000)),
-    Case("20,000 partitions", _partitions(b"p%d", 20_000), (Finds("KA502", at=b"<partition>p10000<"),)),
+    case("20,000 partitions", _partitions(b"p%d", 20_000), "KA502", at=b"<partition>p10000<"),
     harmless("1,500 partitions that begin differently", _partitions(b"p%d*", 1_500)),
-    Case(
-        "3,000 partitions that begin differently",
-        _partitions(b"p%d*", 3_000),
-        (Finds("KA502", at=b"<partition>p1500*"),),
-    ),
+    case("3,000 partitions that begin differently", _partitions(b"p%d*", 3_000), "KA502", at=b"<partition>p1500*"),
     harmless(
         "900 topics in 900 partitions",
         edited(
@@ -375,29 +340,29 @@ EXPRESSIONS: Final = (
             + b"</partitions></publish>",
         ),
     ),
-    Case(
-        "900 topics, each in a partition of its own",  # more pairs than are told apart: undecided
-        edited(PUBLISH, _criteria(900)),
-        (),
-        bystander_changes=True,
-    ),
-    Case("1,000 grants for one subject", edited(GRANT, (GRANT + b"\n") * 1_000), (Finds("KA504", line=ANY),), exit=1),
-    Case("1,001 grants for one subject", edited(GRANT, (GRANT + b"\n") * 1_001), (Finds("KA502", line=ANY),)),
-    Case(
+    # More pairs than are told apart: undecided.
+    case("900 topics, each in a partition of its own", edited(PUBLISH, _criteria(900)), bystander_changes=True),
+    case("1,000 grants for one subject", edited(GRANT, (GRANT + b"\n") * 1_000), "KA504", line=ANY, exit=1),
+    case("1,001 grants for one subject", edited(GRANT, (GRANT + b"\n") * 1_001), "KA502", line=ANY),
+    case(
         "1,000 rules for 26 domains",
         _in_domains(26, 38),
-        (Finds("KA416", "enclaves/victim/governance.p7s"),),
+        "KA416",
+        "enclaves/victim/governance.p7s",
         exit=1,
         bystander_changes=True,
     ),
-    Case("1,000 rules for 100 domains", _in_domains(100, 10), (), bystander_changes=True),  # undecided
+    # Undecided.
+    case("1,000 rules for 100 domains", _in_domains(100, 10), bystander_changes=True),  # undecided
 )
 
 GOVERNANCES: Final = tuple(
-    Case(
+    case(
         f"a governance with {what}",
-        lambda store, text=text: store.govern(text),  # type: ignore[misc]
-        (Finds(code, "enclaves/victim/governance.p7s", at),),
+        lambda store, text=text: store.govern(text),
+        code,
+        "enclaves/victim/governance.p7s",
+        at=at,
     )
     for what, text, code, at in (
         (
@@ -433,24 +398,23 @@ def _domain_rules(count: int) -> Callable[[Store], None]:
 
 DOMAIN_RULES: Final = (
     *(
-        Case(
+        case(
             f"a governance of {count:,} domain rules",
             _domain_rules(count),
-            (Finds("KA416", "enclaves/victim/governance.p7s"),),
+            "KA416",
+            "enclaves/victim/governance.p7s",
             exit=1,
             bystander_changes=True,
         )
         for count in (200, 1_000)
     ),
-    Case(
-        "a governance of 4,000 domain rules",
-        _domain_rules(4_000),
-        (Finds("KA402", "enclaves/victim/governance.p7s", line=ANY),),
+    case(
+        "a governance of 4,000 domain rules", _domain_rules(4_000), "KA402", "enclaves/victim/governance.p7s", line=ANY
     ),
 )
 
 TOPIC_RULE: Final = DOMAIN_RULE[DOMAIN_RULE.index(b"<topic_rule>") :].partition(b"</topic_rule>")[0] + b"</topic_rule>"
-TOPIC_RULES: Final = Case(
+TOPIC_RULES: Final = case(
     "a governance of 1,000 topic rules that begin differently",
     lambda store: store.govern(
         GOVERNANCE_OF_ALL.replace(
@@ -461,12 +425,15 @@ TOPIC_RULES: Final = Case(
             1,
         )
     ),
-    (Finds("KA418", "enclaves/victim/governance.p7s", line=ANY),),
+    "KA418",
+    "enclaves/victim/governance.p7s",
+    line=ANY,
     exit=1,
     bystander_changes=True,
 )
-TOPIC_RULES_EVERYWHERE: Final = Case(
-    "a governance of 4 topic rules for each of 230 domains",  # undecided
+# Undecided.
+TOPIC_RULES_EVERYWHERE: Final = case(
+    "a governance of 4 topic rules for each of 230 domains",
     lambda store: store.govern(
         GOVERNANCE_OF_ALL.replace(
             DOMAIN_RULE,
@@ -483,17 +450,17 @@ TOPIC_RULES_EVERYWHERE: Final = Case(
             1,
         )
     ),
-    (),
     bystander_changes=True,
 )
-LATE_DOMAINS: Final = Case(
+LATE_DOMAINS: Final = case(
     "a governance of 770 rules for one domain, then one for each other",
     lambda store: store.govern(
         GOVERNANCE_OF_ALL.replace(
             DOMAIN_RULE, b"</domain_rule>".join([DOMAIN_RULE] * 770 + [_domain_rule(n) for n in range(1, 230)]), 1
         )
     ),
-    (Finds("KA416", "enclaves/victim/governance.p7s"),),
+    "KA416",
+    "enclaves/victim/governance.p7s",
     exit=1,
     bystander_changes=True,
 )

@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
 
-from tests.hostile.store import ANY, PERMISSIONS_OF_VICTIM, Case, Finds, Store
+from tests.hostile.store import ANY, PERMISSIONS_OF_VICTIM, Case, Finds, Store, case
 from tests.keystore.builder import Signed, authority, signed_document
 
 TEXT: Final = PERMISSIONS_OF_VICTIM
@@ -185,7 +185,7 @@ def _without(kind: str) -> Callable[[list[Any]], list[Any]]:
     return lambda values: [each for each in values if each["type"].native != kind]
 
 
-def case(
+def of_message(
     name: str,
     spoil: Callable[[Store], None],
     code: str,
@@ -194,7 +194,7 @@ def case(
     **more: Any,
 ) -> Case:
     """`at`: by default the first line of the signature."""
-    return Case(name, spoil, (Finds(code, at=None if line is not None else at, line=line),), **more)
+    return case(name, spoil, code, at=None if line is not None else at, line=line, **more)
 
 
 def _rsa(bits: int, *options: str) -> Callable[[Store], None]:
@@ -213,7 +213,7 @@ PLAIN: Final = "enclaves/victim/permissions.xml"
 CA: Final = "enclaves/victim/permissions_ca.cert.pem"
 
 UNSIGNED: Final = (
-    case(
+    of_message(
         "a permissions document in front of the first part",
         replaced(b"This is an S/MIME signed message", DECOY),
         "KA308",
@@ -221,7 +221,7 @@ UNSIGNED: Final = (
         exit=1,
         options=MEDIUM,
     ),
-    case(
+    of_message(
         "a permissions document behind the last part",
         rewritten(lambda m: m + DECOY),
         "KA308",
@@ -229,7 +229,7 @@ UNSIGNED: Final = (
         exit=1,
         options=MEDIUM,
     ),
-    case(
+    of_message(
         "a permissions document in a header",
         rewritten(lambda m: b"X-Note: <dds>*</dds>\n" + m),
         "KA308",
@@ -254,83 +254,85 @@ UNSIGNED: Final = (
 )
 
 PARTS: Final = (
-    case("three parts", _pieces(lambda _, p: [*p[:2], b"\n\nx\n", *p[2:]]), "KA305", b"\n--"),
-    case("a multipart in a part", _pieces(_nested), "KA307", b"multipart/mixed", exit=1),
-    case("the parts exchanged", _pieces(lambda _, p: [p[0], p[2], p[1], p[3]]), "KA305", line=ANY),
-    case("the text twice", _pieces(lambda _, p: [p[0], p[1], p[1], *p[2:]]), "KA305", b"\n--"),
-    case(
+    of_message("three parts", _pieces(lambda _, p: [*p[:2], b"\n\nx\n", *p[2:]]), "KA305", b"\n--"),
+    of_message("a multipart in a part", _pieces(_nested), "KA307", b"multipart/mixed", exit=1),
+    of_message("the parts exchanged", _pieces(lambda _, p: [p[0], p[2], p[1], p[3]]), "KA305", line=ANY),
+    of_message("the text twice", _pieces(lambda _, p: [p[0], p[1], p[1], *p[2:]]), "KA305", b"\n--"),
+    of_message(
         "a second Content-Type",
         rewritten(lambda m: b'Content-Type: multipart/signed; boundary="x"\n' + m),
         "KA305",
         line=3,
     ),
-    case("a second boundary parameter", replaced(b'; boundary="', b'; boundary="x"; boundary="'), "KA305", line=2),
-    case(
+    of_message(
+        "a second boundary parameter", replaced(b'; boundary="', b'; boundary="x"; boundary="'), "KA305", line=2
+    ),
+    of_message(
         "a boundary that begins another one",
         rewritten(lambda m: m.replace(_boundary(m)[2:] + b'"', _boundary(m)[2:-4] + b'"', 1)),
         "KA305",
         line=ANY,
     ),
-    case("a part that is not text/plain", replaced(b"text/plain", b"text/html"), "KA307", b"text/html", exit=1),
-    case(
+    of_message("a part that is not text/plain", replaced(b"text/plain", b"text/html"), "KA307", b"text/html", exit=1),
+    of_message(
         "the decoy as the signed part",
         rewritten(lambda m: m.replace(TEXT.replace(b"\n", b"\r\n"), DECOY)),
         "KA303",
         line=1,
         exit=1,
     ),
-    case("no multipart at all", lambda store: store.put("permissions.p7s", TEXT), "KA304", line=1, exit=1),
-    case("an empty file", lambda store: store.put("permissions.p7s", b""), "KA304", line=1, exit=1),
-    case("a NUL in front", rewritten(lambda m: b"\x00" + m), "KA305", line=1),
+    of_message("no multipart at all", lambda store: store.put("permissions.p7s", TEXT), "KA304", line=1, exit=1),
+    of_message("an empty file", lambda store: store.put("permissions.p7s", b""), "KA304", line=1, exit=1),
+    of_message("a NUL in front", rewritten(lambda m: b"\x00" + m), "KA305", line=1),
 )
 
 HANDS: Final = (
-    case("signed by the enclave itself", signed_by(lambda store: store.base.victim), "KA302", line=1, exit=1),
-    case("signed by the other enclave", signed_by(lambda store: store.base.bystander), "KA302", line=1, exit=1),
-    case("signed by the identity CA", signed_by(lambda store: store.base.identity), "KA301", line=1, exit=1),
-    case("signed by another authority of the same name", signed_by(_impostor), "KA301", line=1, exit=1),
-    case(
+    of_message("signed by the enclave itself", signed_by(lambda store: store.base.victim), "KA302", line=1, exit=1),
+    of_message("signed by the other enclave", signed_by(lambda store: store.base.bystander), "KA302", line=1, exit=1),
+    of_message("signed by the identity CA", signed_by(lambda store: store.base.identity), "KA301", line=1, exit=1),
+    of_message("signed by another authority of the same name", signed_by(_impostor), "KA301", line=1, exit=1),
+    of_message(
         "two signers", by("smime", signers=lambda store: (store.base.permissions, store.base.victim)), "KA310", exit=1
     ),
-    case("no signer", with_structure(_no_signers), "KA315", exit=1),
-    case("SHA-1", by("smime", "-md", "sha1"), "KA309", exit=1),
-    case("MD5 as a label", with_structure(_md5), "KA306", exit=1),
-    case("MD5", _rsa(2048, "-md", "md5"), "KA309", exit=1, bystander_changes=True),
-    Case("an RSA key of 1,024 bits", _rsa(1024), (Finds("KA216", CA, line=1),), exit=1, bystander_changes=True),
-    case("opaque", by("smime", "-nodetach"), "KA311", exit=1, options=MEDIUM),
+    of_message("no signer", with_structure(_no_signers), "KA315", exit=1),
+    of_message("SHA-1", by("smime", "-md", "sha1"), "KA309", exit=1),
+    of_message("MD5 as a label", with_structure(_md5), "KA306", exit=1),
+    of_message("MD5", _rsa(2048, "-md", "md5"), "KA309", exit=1, bystander_changes=True),
+    case("an RSA key of 1,024 bits", _rsa(1024), "KA216", CA, line=1, exit=1, bystander_changes=True),
+    of_message("opaque", by("smime", "-nodetach"), "KA311", exit=1, options=MEDIUM),
 )
 
 STRUCTURES: Final = (
-    case("another text inside", with_structure(_inner_text), "KA312"),
-    case("two digests in the attributes", attributes(_late_digest), "KA306"),
-    case("no digest in the attributes", attributes(_without("message_digest")), "KA306"),
-    case("no content type in the attributes", attributes(_without("content_type")), "KA306"),
-    case("enveloped data", with_der(_enveloped), "KA315", exit=1),
-    case("certificates alone", _certificates_alone, "KA315", exit=1),
-    case("an indefinite length", with_der(lambda der: b"\x30\x80" + der[4:] + b"\0\0"), "KA306"),
-    case("a length of 2^64", with_der(lambda der: b"\x30\x88" + b"\xff" * 8 + der[4:]), "KA306", b"\nMIj/"),
-    case("bytes behind the structure", with_der(lambda der: der + b"\0"), "KA306"),
-    case("10,000 levels", with_der(lambda _: _deep(10_000)), "KA306"),
-    case("300,000 levels of indefinite length", with_der(lambda _: b"\x30\x80" * 300_000), "KA306"),
-    case(
+    of_message("another text inside", with_structure(_inner_text), "KA312"),
+    of_message("two digests in the attributes", attributes(_late_digest), "KA306"),
+    of_message("no digest in the attributes", attributes(_without("message_digest")), "KA306"),
+    of_message("no content type in the attributes", attributes(_without("content_type")), "KA306"),
+    of_message("enveloped data", with_der(_enveloped), "KA315", exit=1),
+    of_message("certificates alone", _certificates_alone, "KA315", exit=1),
+    of_message("an indefinite length", with_der(lambda der: b"\x30\x80" + der[4:] + b"\0\0"), "KA306"),
+    of_message("a length of 2^64", with_der(lambda der: b"\x30\x88" + b"\xff" * 8 + der[4:]), "KA306", b"\nMIj/"),
+    of_message("bytes behind the structure", with_der(lambda der: der + b"\0"), "KA306"),
+    of_message("10,000 levels", with_der(lambda _: _deep(10_000)), "KA306"),
+    of_message("300,000 levels of indefinite length", with_der(lambda _: b"\x30\x80" * 300_000), "KA306"),
+    of_message(
         "1,500,000 signers that are none",
         with_der(lambda _: b"\x30\x84\x00\x2d\xc6\xc0" + b"\x30\x00" * 1_500_000),
         "KA306",
     ),
-    case("text in the base64", rewritten(lambda m: SIGNATURE.sub(rb"\1evil!\n\2\3", m)), "KA305", b"evil!"),
-    case("a signature of nothing", rewritten(lambda m: SIGNATURE.sub(rb"\1\3", m)), "KA306", line=30),
-    case("random bytes as the signature", with_der(lambda _: bytes(range(256)) * 4), "KA306", b"\nAAEC"),
+    of_message("text in the base64", rewritten(lambda m: SIGNATURE.sub(rb"\1evil!\n\2\3", m)), "KA305", b"evil!"),
+    of_message("a signature of nothing", rewritten(lambda m: SIGNATURE.sub(rb"\1\3", m)), "KA306", line=30),
+    of_message("random bytes as the signature", with_der(lambda _: bytes(range(256)) * 4), "KA306", b"\nAAEC"),
 )
 
 COSTS: Final = (
-    case("250,000 header lines", rewritten(lambda m: b"X: y\n" * 250_000 + m), "KA305", line=ANY),
-    case(
+    of_message("250,000 header lines", rewritten(lambda m: b"X: y\n" * 250_000 + m), "KA305", line=ANY),
+    of_message(
         "40,000 boundaries",
         _pieces(lambda _, p: [p[0], *[b"\n"] * 40_000, *p[1:]]),
         "KA305",
         line=ANY,
     ),
-    case(
+    of_message(
         "40,000 boundaries behind the last one",
         rewritten(lambda m: m + (_boundary(m) + b"\n") * 40_000),
         "KA308",
@@ -338,12 +340,20 @@ COSTS: Final = (
         exit=1,
         options=MEDIUM,
     ),
-    case("a header line of 3 MB", rewritten(lambda m: b"X-Long: " + b"x" * (3 << 20) + b"\n" + m), "KA305", line=1),
-    case("3 MB of semicolons in a header", replaced(b"; boundary", b";" * (3 << 20) + b" boundary"), "KA305", line=2),
-    case("3 MB of parentheses in a header", replaced(b"; protocol", b"(" * (3 << 20) + b"; protocol"), "KA305", line=2),
-    case("3 MB of carriage returns", rewritten(lambda m: m.replace(b"\n", b"\r" * 60_000 + b"\n")), "KA305", line=ANY),
-    case("3 MB of base64", with_der(lambda _: b"\x30" * (2 << 20)), "KA306", b"\nMDAw"),
-    case(
+    of_message(
+        "a header line of 3 MB", rewritten(lambda m: b"X-Long: " + b"x" * (3 << 20) + b"\n" + m), "KA305", line=1
+    ),
+    of_message(
+        "3 MB of semicolons in a header", replaced(b"; boundary", b";" * (3 << 20) + b" boundary"), "KA305", line=2
+    ),
+    of_message(
+        "3 MB of parentheses in a header", replaced(b"; protocol", b"(" * (3 << 20) + b"; protocol"), "KA305", line=2
+    ),
+    of_message(
+        "3 MB of carriage returns", rewritten(lambda m: m.replace(b"\n", b"\r" * 60_000 + b"\n")), "KA305", line=ANY
+    ),
+    of_message("3 MB of base64", with_der(lambda _: b"\x30" * (2 << 20)), "KA306", b"\nMDAw"),
+    of_message(
         "a text of 3 MB in front",
         replaced(b"This is", b"-" * (3 << 20) + b"\nThis is"),
         "KA308",
@@ -351,10 +361,9 @@ COSTS: Final = (
         exit=1,
         options=MEDIUM,
     ),
-    Case(
+    case(
         "3 MB of blank lines in the base64",
         rewritten(lambda m: SIGNATURE.sub(rb"\1" + b"\\n" * (3 << 20) + rb"\2\3", m)),
-        (),
         exit=0,
     ),
 )

@@ -10,7 +10,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
-from tests.hostile.store import CERT, P7S, PERMISSIONS_OF_VICTIM, Case, Finds, Store
+from tests.hostile.store import CERT, P7S, PERMISSIONS_OF_VICTIM, Store, case
 from tests.keystore.builder import authority, certificate, crl, signed_document
 
 NAMES: Final = {
@@ -47,12 +47,7 @@ def called(name: str) -> x509.Name:
 def in_certificate(name: str) -> Callable[[Store], None]:
     """The certificate's subject, which nobody's grant names then; X.509 has no character that it forbids."""
 
-    def spoil(store: Store) -> None:
-        made = certificate(called(name), store.base.identity)
-        store.put("cert.pem", made.pem)
-        store.put("key.pem", made.key_pem)
-
-    return spoil
+    return lambda store: store.identify(certificate(called(name), store.base.identity))
 
 
 def in_grant(name: str) -> Callable[[Store], None]:
@@ -86,20 +81,13 @@ UNREAD: Final = frozenset(
 )
 
 SUBJECTS: Final = tuple(
-    Case(f"a subject with {what}", in_certificate(name), (Finds("KA503", CERT, line=1),), 1)
-    for what, name in NAMES.items()
+    case(f"a subject with {what}", in_certificate(name), "KA503", CERT, line=1, exit=1) for what, name in NAMES.items()
 )
 GRANTS: Final = tuple(
-    Case(f"a grant with {what}", in_grant(name), (), 4 if what in UNREAD else 1) for what, name in NAMES.items()
+    case(f"a grant with {what}", in_grant(name), exit=4 if what in UNREAD else 1) for what, name in NAMES.items()
 )
 AUTHORITIES: Final = tuple(
-    Case(
-        f"an authority with {what}",
-        in_authority(name),
-        (Finds("KA301", P7S, line=1),),
-        1,
-        bystander_changes=True,
-    )
+    case(f"an authority with {what}", in_authority(name), "KA301", P7S, line=1, exit=1, bystander_changes=True)
     for what, name in NAMES.items()
 )
 CASES: Final = SUBJECTS + GRANTS + AUTHORITIES

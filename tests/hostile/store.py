@@ -8,7 +8,7 @@ import re
 import shutil
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import pytest
 from _pytest.mark import ParameterSet
@@ -95,6 +95,11 @@ class Store(Struct, frozen=True):
         """Sign `xml` as a governance of the victim's own."""
         self.put("governance.p7s", signed_document(xml, self.base.permissions))
 
+    def identify(self, own: Signed) -> None:
+        """Give the victim another identity."""
+        self.put("cert.pem", own.pem)
+        self.put("key.pem", own.key_pem)
+
     def message(self) -> bytes:
         """The victim's permissions.p7s as it is."""
         return (self.victim / "permissions.p7s").read_bytes()
@@ -153,6 +158,20 @@ class Case(Struct, frozen=True):
     fault: str = ""
     """Why the audit is known to fail on it."""
     secrets: tuple[bytes, ...] = ()
+
+
+def case(
+    name: str,
+    spoil: Callable[[Store], None],
+    code: str = "",
+    path: str = P7S,
+    *,
+    at: bytes | None = None,
+    line: int | None = None,
+    **more: Any,
+) -> Case:
+    """A case with one finding, or with none."""
+    return Case(name, spoil, (Finds(code, path, at, line),) if code else (), **more)
 
 
 def secrets_of(base: Base) -> Iterator[bytes]:
