@@ -1,65 +1,49 @@
-"""S/MIME messages taken apart by OpenSSL's algorithm (crypto/asn1/asn_mime.c), which every DDS implementation uses.
+"""S/MIME messages taken apart: those that openssl and pyca write, and people who edit what these wrote.
 
-OpenSSL reads lines into a buffer of 1,024 bytes, ends them at LF only, compares boundaries by prefix, ignores
-transfer encodings and whatever stands before the first and after the last boundary. This reader follows it where it
-is unambiguous and refuses the rest as `Kind.MIME_MALFORMED`: stricter never means that we read other bytes.
+Every DDS implementation reads with OpenSSL (crypto/asn1/asn_mime.c): lines in pieces of 1,023 bytes, boundaries by
+prefix, transfer encodings and whatever stands around the parts ignored. Read here is what has one meaning whoever reads
+it; all else is `Kind.MIME_MALFORMED`, one "cannot tell".
 """
 
 from __future__ import annotations
 
+import base64
 import binascii
 import re
-from itertools import pairwise
 from typing import Final
 
 from msgspec import Struct
 
 from keystore_audit.keystore.defect import Kind
 
-MAX_LINE: Final = 1023
-"""Bytes that OpenSSL reads at once (MAX_SMLEN less the NUL): longer lines fall into pieces that count as lines."""
+MAX_HEADER: Final = 1023
+"""Bytes of a header, those of one piece of OpenSSL's: real ones have 200."""
 
-MAX_HEADER_LINES: Final = 64
-"""Lines of one header that are read: real ones have at most 4, and 250,000 cost seconds."""
+TYPES: Final = (b"multipart/signed", b"pkcs7-mime")
+"""What the header of a signed message has to say somewhere, in any case of letters."""
 
-MAX_BOUNDARIES: Final = 8
-"""Boundary lines that are looked at: a signed message has 3, and 300,000 cost seconds."""
+_BLANK_LINE: Final = re.compile(rb"^[\n\r\0]", re.MULTILINE)
+"""What ends a header: OpenSSL ends lines at LF, and one that begins with CR, LF or NUL is blank."""
 
-MAX_MENTIONS: Final = 1000
-"""Boundaries inside lines, where they are text, that are looked at: real messages have none."""
+_KNOWN: Final = frozenset(
+    {b"mime-version", b"content-type", b"content-transfer-encoding", b"content-disposition"},
+)
+_FIELD: Final = re.compile(rb"([A-Za-z0-9-]+):[ \t]*([^\n(]*(?:\n[ \t][^\n(]*)*)\n")
+"""A header line, with those that it is folded into; a comment in it is not read."""
+_CONTENT_TYPE: Final = re.compile(rb"""([\w/.+-]+)((?:;\s*[\w-]+=("?)[^\s";]{2,}\3)*);?\s*""")
+"""With parameters; OpenSSL does not see a value of one character between quotes."""
+_PARAMETER: Final = re.compile(rb"""([\w-]+)="?([^\s";]+)""")
 
-STOCK_PREAMBLE: Final = b"This is an S/MIME signed message"
-"""The unsigned line that every writer puts before the first part (SMIME_write_ASN1, pyca's `smime_sign_encode`)."""
+_ODD_HEADER: Final = "a header that is not as writers of signed messages make it, which readers take in their own ways"
 
-_SIGNED: Final = b"multipart/signed"
-_OPAQUE: Final = (b"application/pkcs7-mime", b"application/x-pkcs7-mime")
-_SIGNATURE: Final = (b"application/pkcs7-signature", b"application/x-pkcs7-signature")
-_TEXT: Final = b"text/plain"
+_TEXT: Final = b"content-type: text/plain\r\n\r\n"
+"""What the signed text begins with (openssl: -text), in any case of letters."""
 
-_TOP_HEADERS: Final = frozenset({b"mime-version", b"content-type"})
-_PART_HEADERS: Final = frozenset({b"content-type", b"content-transfer-encoding", b"content-disposition"})
+_STRANGE_LINE: Final = re.compile(rb"^(?!(?:This is an S/MIME signed message)?$)", re.MULTILINE)
+"""A line around the parts other than the unsigned one that every writer puts before the first."""
 
 _BASE64_WIDTHS: Final = (64, 76)
 """Columns that PEM (RFC 7468) and MIME (RFC 2045) writers use; OpenSSL's reader is odd beyond 80."""
-
-_SEVERAL_RETURNS: Final = re.compile(rb"\r{1,8}\n")
-"""A line end with more CRs than one, which OpenSSL strips; a bound, since a thousand of them fill its buffer."""
-
-_STRANGE_LINE: Final = re.compile(rb"^(?!\r*(?:%b\r*)?$)" % STOCK_PREAMBLE, re.MULTILINE)
-"""A line outside of the parts that no writer emits."""
-
-_SPACE: Final = b" \t\n\v\f\r"
-"""What `ossl_isspace` takes for white space."""
-
-_FIELD: Final = re.compile(rb"([^:]*):((?:\([^)]*\)|[^;(])*)(?:;|\Z)")
-_PARAMETER: Final = re.compile(rb"""([^=]*)=((?:"[^"]*"|\([^)]*\)|[^;"(])*)(?:;|\Z)""")
-"""OpenSSL's state machine over a header line: what its sign, a quote or a comment does not end is dropped."""
-
-_Field = tuple[int, dict[bytes | None, bytes | None]]
-"""The line of a header field, its value (by None) and its parameters by lower-case name."""
-
-
-_NO_FIELD: Final[_Field] = (1, {})
 
 
 class MimeError(ValueError):
@@ -72,60 +56,60 @@ class MimeError(ValueError):
         self.detail = detail
 
 
-class Unsigned(Struct, frozen=True, kw_only=True):
-    """Text that no signature covers and that the writers of real messages do not write."""
-
-    line: int
-    detail: str
-
-
 class Message(Struct, frozen=True, kw_only=True):
     """A signed message: `entity` is what a detached signature covers, in canonical form (None: opaque message).
 
-    `entity_line` and `signature_line` are lines of the file, `signature` is the decoded CMS structure.
+    `entity_line` and `signature_line` are lines of the file, `signature` is the decoded CMS structure. `unsigned`:
+    lines with text that no signature covers and that the writers of real messages do not write, and what it is.
     """
 
     entity: bytes | None
     entity_line: int
     signature: bytes
     signature_line: int
-    unsigned: tuple[Unsigned, ...]
+    unsigned: tuple[tuple[int, str], ...]
 
 
-def _malformed(line: int, detail: str) -> MimeError:
-    return MimeError(Kind.MIME_MALFORMED, line, detail)
+def header_end(data: bytes) -> int:
+    """Where OpenSSL no longer reads header lines. Other text may stand among them, before the type too."""
+    blank = _BLANK_LINE.search(data)
+    return len(data) if blank is None else blank.start()
+
+
+def names_type(data: bytes) -> bool:
+    """Whether a type of signed messages is named. OpenSSL refuses what names none in its header."""
+    lowered = data.lower()
+    return any(kind in lowered for kind in TYPES)
 
 
 def read_message(data: bytes) -> Message:
-    """Take a signed message apart; raise MimeError where OpenSSL would refuse it or where we do not follow it.
-
-    `Kind.NOT_SMIME` is raised only where OpenSSL certainly refuses: no header says multipart/signed or pkcs7-mime.
-    """
-    lowered = data.lower()
-    if _SIGNED not in lowered and b"pkcs7-mime" not in lowered:
+    """Take a signed message apart; raise MimeError for any other, `Kind.NOT_SMIME` where OpenSSL certainly refuses."""
+    if not names_type(data[: header_end(data)]):
         raise MimeError(Kind.NOT_SMIME, 1, f"expected an S/MIME signed message, found {_describe(data)}")
-    if b"\0" in data:
-        raise _malformed(_line(data, data.find(b"\0")), "a NUL byte ends the text for some readers")
-    fields, end, unsigned = _read_header(data, 0, 1, _TOP_HEADERS | _PART_HEADERS)
-    number, content_type = fields.get(b"content-type", _NO_FIELD)
-    value = content_type.get(None)
-    if value == _SIGNED:
-        boundary = content_type.get(b"boundary")
-        if boundary is None:
-            raise _malformed(number, "multipart/signed without a boundary")
-        return _read_multipart(data, end, boundary, unsigned)
-    if value in _OPAQUE:
-        line = _line(data, end)
-        signature = _decode_base64(data[end:], line)
-        return Message(
-            entity=None, entity_line=line, signature=signature, signature_line=line, unsigned=tuple(unsigned)
-        )
-    found = "no Content-Type before the first blank line" if value is None else f"Content-Type {_quoted(value)}"
-    raise MimeError(Kind.NOT_SMIME, 1, f"expected Content-Type multipart/signed at the top, found {found}")
+    text = data.replace(b"\r\n", b"\n")
+    odd = max(text.find(b"\r"), text.find(b"\0"))
+    if odd >= 0:
+        raise _malformed(text, odd, "a lone carriage return or a NUL byte, which ends the text for some readers")
+    unsigned: list[tuple[int, str]] = []
+    kind, boundary, start = _read_header(text, 0, unsigned)
+    if kind in (b"application/pkcs7-mime", b"application/x-pkcs7-mime"):
+        entity, entity_at, signature_at = None, start, start
+        signature = _decode_base64(text, start, len(text))
+    elif kind == b"multipart/signed" and boundary:
+        entity, entity_at, signature, signature_at = _read_parts(text, start, boundary, unsigned)
+    else:
+        raise _malformed(text, 0, _ODD_HEADER)
+    return Message(
+        entity=entity,
+        entity_line=_line(text, entity_at),
+        signature=signature,
+        signature_line=_line(text, signature_at),
+        unsigned=tuple(sorted(unsigned)),
+    )
 
 
 def _describe(data: bytes) -> str:
-    start = data.lstrip(b"\xef\xbb\xbf" + _SPACE)[:16]
+    start = data.removeprefix(b"\xef\xbb\xbf").lstrip()[:16]
     if start.startswith(b"-----BEGIN"):
         return "a PEM file"
     if start.startswith(b"<"):
@@ -135,118 +119,78 @@ def _describe(data: bytes) -> str:
     return "neither of its header types" if start else "nothing"
 
 
-def _quoted(text: bytes | None) -> str:
-    return "none" if text is None else '"' + text[:80].decode("ascii", "backslashreplace") + '"'
+def _malformed(text: bytes, place: int, detail: str) -> MimeError:
+    return MimeError(Kind.MIME_MALFORMED, _line(text, place), detail)
 
 
-def _line(data: bytes, offset: int) -> int:
-    return data.count(b"\n", 0, offset) + 1
+def _line(text: bytes, place: int) -> int:
+    return text.count(b"\n", 0, place) + 1
 
 
-# --- the parts
+def _read_header(text: bytes, start: int, unsigned: list[tuple[int, str]]) -> tuple[bytes, bytes | None, int]:
+    """The content type and the boundary that it names, and where the body begins."""
+    fields: dict[bytes, bytes] = {}
+    at = start
+    while (found := _FIELD.match(text, at, start + MAX_HEADER)) is not None:
+        name = found[1].lower()
+        if name in fields:
+            raise _malformed(text, at, _ODD_HEADER)
+        if name not in _KNOWN:
+            unsigned.append((_line(text, at), "a header line that no DDS implementation reads"))
+        fields[name] = found[2]
+        at = found.end()
+    content_type = _CONTENT_TYPE.fullmatch(fields.get(b"content-type", b""))
+    parameters = _PARAMETER.findall(content_type[2]) if content_type is not None else []
+    values = {name.lower(): value for name, value in parameters}
+    if content_type is None or text[at : at + 1] != b"\n" or len(values) < len(parameters):
+        raise _malformed(text, at, _ODD_HEADER)
+    return content_type[1].lower(), values.get(b"boundary"), at + 1
 
 
-def _read_multipart(data: bytes, start: int, boundary: bytes, unsigned: list[Unsigned]) -> Message:
-    """Split the body at its boundaries into exactly two parts (`multi_split`)."""
-    delimiters = _delimiters(data, start, boundary, unsigned)
-    for begin, end, where in (
-        (start, delimiters[0][0], "before the first"),
-        (delimiters[-1][1], len(data), "after the last"),
+def _read_parts(
+    text: bytes, start: int, boundary: bytes, unsigned: list[tuple[int, str]]
+) -> tuple[bytes, int, bytes, int]:
+    """The text and its place, the decoded signature and its place: two parts, between boundaries on lines of their own.
+
+    A boundary inside a line is text, but for OpenSSL where one of its pieces begins.
+    """
+    mark = b"\n--" + boundary
+    before, *parts = text[start - 1 :].split(mark)
+    mentions = text.count(mark[1:], start)
+    if not parts or not (parts[-1] + b"\n").startswith(b"--\n") or mentions != len(parts):
+        shown = boundary[:80].decode("ascii", "backslashreplace")
+        raise _malformed(text, max(text.rfind(mark), 0) + 1, f'no final boundary for "{shown}"')
+    if len(parts) != 3 or not all(part.startswith(b"\n") for part in parts[:2]):
+        found = "expected two parts, the text and its signature, between boundaries on lines of their own"
+        raise _malformed(text, start + len(before), found)
+    text_at = start + len(before) + len(mark)
+    signature_at = text_at + len(parts[0]) + len(mark)
+    end = signature_at + len(parts[1]) - 1
+    for begin, until, where in (
+        (start, start + len(before), "before the first"),
+        (end + len(mark) + len(b"--\n"), len(text), "after the last"),
     ):
-        if (strange := _STRANGE_LINE.search(data, begin, end)) is not None:
+        if (strange := _STRANGE_LINE.search(text, begin, until)) is not None:
             detail = f"text {where} part, which no signature covers and no DDS implementation reads"
-            unsigned.append(Unsigned(line=_line(data, strange.start()), detail=detail))
-    pieces = [(begin, end) for (_, begin), (end, _) in pairwise(delimiters)]
-    parts = [piece for piece in pieces if piece[0] < piece[1]]  # OpenSSL does not see empty ones
-    nothing = "two boundaries with nothing between them"
-    unsigned += [Unsigned(line=_line(data, begin), detail=nothing) for begin, end in pieces if begin >= end]
-    if len(parts) != 2:
-        message = f"expected two parts, the text and its signature, found {len(parts)}"
-        raise _malformed(_line(data, delimiters[0][0]), message)
-    (text_begin, text_end), (signature_begin, signature_end) = parts
-    signature, signature_line = _read_signature(data, signature_begin, signature_end, unsigned)
-    entity_line = _line(data, text_begin)
-    return Message(
-        entity=_canonical(data[text_begin:text_end], entity_line),
-        entity_line=entity_line,
-        signature=signature,
-        signature_line=signature_line,
-        unsigned=tuple(sorted(unsigned, key=lambda text: text.line)),
-    )
+            unsigned.append((_line(text, strange.start()), detail))
+    kind, _boundary, at = _read_header(text[:end], signature_at, unsigned)
+    if kind not in (b"application/pkcs7-signature", b"application/x-pkcs7-signature"):
+        raise _malformed(text, signature_at, "expected a second part of type application/x-pkcs7-signature")
+    return parts[0][1:].replace(b"\n", b"\r\n"), text_at, _decode_base64(text, at, end), at
 
 
-def _delimiters(data: bytes, start: int, boundary: bytes, unsigned: list[Unsigned]) -> list[tuple[int, int]]:
-    """The boundary lines up to the final one, each with where it begins and where the next line begins."""
-    mark = b"--" + boundary
-    found: list[tuple[int, int]] = []
-    final, end = False, start
-    while not final and (hit := data.find(b"\n" + mark, end - 1) + 1):
-        _refuse_mentions(data, end, hit, mark)
-        end = data.find(b"\n", hit) + 1 or len(data)
-        if end - hit > MAX_LINE or len(found) == MAX_BOUNDARIES:
-            detail = f"a boundary line of more than {MAX_LINE} bytes, or more than {MAX_BOUNDARIES} of them"
-            raise _malformed(_line(data, hit), detail)
-        found.append((hit, end))
-        rest = data[hit + len(mark) : end]
-        final = rest.startswith(b"--")
-        if rest[2 * final :].strip(_SPACE):
-            detail = "text behind a boundary, which is compared by prefix"
-            unsigned.append(Unsigned(line=_line(data, hit), detail=detail))
-    if final:
-        return found
-    _refuse_mentions(data, end, len(data), mark)
-    raise _malformed(_line(data, found[-1][0]) if found else 1, f"no final boundary for {_quoted(boundary)}")
-
-
-def _refuse_mentions(data: bytes, begin: int, end: int, mark: bytes) -> None:
-    """Refuse boundaries inside lines where OpenSSL's buffer may begin, or more of them than are looked at."""
-    mentions = data.count(mark, begin, end)
-    many = mentions > MAX_MENTIONS
-    for number, text in enumerate(data[begin:end].split(b"\n") if mentions else ()):
-        if mark in (text if many else text[MAX_LINE:]):
-            detail = f"a boundary behind {MAX_LINE} bytes of a line, or more than {MAX_MENTIONS} inside lines"
-            raise _malformed(_line(data, begin) + number, detail)
-
-
-def _canonical(part: bytes, line: int) -> bytes:
-    """The lines of a part joined by CRLF, trailing CRs removed, without the end of the last line (`strip_eol`)."""
-    if part.count(b"\r") == part.count(b"\r\n"):
-        return part.replace(b"\r\n", b"\n").replace(b"\n", b"\r\n")[:-2]
-    lines = part.split(b"\n")
-    for number, content in enumerate(lines, line):
-        if len(content) >= MAX_LINE:
-            raise _malformed(number, f"a line of more than {MAX_LINE} bytes in a text with lone carriage returns")
-    return b"\r\n".join([content.rstrip(b"\r") for content in lines])[:-2]
-
-
-def _read_signature(data: bytes, begin: int, end: int, unsigned: list[Unsigned]) -> tuple[bytes, int]:
-    """The decoded signature of the second part, and the line where its base64 text begins."""
-    fields, body, odd = _read_header(data[:end], begin, _line(data, begin), _PART_HEADERS)
-    if fields.get(b"content-type", _NO_FIELD)[1].get(None) not in _SIGNATURE:
-        found = _quoted(fields[b"content-type"][1][None]) if b"content-type" in fields else "no Content-Type"
-        detail = f"expected a second part of type application/x-pkcs7-signature, found {found}"
-        raise _malformed(_line(data, begin), detail)
-    unsigned += odd
-    line = _line(data, body)
-    return _decode_base64(data[body:end], line), line
-
-
-def _decode_base64(text: bytes, line: int) -> bytes:
+def _decode_base64(text: bytes, at: int, end: int) -> bytes:
     """Decode lines of 64 or 76 characters, blank lines only around them; the encoding has to be the canonical one."""
-    text = _SEVERAL_RETURNS.sub(b"\n", text).strip(b"\n")
+    written = text[at:end].strip(b"\n")
     try:
-        decoded = binascii.a2b_base64(text.replace(b"\n", b""))
-    except binascii.Error as error:
-        raise _malformed(line, f"the signature is no base64: {error}") from None
-    encoded = binascii.b2a_base64(decoded, newline=False)
-    places = {width: range(0, len(encoded), width) for width in _BASE64_WIDTHS}
-    if not any(text == b"\n".join([encoded[at : at + width] for at in places[width]]) for width in places):
-        detail = "expected base64 in lines of 64 or 76 characters and nothing else, found other characters or lengths"
-        raise _malformed(line, detail)
-    return decoded
-
-
-# --- headers
+        decoded = binascii.a2b_base64(written)
+    except binascii.Error:
+        decoded = b""
+    encoded = base64.b64encode(decoded)
+    for width in _BASE64_WIDTHS:
+        if written == b"\n".join(encoded[place : place + width] for place in range(0, len(encoded), width)):
+            return decoded
+    raise _malformed(text, at, "expected base64 in lines of 64 or 76 characters, and nothing else")
 
 
 def split_text(entity: bytes, line: int) -> tuple[bytes, int]:
@@ -254,71 +198,9 @@ def split_text(entity: bytes, line: int) -> tuple[bytes, int]:
 
     Raises MimeError: `Kind.NO_TEXT_PLAIN` where OpenSSL certainly refuses since no header says text/plain.
     """
-    expected = "expected the signed text to begin with Content-Type: text/plain (openssl: -text), found "
-    if _TEXT not in entity.lower():
-        raise MimeError(Kind.NO_TEXT_PLAIN, line, f"{expected}none")
-    if b"\0" in entity:
-        raise _malformed(line, "a NUL byte ends the text for some readers")
-    fields, end, _odd = _read_header(entity, 0, line, frozenset())
-    value = fields.get(b"content-type", _NO_FIELD)[1].get(None)
-    if value != _TEXT:
-        raise MimeError(Kind.NO_TEXT_PLAIN, line, f"{expected}{_quoted(value)}")
-    return entity[end:], line + entity.count(b"\n", 0, end)
-
-
-def _read_header(
-    data: bytes, start: int, line: int, known: frozenset[bytes]
-) -> tuple[dict[bytes, _Field], int, list[Unsigned]]:
-    """Fields up to the first blank line (`mime_parse_hdr`), the offset behind it, and lines that nobody reads."""
-    fields: dict[bytes, _Field] = {}
-    odd: list[Unsigned] = []
-    last: _Field | None = None
-    offset, number = start, line
-    while offset < len(data):
-        end = data.find(b"\n", offset) + 1 or len(data)
-        text = data[offset:end].rstrip(b"\r\n")
-        if end - offset > MAX_LINE or number - line >= MAX_HEADER_LINES or b"\r" in text:
-            limits = f"more than {MAX_HEADER_LINES} lines or {MAX_LINE} bytes a line"
-            raise _malformed(number, f"a header of {limits}, or a lone carriage return")
-        offset = end
-        if not text:
-            break
-        known_line = last is not None and text[0] in _SPACE  # a folded one
-        if last is None or not known_line:
-            opening = _FIELD.match(text)
-            name = (_strip(opening[1]) or b"").lower() if opening else b""
-            if name in fields and opening:
-                raise _malformed(number, f"a second header {_quoted(name)}: readers take either")
-            if opening:
-                value = _strip(opening[2])
-                last = fields[name] = number, {None: None if value is None else value.lower()}
-                _read_parameters(last[1], text, opening.end(), number)
-            known_line = opening is not None and name in known
-        else:
-            _read_parameters(last[1], text, 0, number)
-        if not known_line or b"(" in text:
-            odd.append(Unsigned(line=number, detail=f"header line {_quoted(text)}, which no DDS implementation reads"))
-        number += 1
-    return fields, offset, odd
-
-
-def _read_parameters(field_: dict[bytes | None, bytes | None], text: bytes, position: int, number: int) -> None:
-    while piece := _PARAMETER.match(text, position):
-        name = (_strip(piece[1]) or b"").lower()
-        if name in field_:
-            raise _malformed(number, f"a second parameter {_quoted(name)}: readers take either")
-        field_[name] = _strip(piece[2])
-        position = piece.end()
-
-
-def _strip(text: bytes) -> bytes | None:
-    """Strip white space and one quote at each end as OpenSSL does (`strip_ends`); None for nothing."""
-    text = text.lstrip(_SPACE)
-    if text.startswith(b'"'):
-        text = text[1:]
-    if not text:
-        return None
-    text = text.rstrip(_SPACE)
-    if text.endswith(b'"'):
-        return None if len(text) == 2 else text[:-1]  # one character between quotes: `p - 1 == name`
-    return text or None
+    if entity[: len(_TEXT)].lower() == _TEXT:
+        return entity[len(_TEXT) :], line + _TEXT.count(b"\n")
+    if b"text/plain" in entity[: header_end(entity)].lower():
+        raise MimeError(Kind.MIME_MALFORMED, line, "the signed text begins with other headers than its Content-Type")
+    detail = "expected the signed text to begin with Content-Type: text/plain (openssl: -text), found none"
+    raise MimeError(Kind.NO_TEXT_PLAIN, line, detail)

@@ -133,8 +133,8 @@ class _Reading:
         except MimeError as error:
             return self._defect(error.kind, error.detail, error.line)
         self._line = message.signature_line
-        for text in message.unsigned:
-            self._defect(Kind.UNSIGNED_TEXT, text.detail, text.line)
+        for line, detail in message.unsigned:
+            self._defect(Kind.UNSIGNED_TEXT, detail, line)
         signed, entity = self._signed_data(message)
         if entity is not None:
             try:

@@ -14,16 +14,11 @@ from typing import Final, NamedTuple
 from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import IDENTIFIER, first_element, opening
+from keystore_audit.keystore.mime import TYPES, header_end, names_type
 from keystore_audit.keystore.pem import LINE, base64_of, loose_blocks
 from keystore_audit.keystore.private_key import holds_key
 
 # --- messages, or the marks of one: asked of every file of a keystore
-
-_BLANK_LINE: Final = re.compile(rb"\n[\n\r\0]")
-"""What ends a header: OpenSSL ends lines at LF, and one that begins with CR, LF or NUL is blank (asn_mime.c)."""
-
-TYPES: Final = (b"multipart/signed", b"pkcs7-mime")
-"""What the header of a signed message has to say somewhere, in any case of letters."""
 
 _SIGNED_DATA: Final = bytes.fromhex("2a864886f70d010702")
 """The identifier of signed data (RFC 5652, 5.1)."""
@@ -40,40 +35,18 @@ MAX_ARMOURED: Final = 10_000
 """Blocks of one file that are looked at."""
 
 
-def may_be_message(data: bytes) -> bool:
-    """Whether OpenSSL may take `data` for a signed message; False: it certainly does not (`mime.read_message`).
-
-    It reads header lines up to the first blank one, and refuses what names neither type there. Other text may stand in
-    the header, before the type too.
-    """
-    lowered = data.lower()
-    for kind in TYPES:
-        found = lowered.find(kind)
-        if found >= 0 and _BLANK_LINE.search(data, 0, found) is None:
-            return True
-    return False
-
-
 def concealed(data: bytes) -> str:
     """How `data` carries the mark of a signed message that OpenSSL does not read there, in words; "" if it does not.
 
     Anybody can bring such a message into a form that is read, since the signature is not over the form. In a text that
     only speaks of messages no signature follows the mark. Certificates in PEM, which nobody signed, are none.
     """
-    if _further(data) and any(mark in base64_of(data) for mark in _ENCODED):
+    if names_type(data[header_end(data) :]) and any(mark in base64_of(data) for mark in _ENCODED):
         return "a signed message stands in it below other text"
     blocks = islice(loose_blocks(data, *ARMOUR), MAX_ARMOURED) if b"-----BEGIN " in data else ()
     if any(_is_signed(block.der or b"") for block in blocks):
         return "a signature in PEM stands in it, without the S/MIME around it"
     return ""
-
-
-def _further(data: bytes) -> bool:
-    """Whether the type of a signed message is named below the first header."""
-    end = _BLANK_LINE.search(data)
-    begin = 0 if data[:1] in (b"\n", b"\r") else end.start() if end is not None else len(data)
-    below = data[begin:].lower()
-    return any(kind in below for kind in TYPES)
 
 
 def is_signed_data(data: bytes) -> bool:
@@ -131,7 +104,7 @@ class Traces(NamedTuple):
 
 def look(content: bytes) -> Traces:
     """What a file may hold of which every byte is here."""
-    message, how = may_be_message(content), concealed(content)
+    message, how = names_type(content[: header_end(content)]), concealed(content)
     key = certificate = False
     if b"-----BEGIN " in content:
         blocks = islice(loose_blocks(content, *ARMOUR, "PRIVATE KEY"), MAX_ARMOURED)

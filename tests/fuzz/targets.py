@@ -129,7 +129,7 @@ def mime(data: bytes) -> None:
     assert (message.entity, message.signature, message.unsigned) == (again.entity, again.signature, again.unsigned)
     assert 1 <= message.entity_line <= last
     assert 1 <= message.signature_line <= last
-    assert all(1 <= unsigned.line <= last and unsigned.detail for unsigned in message.unsigned)
+    assert all(1 <= line <= last and detail for line, detail in message.unsigned)
     if message.entity is not None:
         assert message.entity.count(b"\n") == message.entity.count(b"\r\n"), "not in canonical form"
 

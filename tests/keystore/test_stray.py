@@ -25,7 +25,7 @@ from keystore_audit.keystore.mime import MimeError, read_message
 from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.keystore.smime import Candidates
-from keystore_audit.keystore.traces import look, may_be_message
+from keystore_audit.keystore.traces import look
 from keystore_audit.keystore.unmanaged import MAX_UNMANAGED, read_unmanaged
 from tests.conftest import libcrypto
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, present, signed_document, sros2
@@ -115,8 +115,8 @@ def variants(message: bytes) -> dict[str, bytes]:
 def test_what_openssl_takes_for_a_message_may_be_one(name: str, message: bytes, openssl: OpenSSL) -> None:
     data = variants(message)[name]
     if openssl.takes(data):
-        assert may_be_message(data)
-    if not may_be_message(data):
+        assert look(data).message
+    if not look(data).message:
         with pytest.raises(MimeError) as refused:
             read_message(data)
         assert refused.value.kind in (Kind.NOT_SMIME, Kind.MIME_MALFORMED)
@@ -143,7 +143,7 @@ PIECES = st.sampled_from(
 @given(pieces=st.lists(PIECES, max_size=12))
 def test_any_beginning_before_a_message(pieces: list[bytes], message: bytes, openssl: OpenSSL) -> None:
     data = b"".join(pieces) + message
-    assert may_be_message(data) or not openssl.takes(data)
+    assert look(data).message or not openssl.takes(data)
 
 
 # --- in a keystore
