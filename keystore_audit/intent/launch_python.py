@@ -23,7 +23,9 @@ ENTRY: Final = "generate_launch_description"
 """The function that launch calls."""
 
 _DEFINED: Final = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
-_APART: Final = (*_DEFINED, ast.Lambda)
+
+Bound = dict[str, list[ast.stmt]]
+"""By name the statements of the file and of its function that bind it, whole ones such as loops among them."""
 
 
 def read_python(source: Source) -> Element:
@@ -38,23 +40,28 @@ def read_python(source: Source) -> Element:
         raise source.malformed(error.lineno, f"the text is no Python: {error.msg}") from None
     except (ValueError, RecursionError, MemoryError):  # a NUL character, expressions too deep for the parser
         raise source.malformed(None, "the text is no Python, or too deep to be parsed") from None
-    apart = (each for each in ast.walk(module) if isinstance(each, _APART) and getattr(each, "name", "") != ENTRY)
-    reader = _Reader(source, {name for each in apart for name in names_in(each)})
-    found = reader.follow(module)
-    noted = [code(node) for node in reader.noted]
-    outside = sorted(noted, key=lambda element: element.line)[:1]
-    return Element(kind="launch", line=1, children=(*outside, *_speaking(module, reader.unread), *found))
+    entry = next((each for each in module.body if isinstance(each, ast.FunctionDef) and each.name == ENTRY), None)
+    bound: Bound = {}
+    for statement in (*module.body, *(entry.body if entry is not None else ())):
+        for name in {statement.name} if isinstance(statement, _DEFINED) else names_in(statement, bound=True):
+            bound.setdefault(name, []).append(statement)
+    told = {name for name, by in bound.items() if sum(not isinstance(each, ast.AugAssign) for each in by) == 1}
+    first = _Reader(source, told, set())
+    first.follow(module, entry)
+    reader = _Reader(source, told, {name for node in first.unread for name in names_in(node)})
+    found = reader.follow(module, entry)
+    outside = sorted(map(code, reader.noted), key=lambda element: element.line)[:1]
+    return Element(kind="launch", line=1, children=(*outside, *_speaking(module, bound, reader.unread), *found))
 
 
 class _Reader(Expressions):
     """Follows statements in order as far as they are assignments, lists that grow, and a return."""
 
-    def follow(self, module: ast.Module) -> list[Element]:
+    def follow(self, module: ast.Module, entry: ast.FunctionDef | None) -> list[Element]:
         """The elements of the description that the file's function returns."""
         self._statements(module.body)
-        defined = self._names.get(ENTRY)
-        entry = next((each for each in module.body if defined == Imported(f"{ENTRY}:{each.lineno}")), None)
-        if not isinstance(entry, ast.FunctionDef) or entry.decorator_list:
+        plain = entry is not None and not entry.decorator_list and ENTRY in self._told and "*" not in self._told
+        if entry is None or not plain or any(isinstance(each, (ast.Yield, ast.YieldFrom)) for each in ast.walk(entry)):
             return [self._note(module)]
         returned = self._statements(entry.body)
         if returned is None or returned.value is None:
@@ -63,31 +70,34 @@ class _Reader(Expressions):
 
     def _statements(self, statements: Iterable[ast.stmt]) -> ast.Return | None:
         for statement in statements:
-            odd = any(isinstance(node, (ast.NamedExpr, ast.Yield, ast.Await)) for node in ast.walk(statement))
-            if odd and not isinstance(statement, _DEFINED):
-                self._lose(statement)
-            elif isinstance(statement, ast.Return):
+            if isinstance(statement, ast.Return):
                 return statement
-            else:
-                self._statement(statement)
+            self._statement(statement)
         return None
 
     def _statement(self, statement: ast.stmt) -> None:
         match statement:
-            case ast.Import() | ast.ImportFrom():
-                self._import(statement)
+            case ast.Import(names) | ast.ImportFrom(names=names):
+                origin = f"{'.' * statement.level}{statement.module}." if isinstance(statement, ast.ImportFrom) else ""
+                for each in names:
+                    top = each.name if origin or each.asname else each.name.partition(".")[0]
+                    self._bind(each.asname or top, Imported(f"{origin}{top}"))
             case ast.FunctionDef(name) | ast.AsyncFunctionDef(name) | ast.ClassDef(name):
-                self._names[name] = Imported(f"{name}:{statement.lineno}")
                 if name != ENTRY:
                     self.unread.append(statement)
             case ast.Assign([ast.Name(name)], value) | ast.AnnAssign(ast.Name(name), value=ast.expr() as value):
-                self._names[name] = self._value(value)
+                held = self._value(value)
+                if isinstance(value, ast.Name) and isinstance(held, (list, dict)):
+                    self.unread.append(statement)  # what is done to it by one name is not seen by the other
+                else:
+                    self._bind(name, held)
             case ast.AugAssign(ast.Name(name), ast.Add(), value):
                 self._grow(statement, name, self._value(value))
-            case ast.Expr(ast.Call(ast.Attribute(ast.Name(name), "append" | "add_action"), [value], [])):
-                self._grow(statement, name, [self._value(value)])
-            case ast.Expr(ast.Call(ast.Attribute(ast.Name(name), "extend"), [value], [])):
-                self._grow(statement, name, self._value(value))
+            case ast.Expr(
+                ast.Call(ast.Attribute(ast.Name(name), "append" | "add_action" | "extend" as how), [value], [])
+            ):
+                added = self._value(value)
+                self._grow(statement, name, added if how == "extend" else [added])
             case (
                 ast.Expr(ast.Constant())
                 | ast.Pass()
@@ -95,32 +105,18 @@ class _Reader(Expressions):
             ):
                 pass
             case _:
-                self._lose(statement)
+                self._note(statement)
 
-    def _import(self, statement: ast.Import | ast.ImportFrom) -> None:
-        for each in statement.names:
-            bound = each.asname or each.name.partition(".")[0]
-            if each.name == "*":
-                self._lose(statement)
-            elif isinstance(statement, ast.ImportFrom):
-                self._names[bound] = Imported(f"{'.' * statement.level}{statement.module}.{each.name}")
-            else:
-                self._names[bound] = Imported(each.name if each.asname else bound)
+    def _bind(self, name: str, value: Value) -> None:
+        self._names[name] = value if name in self._told else LOST
 
     def _grow(self, statement: ast.stmt, name: str, added: Value) -> None:
         held = self._names.get(name)
-        if isinstance(held, list) and isinstance(added, list) and id(held) not in self._used:
+        if isinstance(held, list) and isinstance(added, list) and name not in self._used:
             held += added
         else:
-            self._lose(statement)
-
-    def _lose(self, statement: ast.AST) -> None:
-        """A statement that is not followed: nothing that it may set, or add to, is known from here on."""
-        self._note(statement)
-        self._forget(statement)
-        if any(isinstance(node, ast.alias) and node.name == "*" for node in ast.walk(statement)):  # any may be another
-            self._names = dict.fromkeys(self._names, LOST)
-        self._names |= dict.fromkeys(names_in(statement, bound=True), LOST)
+            self._note(statement)
+            self._names[name] = held if isinstance(held, list) else LOST
 
 
 # What of the code that is not read may change security, or the environment of launch itself
@@ -135,10 +131,18 @@ _SETTERS: Final = frozenset(
 """Actions that change variables; of some the first argument is the name of one."""
 
 
-def _speaking(module: ast.Module, unread: Iterable[ast.AST]) -> Iterator[Element]:
-    """What speaks of security in what is `unread`, and in what that takes from elsewhere in the file: one place."""
+def _speaking(module: ast.Module, bound: Bound, unread: Iterable[ast.AST]) -> Iterator[Element]:
+    """What speaks of security in what is `unread`, and in the statements that make what that takes, as `k` of
+    `Node(**k)`: one place.
+    """
     parents = {child: node for node in ast.walk(module) for child in ast.iter_child_nodes(node)}
-    within = _with_origins(module, unread)
+    waiting, within = [*unread], set[ast.AST]()
+    while waiting:
+        node = waiting.pop()
+        if node not in within:
+            within.add(node)
+            waiting += ast.iter_child_nodes(node)
+            waiting += bound.get(node.id, ()) if isinstance(node, ast.Name) else ()
     found = []
     for node, parent in parents.items():
         word = _changing(node, parent) or (_said(node, parent) if node in within else "")
@@ -146,23 +150,6 @@ def _speaking(module: ast.Module, unread: Iterable[ast.AST]) -> Iterator[Element
             found.append((getattr(node, "lineno", 1), word))
     for line, word in sorted(found)[:1]:
         yield Element(kind="speaks", line=line, attributes={"word": (word,)})
-
-
-def _with_origins(module: ast.Module, unread: Iterable[ast.AST]) -> set[ast.AST]:
-    """All within what is not read, and within the statements that make what it takes, as `k` of `Node(**k)`."""
-    made: dict[str, list[ast.AST]] = {}
-    for node in ast.walk(module):
-        if isinstance(node, (ast.Assign, ast.AnnAssign, ast.AugAssign)):
-            for name in names_in(node, bound=True):
-                made.setdefault(name, []).append(node)
-    waiting, seen = [*unread], set[ast.AST]()
-    while waiting:
-        node = waiting.pop()
-        if node not in seen:
-            seen.add(node)
-            waiting += ast.iter_child_nodes(node)
-            waiting += made.pop(node.id, ()) if isinstance(node, ast.Name) else ()
-    return seen
 
 
 def _said(node: ast.AST, parent: ast.AST) -> str:

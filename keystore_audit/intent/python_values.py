@@ -94,7 +94,7 @@ _OWN_PACKAGES: Final = frozenset({"launch", "launch_ros", "launch_xml", "launch_
 
 
 class Imported(Struct, frozen=True):
-    """A module, class or function, with dots; one of the file itself with its line."""
+    """A module, class or function, with dots."""
 
     path: str
 
@@ -115,29 +115,18 @@ LOST: Final[Text] = (Unknown("what only running the file works out"),)
 class Expressions:
     """Works out expressions. `noted`: what may start nodes; `unread`: that, and all other code that is not read."""
 
-    def __init__(self, source: Source, elsewhere: set[str]) -> None:
-        """Nothing is known but where the file is; `elsewhere`: names in code that may run at any time."""
+    def __init__(self, source: Source, told: set[str], shared: set[str]) -> None:
+        """Nothing is known but where the file is. `told`: names that mean one thing in all of the file; `shared`: names
+        in code that is not read and may change lists.
+        """
         self.noted: list[ast.AST] = []
         self.unread: list[ast.AST] = []
         self._source = source
-        self._elsewhere = elsewhere
+        self._told = told
+        self._shared = shared
         self._names: dict[str, Value] = {"__file__": (source.real,)}
-        self._used: dict[int, Value] = {}  # with the lists, so that no other gets the number of one that is gone
+        self._used: set[str] = set()
         self._values = 0
-
-    def _forget(self, node: ast.AST) -> None:
-        """Code that is not read may change the lists that it names; those of elements still have what they had."""
-        named = [self._names.get(name) for name in names_in(node)]
-        changed = {id(held) for held in named if isinstance(held, (list, dict))}
-        for name, held in [*self._names.items()] if changed else ():  # one may have several names
-            if id(held) in changed:
-                self._names[name] = self._changed(held, node)
-
-    def _changed(self, held: Value, node: ast.AST) -> Value:
-        if isinstance(held, list) and all(isinstance(each, Element) for each in held):
-            self._note(node)
-            return held
-        return LOST
 
     def _note(self, node: ast.AST) -> Element:
         """Something that may start nodes."""
@@ -148,7 +137,6 @@ class Expressions:
     def _opaque(self, node: ast.expr, reason: str = "an expression that only running the file works out") -> Text:
         """An expression that is not read; it may add to lists that it names."""
         self.unread.append(node)
-        self._forget(node)
         return (Unknown(reason),)
 
     def _value(self, node: ast.expr, depth: int = 0) -> Value:
@@ -158,10 +146,7 @@ class Expressions:
             case ast.Constant(plain):
                 return _plain(plain)
             case ast.Name(name) if name in self._names:
-                held = self._names[name]
-                self._used[id(held)] = held
-                shared = isinstance(held, (list, dict)) and name in self._elsewhere
-                return self._changed(held, node) if shared else held
+                return self._named(node, name)
             case ast.Attribute(holder, name):
                 held = self._value(holder, depth + 1)
                 return Imported(f"{held.path}.{name}") if isinstance(held, Imported) else self._opaque(node)
@@ -179,6 +164,17 @@ class Expressions:
             case ast.Call():
                 return self._call(node, depth)
         return self._opaque(node)
+
+    def _named(self, node: ast.Name, name: str) -> Value:
+        """What the name holds. Of a list that may have changed, the elements are started all the same."""
+        self._used.add(name)
+        held = self._names[name]
+        if name not in self._shared or not isinstance(held, (list, dict)):
+            return held
+        if isinstance(held, dict) or not all(isinstance(each, Element) for each in held):
+            return LOST
+        self._note(node)
+        return held
 
     def _list(self, parts: Iterable[ast.expr], depth: int) -> Value:
         found: list[Value] = []

@@ -99,7 +99,6 @@ WAYS = [
     f"xs = []\nxs += [{PLAIN}]\nreturn LaunchDescription([*xs])",
     f"xs = []\nxs.extend([{PLAIN}])\nreturn LaunchDescription(xs + [])",
     f'"""Text."""\nx: object = {PLAIN}\nreturn LaunchDescription((x,))',
-    f"x = 1\nx = {PLAIN}\nreturn LaunchDescription([x])",
     f"return LaunchDescription([GroupAction(actions=[{PLAIN}])])",
     f"return LaunchDescription([TimerAction(period=1.0, actions=[{PLAIN}])])",
     f"""x = {PLAIN}
@@ -252,6 +251,7 @@ def test_an_include_in_a_package_is_said(path: str, tmp_path: Path) -> None:
         f"ld = LaunchDescription()\nld.add_action(action={PLAIN})\nreturn ld",
         f"from other import *\nreturn LaunchDescription([{PLAIN}])",
         f"Node = other\nreturn LaunchDescription([{PLAIN}])",
+        f"x = 1\nx = {PLAIN}\nreturn LaunchDescription([x])",
         f"class Node: pass\nreturn LaunchDescription([{PLAIN}])",
         f"os.environ['ROS_SECURITY_ENCLAVE_OVERRIDE'] = '/y'\nreturn LaunchDescription([{PLAIN}])",
         "yield LaunchDescription([])",
@@ -323,23 +323,28 @@ def test_what_is_no_python_is_refused(text: str, said: str, tmp_path: Path) -> N
     assert said in refused.value.message
 
 
+def doubled(first: str, step: str, count: int) -> str:
+    """Assignments of which each names the one before, {x}, twice; the last is called x."""
+    names = [*(f"x{number}" for number in range(count)), "x"]
+    lines = [step.format(x=name) for name in names[:-1]]
+    return "\n".join(f"{name} = {line}" for name, line in zip(names, [first, *lines], strict=True))
+
+
 DEEP = {
     "sum": f"x = {'1 + ' * 20_000}1",
     "attributes": f"x = a{'.b' * 20_000}",
     "calls": f"x = f{'()' * 20_000}",
-    "lists": "x = []\n" + "x = [x, x]\n" * 2_000,
-    "texts": "x = 'ab'\n" + "x = x + x\n" * 2_000,
-    "empty texts": "x = ''\n" + "x = [x, x]\n" * 2_000 + "y = Node(executable='e', name=x)\n",
-    "dictionaries": "x = {'a': 1}\n" + "x = {**x, **x}\n" * 2_000,
-    "groups": "x = []\n" + "x = [GroupAction(x), GroupAction(x)]\n" * 2_000,
-    "nested groups": "x = GroupAction([])\n" + "x = GroupAction([x])\n" * 4_000,
-    "defaults": "x = 'a'\n" + "x = LaunchConfiguration(x, default=x)\n" * 3_000 + "x = Node(executable='e', name=x)\n",
-    "groups that are not read": "x = []\n"
-    + "x = [GroupAction(x), GroupAction(x)]\n" * 60
-    + "x = GroupAction(x, scoped=other)\n",
-    "what comes later": "x = []\n" + "x = Node(executable='e', on_exit=[x, x])\n" * 2_000,
-    "paths": "x = 'a'\n" + "x = os.path.join(x, x)\n" * 2_000,
-    "few defaults": "x = 'a'\n" + "x = LaunchConfiguration(x, default=x)\n" * 40 + "x = Node(executable='e', name=x)\n",
+    "lists": doubled("[]", "[{x}, {x}]", 2_000),
+    "texts": doubled("'ab'", "{x} + {x}", 2_000),
+    "empty texts": doubled("''", "[{x}, {x}]", 2_000) + "\ny = Node(executable='e', name=x)\n",
+    "groups": doubled("[]", "[GroupAction({x}), GroupAction({x})]", 2_000),
+    "nested groups": doubled("GroupAction([])", "GroupAction([{x}])", 3_000),
+    "defaults": doubled("'a'", "LaunchConfiguration({x}, default={x})", 2_000),
+    "groups that are not read": doubled("[]", "[GroupAction({x}), GroupAction({x}, scoped=other)]", 60),
+    "what comes later": doubled("[]", "Node(executable='e', on_exit=[{x}, {x}])", 2_000),
+    "paths": doubled("'a'", "os.path.join({x}, {x})", 2_000),
+    "few defaults": doubled("'a'", "LaunchConfiguration({x}, default={x})", 40)
+    + "\ny = Node(executable='e', name=x)\n",
     "assignments": "\n".join(f"x{i} = {i}" for i in range(8_000)),
 }
 
