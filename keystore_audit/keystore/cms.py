@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.der import children, well_formed
-from keystore_audit.keystore.public_key import DIGESTS, Digest, Problem, Scheme, read_digest, read_scheme
+from keystore_audit.keystore.public_key import DIGESTS, Problem, Scheme, digest_problems, read_digest, read_scheme
 
 MAX_SIGNERS: Final = 16
 """SignerInfos whose signatures are checked: a real document has one, each costs a public-key operation per key."""
@@ -30,7 +30,6 @@ MAX_ELEMENTS: Final = 10_000
 _SIGNED_DATA: Final = x509.ObjectIdentifier("1.2.840.113549.1.7.2")
 _DATA: Final = x509.ObjectIdentifier("1.2.840.113549.1.7.1")
 _DATA_DER: Final = asn1.encode_der(_DATA)
-_IDENTIFIER: Final = b"\x06"
 _OCTET_STRING: Final = b"\x04"
 _UTC_TIME: Final = b"\x17"
 _STRINGS: Final = frozenset({b"\x0c", b"\x12", b"\x13", b"\x14", b"\x16", b"\x1c", b"\x1e"})
@@ -39,6 +38,13 @@ _STRINGS: Final = frozenset({b"\x0c", b"\x12", b"\x13", b"\x14", b"\x16", b"\x1c
 _CONTENT_TYPE: Final = x509.ObjectIdentifier("1.2.840.113549.1.9.3")
 _MESSAGE_DIGEST: Final = x509.ObjectIdentifier("1.2.840.113549.1.9.4")
 _SIGNING_TIME: Final = x509.ObjectIdentifier("1.2.840.113549.1.9.5")
+
+
+_OTHER: Final[Problem] = (
+    Kind.CMS_MALFORMED,
+    "expected signed data as openssl writes it, found other versions, types, parameters or attributes (RFC 5652)",
+)
+"""What run times read in their own ways, and no writer of documents makes."""
 
 
 class CmsError(ValueError):
@@ -65,6 +71,7 @@ class SignerInfo(Struct, frozen=True, kw_only=True):
     signing_time: datetime | None
     scheme: Scheme
     signature: bytes
+    problems: tuple[Problem, ...] = ()
 
 
 class SignedData(Struct, frozen=True, kw_only=True):
@@ -140,52 +147,31 @@ def read_signed_data(der: bytes) -> SignedData:
     fields = children(children(children(der)[1])[0])
     infos = data.signer_infos.as_list()
     certificates = [] if data.certificates is None else children(fields[3])
-    found = "expected plain signed data, found"  # what one of PKCS#7 1.5 has not, run times read in their own ways
-    problems = _malformed(
-        (data.version != 1, f"{found} version {data.version} (RFC 5652, 5.1: 1)"),
-        (
-            data.content.content_type != _DATA,
-            f"{found} content of type {data.content.content_type.dotted_string} (id-data is 1.2.840.113549.1.7.1)",
-        ),
-        (data.revocation_lists is not None, f"{found} revocation lists, which no DDS implementation reads here"),
-    )
-    if not infos:
-        problems.append((Kind.NO_SIGNER, "the message carries no signature at all"))
-    few = len(infos) <= MAX_SIGNERS
-    problems += _malformed((not few, f"{len(infos)} signatures, at most {MAX_SIGNERS} are checked"))
+    if len(infos) > MAX_SIGNERS or len(certificates) > MAX_EMBEDDED:
+        found = f"{len(infos)} signatures and {len(certificates)} certificates"
+        raise CmsError(Kind.CMS_MALFORMED, f"{found}, of which at most {MAX_SIGNERS} and {MAX_EMBEDDED} are read")
     try:
         listed = [read_digest(digest) for digest in children(fields[1])]
-        signers = [
-            _signer(info, children(element), listed, problems)
-            for info, element in zip(infos, children(fields[-1]), strict=True)
-            if few
-        ]
+        signers = [_signer(*each, listed) for each in zip(infos, map(children, children(fields[-1])), strict=True)]
     except ValueError as error:
         raise CmsError(Kind.CMS_MALFORMED, f"an algorithm identifier cannot be read: {error}") from None
+    problems = [problem for signer in signers for problem in signer.problems]
+    if not infos:
+        problems.append((Kind.NO_SIGNER, "the message carries no signature at all"))
     problems += [
-        (Kind.UNSUPPORTED_ALGORITHM, f"the digest algorithm {digest.name} is listed, and run times may not know it")
-        for digest in listed
-        if digest.name not in DIGESTS
+        (Kind.UNSUPPORTED_ALGORITHM, f"the digest algorithm {name} is listed, and run times may not know it")
+        for name, _ in listed
+        if name not in DIGESTS
     ]
-    many = len(certificates) > MAX_EMBEDDED
-    problems += _malformed(
-        (
-            any(digest.has_parameters for digest in listed),
-            "a digest algorithm that the message lists has parameters",
-        ),
-        (many, f"{len(certificates)} certificates, at most {MAX_EMBEDDED} are read"),
-    )
+    plain = data.version == 1 and data.content.content_type == _DATA and data.revocation_lists is None
+    if not plain or any(has_parameters for _, has_parameters in listed):
+        problems.append(_OTHER)
     return SignedData(
         content=data.content.content,
-        certificates=() if many else tuple(certificates),
+        certificates=tuple(certificates),
         signers=tuple(signers),
-        problems=tuple(problems),
+        problems=tuple(dict.fromkeys(problems)),
     )
-
-
-def _malformed(*said: tuple[bool, str]) -> list[Problem]:
-    """What is so."""
-    return [(Kind.CMS_MALFORMED, detail) for is_so, detail in said if is_so]
 
 
 def has_string_values(name_der: bytes) -> bool:
@@ -212,67 +198,49 @@ def _parse(der: bytes) -> _SignedData:
     return data
 
 
-def _signer(info: _SignerInfo, fields: list[bytes], listed: list[Digest], problems: list[Problem]) -> SignerInfo:
-    """Read one SignerInfo, whose `fields` are its elements as they stand, and append what is out of order in it."""
+def _signer(info: _SignerInfo, fields: list[bytes], listed: list[tuple[str, bool]]) -> SignerInfo:
+    """Read one SignerInfo, whose `fields` are its elements as they stand."""
     attributes = info.signed_attributes
     signed = None if attributes is None else b"\x31" + fields[3][1:]  # RFC 5652, 5.4: as a SET OF
     digest = read_digest(fields[2])
-    scheme = read_scheme(fields[3 if signed is None else 4], digest.name)
-    problems += _malformed(
-        (info.version != 1, f"a SignerInfo of version {info.version} (RFC 5652, 5.3: 1)"),
-        (info.unsigned_attributes is not None, "unsigned attributes, which anybody can add or change"),
-    )
-    problems += digest.problems + scheme.problems
-    problems += _malformed(
-        (
-            digest not in listed,
-            f"the digest algorithm {digest.name} of a signature is not among those that the message lists",
-        )
-    )
+    scheme = read_scheme(fields[3 if signed is None else 4], digest[0])
     message_digest, time = None, None
+    plain = info.version == 1 and info.unsigned_attributes is None and digest in listed and scheme.plain
+    problems = [*digest_problems(digest[0]), *scheme.problems]
     if attributes is None:
         detail = "the signature covers the text itself, there are no signed attributes"
         problems.append((Kind.NO_SIGNED_ATTRIBUTES, detail))
     else:
-        message_digest, time = _attributes(attributes.as_list(), problems)
+        message_digest, time = _attributes(attributes.as_list())
+    if not plain or (signed is not None and message_digest is None):
+        problems.append(_OTHER)
     return SignerInfo(
         issuer_der=children(fields[1])[0],
         serial=info.identifier.serial,
-        digest=digest.name,
+        digest=digest[0],
         message_digest=message_digest,
         signed=signed,
         signing_time=time,
         scheme=scheme,
         signature=info.signature,
+        problems=tuple(problems),
     )
 
 
-def _attributes(attributes: list[_Attribute], problems: list[Problem]) -> tuple[bytes | None, datetime | None]:
-    """The message digest (None where it is not there exactly once) and the signing time of signed attributes."""
-    values: dict[x509.ObjectIdentifier, TLV | None] = {}
-    for attribute in attributes:
-        kind, alternatives = attribute.type, attribute.values.as_list()
-        single = alternatives[0] if len(alternatives) == 1 and kind not in values else None
-        values[kind] = single
-        named = f"the signed attribute {kind.dotted_string}"
-        problems += _malformed(
-            (single is None, f"{named} is there twice or has not one value"),
-            (
-                single is not None and not well_formed(single.tag_bytes[0], single.data),
-                f"{named} has a malformed value",
-            ),
-        )
-    content_type, digest, time = values.get(_CONTENT_TYPE), values.get(_MESSAGE_DIGEST), values.get(_SIGNING_TIME)
-    if digest is not None and digest.tag_bytes != _OCTET_STRING:
-        digest = None
-    problems += _malformed(
-        (
-            content_type is None or content_type.tag_bytes != _IDENTIFIER or content_type.data != _DATA_DER[2:],
-            "the signed attribute contentType does not say id-data once (RFC 5652, 11.1)",
-        ),
-        (digest is None, "the signed attribute messageDigest is not one octet string (RFC 5652, 11.2)"),
+def _attributes(attributes: list[_Attribute]) -> tuple[bytes | None, datetime | None]:
+    """The message digest and the signing time of signed attributes; no digest where they are not as they have to be.
+
+    Each is there once and has one value, which is well-formed (RFC 5652, 11), the content type among them.
+    """
+    values = {each.type: each.values.as_list() for each in attributes}
+    first = {kind: alternatives[0] for kind, alternatives in values.items() if len(alternatives) == 1}
+    content_type, digest, time = first.get(_CONTENT_TYPE), first.get(_MESSAGE_DIGEST), first.get(_SIGNING_TIME)
+    plain = len(first) == len(attributes) and all(well_formed(each.tag_bytes[0], each.data) for each in first.values())
+    is_data = (
+        content_type is not None and content_type.tag_bytes == _DATA_DER[:1] and content_type.data == _DATA_DER[2:]
     )
-    return None if digest is None else bytes(digest.data), None if time is None else _time(time)
+    known = plain and is_data and digest is not None and digest.tag_bytes == _OCTET_STRING
+    return bytes(digest.data) if known and digest is not None else None, None if time is None else _time(time)
 
 
 def _time(value: TLV) -> datetime | None:

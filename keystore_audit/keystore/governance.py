@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from enum import Enum
+from typing import Any
 
 from lxml import etree
 from msgspec import Struct
@@ -51,7 +52,7 @@ class TopicRule(Struct, frozen=True, kw_only=True):
 
     expression: Text
     enable_discovery_protection: bool
-    enable_liveliness_protection: bool
+    enable_liveliness_protection: bool = False  # DDS-Security 1.0 does not have it, and protected none
     enable_read_access_control: bool
     enable_write_access_control: bool
     metadata_protection_kind: ProtectionKind
@@ -122,31 +123,22 @@ def _domain_rule(document: Document, rule: etree._Element) -> DomainRule:
     parts = {str(part.tag): part for part in elements(rule)}
     return DomainRule(
         domains=tuple(document.domains(parts["domains"])),
-        allow_unauthenticated_participants=document.boolean(parts["allow_unauthenticated_participants"]),
-        enable_join_access_control=document.boolean(parts["enable_join_access_control"]),
-        discovery_protection_kind=_kind(document, parts["discovery_protection_kind"]),
-        liveliness_protection_kind=_kind(document, parts["liveliness_protection_kind"]),
-        rtps_protection_kind=_kind(document, parts["rtps_protection_kind"]),
         topic_rules=tuple(_topic_rule(document, topic) for topic in elements(parts["topic_access_rules"])),
-        line=document.line(rule),
-        lines={tag: document.line(part) for tag, part in parts.items()},
+        **_values(document, rule, parts),
     )
 
 
 def _topic_rule(document: Document, rule: etree._Element) -> TopicRule:
     parts = {str(part.tag): part for part in elements(rule)}
-    liveliness = parts.get("enable_liveliness_protection")  # not in DDS-Security 1.0, where nothing was protected
-    return TopicRule(
-        expression=document.leaf(parts["topic_expression"]),
-        enable_discovery_protection=document.boolean(parts["enable_discovery_protection"]),
-        enable_liveliness_protection=liveliness is not None and document.boolean(liveliness),
-        enable_read_access_control=document.boolean(parts["enable_read_access_control"]),
-        enable_write_access_control=document.boolean(parts["enable_write_access_control"]),
-        metadata_protection_kind=_kind(document, parts["metadata_protection_kind"]),
-        data_protection_kind=_kind(document, parts["data_protection_kind"]),
-        line=document.line(rule),
-        lines={tag: document.line(part) for tag, part in parts.items()},
-    )
+    return TopicRule(expression=document.leaf(parts["topic_expression"]), **_values(document, rule, parts))
+
+
+def _values(document: Document, rule: etree._Element, parts: Mapping[str, etree._Element]) -> dict[str, Any]:
+    """What a rule says under the names of its elements, and where."""
+    kinds = {tag: _kind(document, part) for tag, part in parts.items() if tag.endswith("_protection_kind")}
+    flags = {tag: document.boolean(part) for tag, part in parts.items() if tag.startswith(("allow_", "enable_"))}
+    lines = {tag: document.line(part) for tag, part in parts.items()}
+    return {"line": document.line(rule), "lines": lines, **kinds, **flags}
 
 
 def _kind(document: Document, element: etree._Element) -> ProtectionKind:

@@ -178,9 +178,11 @@ def weaknesses(material: Material) -> Iterator[Weakness]:
         else:
             yield from _of_rsa(each)
     for curve, found in points.items():
-        for point in sorted(weak_numbers.small_scalars(curve, list(found))):
-            near = f"has a private scalar within about {weak_numbers.SMALL_SCALAR:,} of zero: anybody finds it"
-            yield _of(near, [found[point]])
+        small = weak_numbers.small_points(_CURVES[curve]) if curve in _CURVES else frozenset()
+        for point in sorted(found):
+            if point[0] in small:
+                near = f"has a private scalar within {weak_numbers.SMALL_SCALAR} of zero: anybody finds it"
+                yield _of(near, [found[point]])
     for group in related_keys(keys):
         both = (
             "is the negative of another of this run: whoever has one private key has both"

@@ -195,7 +195,8 @@ _DIGEST_NAMES: Final = {
     "2.16.840.1.101.3.4.2.3": "sha512",
 }
 _WITH_DIGEST: Final = re.compile(r"(?:ecdsa-with-)?(md5|sha\d+)(WithRSAEncryption)?", re.IGNORECASE)
-_ALONE: Final = {"1.2.840.113549.1.1.1": "RSA", "1.3.101.112": "Ed25519"}
+_ED25519: Final = "1.3.101.112"
+_ALONE: Final = {"1.2.840.113549.1.1.1": "RSA", _ED25519: "Ed25519"}
 """Signature algorithms that name no digest."""
 _RSA_PSS: Final = "1.2.840.113549.1.1.10"
 _NULL: Final = b"\x05\x00"
@@ -204,20 +205,16 @@ Problem = tuple[Kind, str]
 """What is out of order: a kind and a sentence."""
 
 
-class Digest(NamedTuple):
-    """A digest algorithm: its name, the dotted identifier of one that we do not know."""
-
-    name: str
-    has_parameters: bool
-    problems: tuple[Problem, ...]
-
-
 class Scheme(NamedTuple):
-    """What a signature algorithm demands: the kind of key (None: we know no such algorithm), and the digest."""
+    """What a signature algorithm demands: the kind of key (None: we know no such algorithm), and the digest.
+
+    `plain`: it does not contradict the digest that is used, and has no parameters.
+    """
 
     family: str | None
     digest: hashes.HashAlgorithm | None
-    problems: tuple[Problem, ...]
+    problems: tuple[Problem, ...] = ()
+    plain: bool = True
 
     def made_by(self, key: PublicKeyTypes, signature: bytes, data: bytes) -> Truth:
         """Whether `key` made `signature` over `data`; UNKNOWN where that cannot be checked here."""
@@ -227,18 +224,21 @@ class Scheme(NamedTuple):
 
 
 @lru_cache(maxsize=64)  # a keystore has two or three; bounded, since a hostile one may have any number
-def read_digest(der: bytes) -> Digest:
-    """Read the AlgorithmIdentifier of a digest; raise ValueError if it is none."""
+def read_digest(der: bytes) -> tuple[str, bool]:
+    """The name of a digest, the dotted identifier of one that we do not know, and whether it has parameters.
+
+    Raises ValueError if this is no AlgorithmIdentifier.
+    """
     identifier, has_parameters = _read(der)
-    name = _DIGEST_NAMES.get(identifier, identifier)
-    problems = []
-    if has_parameters:
-        problems.append((Kind.CMS_MALFORMED, f"the digest algorithm {name} has parameters"))
+    return _DIGEST_NAMES.get(identifier, identifier), has_parameters
+
+
+def digest_problems(name: str) -> tuple[Problem, ...]:
+    """What signing over such a digest is worth."""
     if is_weak_algorithm(name):
-        problems.append((Kind.WEAK_DIGEST, f"signed over a digest by {name}, for which collisions are known"))
-    elif name not in DIGESTS:
-        problems.append((Kind.UNSUPPORTED_ALGORITHM, f"signed over a digest by {name}, which is not checked here"))
-    return Digest(name, has_parameters, tuple(problems))
+        return ((Kind.WEAK_DIGEST, f"signed over a digest by {name}, for which collisions are known"),)
+    unknown = (Kind.UNSUPPORTED_ALGORITHM, f"signed over a digest by {name}, which is not checked here")
+    return () if name in DIGESTS else (unknown,)
 
 
 @lru_cache(maxsize=64)
@@ -250,21 +250,16 @@ def read_scheme(der: bytes, digest: str) -> Scheme:
     identifier, has_parameters = _read(der)
     named = _WITH_DIGEST.fullmatch(SIGNATURE_ALGORITHMS.get(identifier, ""))
     family = ("RSA" if named[2] else "EC") if named else _ALONE.get(identifier)
-    if family is None:
-        # PKCS7_verify takes every signature by an RSA key for PKCS#1 v1.5 (measured, OpenSSL 3.0.19).
-        unverified = "an RSA-PSS signature, which the PKCS#7 reader of OpenSSL does not verify"
-        unknown = f"signature algorithm {identifier} is not checked here"
-        return Scheme(None, None, ((Kind.UNSUPPORTED_ALGORITHM, unverified if identifier == _RSA_PSS else unknown),))
-    problems = []
-    if has_parameters:
-        problems.append((Kind.CMS_MALFORMED, f"the signature algorithm {identifier} has parameters"))
-    if named and named[1].lower() != digest:
-        detail = f"the signature algorithm {identifier} means {named[1].lower()}, the digest algorithm is {digest}"
-        problems.append((Kind.CMS_MALFORMED, detail))
-    if family == "Ed25519":  # EVP_VerifyFinal, which PKCS7_verify calls, has no Ed25519
-        unverified = "an Ed25519 signature, which the PKCS#7 reader of OpenSSL does not verify"
-        problems.append((Kind.UNSUPPORTED_ALGORITHM, unverified))
-    return Scheme(family, None if family == "Ed25519" else DIGESTS.get(digest), tuple(problems))
+    plain = not has_parameters and (named is None or named[1].lower() == digest)
+    unverified = {
+        # PKCS7_verify takes every signature by an RSA key for PKCS#1 v1.5 (measured, OpenSSL 3.0.19), and
+        # EVP_VerifyFinal, which it calls, has no Ed25519.
+        _RSA_PSS: "an RSA-PSS signature, which the PKCS#7 reader of OpenSSL does not verify",
+        _ED25519: "an Ed25519 signature, which the PKCS#7 reader of OpenSSL does not verify",
+    }.get(identifier, f"signature algorithm {identifier} is not checked here" if family is None else "")
+    problems = ((Kind.UNSUPPORTED_ALGORITHM, unverified),) if unverified else ()
+    known = None if identifier == _ED25519 or family is None else DIGESTS.get(digest)
+    return Scheme(family, known, problems, plain or family is None)
 
 
 def _read(der: bytes) -> tuple[str, bool]:

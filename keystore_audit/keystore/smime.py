@@ -220,7 +220,7 @@ class _Reading:
     def _named_maker(self, signer: SignerInfo, data: bytes, named: tuple[Certificate, ...]) -> Certificate | None:
         """The certificate that the signer identifier names and whose key made the signature over `data`."""
         scheme = signer.scheme
-        said = signer.digest not in DIGESTS or any(kind is Kind.UNSUPPORTED_ALGORITHM for kind, _ in scheme.problems)
+        said = signer.digest not in DIGESTS or scheme.problems
         for certificate in self._distinct_keys(named):
             if scheme.family is not None and not certificate.key_kind.startswith(scheme.family):
                 found = f"a signature algorithm for {scheme.family} by a signer whose key is {certificate.key_kind}"

@@ -331,7 +331,7 @@ def private_key_others_have(keystore: Keystore, context: Context) -> Iterator[Vi
     Looked at are the keys of all certificates that were read, and the ECDSA signatures in certificates, revocation
     lists and documents, with those of the other keystores of the run. Found are: signatures by one key over different
     content that share r (the key of an authority was computed from two public .p7s files), in as far as a key here made
-    them; EC scalars within about 2^16 of zero, on P-256, P-384, P-521 and secp256k1; points that are negatives of each
+    them; EC scalars within 2^8 of zero; points that are negatives of each
     other; RSA with an exponent below 65537, with a prime factor below 2^16, with primes that Fermat's method finds in
     100 steps, with a factor that another key of the run has, and with the fingerprint of ROCA (Nemec and others, CCS
     2017). No private value is in any report. Published keys are those of the samples of keystore-audit: info where
