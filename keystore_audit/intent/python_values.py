@@ -99,15 +99,8 @@ class Imported(Struct, frozen=True):
     path: str
 
 
-class _Condition(Struct, frozen=True):
-    """`if` or `unless`, and the text."""
-
-    word: str
-    text: Text
-
-
-Value = Text | list["Value"] | dict[str, "Value"] | Element | Imported | _Condition | None
-"""A list may grow while statements are followed, until it is used."""
+Value = Text | list["Value"] | dict[str, "Value"] | Element | Imported | None
+"""A list may grow while statements are followed, until it is used. A condition is an element with `if` or `unless`."""
 
 LOST: Final[Text] = (Unknown("what only running the file works out"),)
 
@@ -210,13 +203,14 @@ class Expressions:
         if function.path.partition(".")[0] in _OWN_PACKAGES:
             return self._made(node, name, given, named)
         texts = [self._text(each) for each in given]
-        literal = ["".join(map(str, text)) for text in texts if all(isinstance(part, str) for part in text)]
-        if function.path == "os.path.join" and texts:
-            return _path(texts)
-        if function.path == "os.path.dirname" and literal:
-            return (posixpath.dirname(literal[0]),)
-        if function.path in ("os.path.realpath", "os.path.abspath") and literal and literal[0].startswith("/"):
-            return texts[0]
+        first = _literal(texts[0]) if texts else None
+        match function.path:
+            case "os.path.join" if texts:
+                return _path(texts)
+            case "os.path.dirname" if first is not None:
+                return (posixpath.dirname(first),)
+            case "os.path.realpath" | "os.path.abspath" if first is not None and first.startswith("/"):
+                return texts[0]
         return self._opaque(node, "the result of a function, which is not called")
 
     def _made(self, node: ast.Call, name: str, given: list[Value], named: dict[str, Value]) -> Value:
@@ -227,7 +221,8 @@ class Expressions:
             case "LaunchDescription":
                 return [*self._elements(node, first)]
             case "IfCondition" | "UnlessCondition":
-                return _Condition("if" if name == "IfCondition" else "unless", self._text(first))
+                word = "if" if name == "IfCondition" else "unless"
+                return Element(kind="condition", line=node.lineno, attributes={word: self._text(first)})
             case "LaunchConfiguration" | "EnvironmentVariable":
                 return self._reference(node, name, self._text(first), second)
             case "ThisLaunchFileDir":
@@ -243,15 +238,10 @@ class Expressions:
 
     def _reference(self, node: ast.Call, kind: str, name: Text, default: Value) -> Text:
         """An argument or variable, whose name and default have to be literal."""
-        told = [None if text is None else self._text(text) for text in (name, default)]
-        match told:
-            case [(str(word),), None]:
-                return (Reference(name=word, environment=kind == "EnvironmentVariable"),)
-            case [(str(word),), (() | (str(),)) as text]:
-                return (
-                    Reference(name=word, default="".join(map(str, text)), environment=kind == "EnvironmentVariable"),
-                )
-        return self._opaque(node, "a substitution within another")
+        word, otherwise = _literal(name), None if default is None else _literal(self._text(default))
+        if not word or (default is not None and otherwise is None):
+            return self._opaque(node, "a substitution within another")
+        return (Reference(name=word, default=otherwise, environment=kind == "EnvironmentVariable"),)
 
     def _element(self, node: ast.Call, kind: str, given: Mapping[str, Value]) -> Value:
         attributes: dict[str, Text] = {}
@@ -266,8 +256,8 @@ class Expressions:
             elif argument in _PAIRS:
                 children += self._pairs(node, argument, value)
             elif argument == "condition":
-                held = value if isinstance(value, _Condition) else _Condition("if", (Unknown("another condition"),))
-                attributes[held.word] = held.text
+                told = isinstance(value, Element) and value.kind == "condition"
+                attributes |= value.attributes if told else {"if": (Unknown("another condition"),)}
             elif argument in ("arguments", "ros_arguments"):
                 name = "args" if argument == "arguments" and isinstance(value, list) else "ros_args"
                 attributes[name] = bounded((*attributes.get(name, ()), " ", *self._command(value)))
@@ -336,6 +326,11 @@ def _plain(value: object) -> Value:
     if value is None or isinstance(value, (str, bool, float)) or (isinstance(value, int) and abs(value) < 1 << 63):
         return None if value is None else bounded((str(value),))
     return LOST
+
+
+def _literal(text: Text) -> str | None:
+    """The whole text, None where some of it has to be worked out."""
+    return "".join(map(str, text)) if all(isinstance(part, str) for part in text) else None
 
 
 def _path(parts: list[Text]) -> Text:

@@ -25,6 +25,9 @@ TYPES: Final = (b"multipart/signed", b"pkcs7-mime")
 _BLANK_LINE: Final = re.compile(rb"^[\n\r\0]", re.MULTILINE)
 """What ends a header: OpenSSL ends lines at LF, and one that begins with CR, LF or NUL is blank."""
 
+_NAMED: Final = re.compile(rb"""^[\s"]*content-type|\(|[^\n]{1023}""", re.MULTILINE | re.IGNORECASE)
+"""A line that names the content type, or that OpenSSL may read as one: behind a comment, or behind its buffer."""
+
 _KNOWN: Final = frozenset(
     {b"mime-version", b"content-type", b"content-transfer-encoding", b"content-disposition"},
 )
@@ -77,14 +80,20 @@ def header_end(data: bytes) -> int:
 
 
 def names_type(data: bytes) -> bool:
-    """Whether a type of signed messages is named. OpenSSL refuses what names none in its header."""
+    """Whether a type of signed messages is named."""
     lowered = data.lower()
     return any(kind in lowered for kind in TYPES)
 
 
+def may_be_message(data: bytes) -> bool:
+    """Whether OpenSSL may take it for a signed message; False: it certainly does not."""
+    head = data[: header_end(data)]
+    return names_type(head) and _NAMED.search(head) is not None
+
+
 def read_message(data: bytes) -> Message:
     """Take a signed message apart; raise MimeError for any other, `Kind.NOT_SMIME` where OpenSSL certainly refuses."""
-    if not names_type(data[: header_end(data)]):
+    if not may_be_message(data):
         raise MimeError(Kind.NOT_SMIME, 1, f"expected an S/MIME signed message, found {_describe(data)}")
     text = data.replace(b"\r\n", b"\n")
     odd = max(text.find(b"\r"), text.find(b"\0"))

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 from keystore_audit.keystore.certificate import Certificate, read_certificate
 from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.der import IDENTIFIER, first_element, opening
-from keystore_audit.keystore.mime import TYPES, header_end, names_type
+from keystore_audit.keystore.mime import TYPES, header_end, may_be_message, names_type
 from keystore_audit.keystore.pem import LINE, base64_of, loose_blocks
 from keystore_audit.keystore.private_key import holds_key
 
@@ -104,7 +104,7 @@ class Traces(NamedTuple):
 
 def look(content: bytes) -> Traces:
     """What a file may hold of which every byte is here."""
-    message, how = names_type(content[: header_end(content)]), concealed(content)
+    message, how = may_be_message(content), concealed(content)
     key = certificate = False
     if b"-----BEGIN " in content:
         blocks = islice(loose_blocks(content, *ARMOUR, "PRIVATE KEY"), MAX_ARMOURED)
