@@ -106,21 +106,11 @@ class Hop(Struct, frozen=True, kw_only=True):
     instant: int
 
 
-class Acts(Struct, frozen=True, kw_only=True):
-    """What one of two runs does in a round (`model.formal.asked`).
+Content = tuple[int | None, ...]
+"""What each publishes, or what is in each slot (`model.formal.asked`): one of two values, None for nothing."""
 
-    `sent`: by writer, which of two values it publishes, None for nothing. `taken`: the slots that forwards emptied.
-    """
-
-    sent: tuple[int | None, ...]
-    taken: tuple[int, ...]
-
-
-class Round(Struct, frozen=True, kw_only=True):
-    """The same round of two runs that are compared."""
-
-    one: Acts
-    other: Acts
+Round = tuple[Content, Content]
+"""What two runs that are compared publish in the same round, by writer."""
 
 
 class Answer(Struct, frozen=True, kw_only=True):

@@ -7,12 +7,12 @@ samples to whom, Alloy decides again from the facts of the keystore (alloy/forwa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from keystore_audit import text
-from keystore_audit.engine.alloy.atoms import Relations, name_atoms
+from keystore_audit.engine.alloy.atoms import Relations, Sort, name_atoms
 from keystore_audit.engine.alloy.claims import MODULES as CLAIM_MODULES
 from keystore_audit.engine.alloy.facts import MODULES, count_atoms, fact_modules, module_texts
 from keystore_audit.engine.alloy.process import Analyzer, Command, Job, run
@@ -36,6 +36,11 @@ CERTAIN: Final = "Deterministic"
 
 PERHAPS: Final = "DeterministicWhateverOthersDo"
 """The check with those that perhaps differ as well."""
+
+COMMANDS: Final = (Command(kind="run", name=SHOWN), *(Command(kind="check", name=name) for name in (CERTAIN, PERHAPS)))
+"""What is asked of a behaviour: that it shows something, and that what it shows is alike."""
+
+_SORTS: Final = {Scheduler.PRIORITY: "ByPriority", Scheduler.ANY: "InAnyOrder"}
 
 WIRING: Final = "wiring.als"
 """The generated main file about what behaviours rest on."""
@@ -83,7 +88,7 @@ def _answer(behaviour: Behaviour, found: Mapping[str, bool]) -> Answer:
         if not rounds:
             raise EngineFailed(f"The Alloy Analyzer's counterexample to {CERTAIN} shows no difference.")
         return Answer(status=Status.VIOLATED, witnesses=({},), rounds=rounds)
-    holds = found[SHOWN] and not found.get(PERHAPS, False)
+    holds = found[SHOWN] and not found[PERHAPS]
     return Answer(status=Status.HOLDS if holds else Status.UNKNOWN)
 
 
@@ -91,57 +96,39 @@ def _job(behaviour: Behaviour) -> Job:
     return Job(
         files={**module_texts((MODULE,)), MAIN: write_behaviour(behaviour, rounds_of(behaviour) or 0)},
         main=MAIN,
-        commands=commands_of(behaviour),
+        commands=COMMANDS,
         atoms=behaviour.writers + len(behaviour.slots),
     )
-
-
-def commands_of(behaviour: Behaviour) -> tuple[Command, ...]:
-    """Return the commands about a behaviour: that it shows something, and that what it shows is alike."""
-    doubtful = behaviour.free(perhaps=True) != behaviour.free(perhaps=False)
-    checks = (CERTAIN, PERHAPS) if doubtful else (CERTAIN,)
-    return (Command(kind="run", name=SHOWN), *(Command(kind="check", name=name) for name in checks))
 
 
 def write_behaviour(behaviour: Behaviour, steps: int) -> str:
     """Return the main file about a behaviour. Names of topics stand in comments only."""
     lines = [
         "/** One declared behaviour: what comes to the topics that are low, written by keystore-audit. */",
-        "module behaviour",
-        "open determinism",
-        "",
-        *_atoms(behaviour),
-        "",
-        f"run {SHOWN} {{ two_runs[none] and eventually shows }} for 0 but 1..{steps} steps",
+        "module behaviour\nopen determinism\n",
     ]
-    for command in commands_of(behaviour)[1:]:
-        free = _union("I", sorted(behaviour.free(perhaps=command.name == PERHAPS)))
-        lines.append(f"check {command.name} {{ two_runs[{free}] implies always alike }} for 0 but 1..{steps} steps")
+    for number, topic in enumerate(behaviour.topics):
+        sort = "Low" if number in behaviour.low else "Topic"
+        lines.append(f"-- T{number}: {text.alloy_comment(topic)}\none sig T{number} extends {sort} {{}}")
+    inputs = [("Input", {each.topic}, each.reaches) for each in behaviour.inputs]
+    forwards = [(_SORTS[each.scheduler], each.targets, each.reaches) for each in behaviour.forwards]
+    for letter, writers in (("I", inputs), ("F", forwards)):
+        for number, (sort, topics, slots) in enumerate(writers):
+            said = f"on = {_union('T', topics)} and reaches = {_union('S', slots)}"
+            lines.append(f"one sig {letter}{number} extends {sort} {{}} {{ {said} }}")
+    for number, slot in enumerate(behaviour.slots):
+        before = {other for other in behaviour.slots_of(slot.forward) if other < number}
+        said = f"of = F{slot.forward} and behind = {_union('S', before)}"
+        lines.append(f"one sig S{number} extends Slot {{}} {{ {said} }}")
+    lines.append(f"\nrun {SHOWN} {{ two_runs[none] and eventually shows }} for 0 but 1..{steps} steps")
+    for name in (CERTAIN, PERHAPS):
+        free = _union("I", behaviour.free(perhaps=name == PERHAPS))
+        lines.append(f"check {name} {{ two_runs[{free}] implies always alike }} for 0 but 1..{steps} steps")
     return "\n".join(lines) + "\n"
 
 
-def _atoms(behaviour: Behaviour) -> Iterator[str]:
-    for number, topic in enumerate(behaviour.topics):
-        sort = "Low" if number in behaviour.low else "Topic"
-        yield f"-- T{number}: {text.alloy_comment(topic)}"
-        yield f"one sig T{number} extends {sort} {{}}"
-    for number, each in enumerate(behaviour.inputs):
-        yield _writer(f"I{number}", "Input", [each.topic], each.reaches)
-    for number, forward in enumerate(behaviour.forwards):
-        sort = "ByPriority" if forward.scheduler is Scheduler.PRIORITY else "InAnyOrder"
-        yield _writer(f"F{number}", sort, sorted(forward.targets), forward.reaches)
-    for number, slot in enumerate(behaviour.slots):
-        before = [other for other in behaviour.slots_of(slot.forward) if other < number]
-        yield f"one sig S{number} extends Slot {{}} {{ of = F{slot.forward} and behind = {_union('S', before)} }}"
-
-
-def _writer(name: str, sort: str, topics: Iterable[int], slots: Iterable[int]) -> str:
-    arrives = _union("S", sorted(slots))
-    return f"one sig {name} extends {sort} {{}} {{ on = {_union('T', topics)} and reaches = {arrives} }}"
-
-
-def _union(letter: str, numbers: Iterable[int]) -> str:
-    return " + ".join(f"{letter}{number}" for number in numbers) or "none"
+def _union(letter: str, numbers: Collection[int]) -> str:
+    return " + ".join(f"{letter}{number}" for number in sorted(numbers)) or "none"
 
 
 def _wiring_job(system: System) -> Job:
@@ -154,12 +141,9 @@ def _wiring_job(system: System) -> Job:
         raise EngineOutOfScale(
             f"The model of this keystore has {atoms} atoms; what forwards rest on is confirmed for up to {MAX_ATOMS}."
         )
+    modules = module_texts((*MODULES, CLAIM_MODULES[0], "forwarding.als"))
     return Job(
-        files={
-            **module_texts((*MODULES, CLAIM_MODULES[0], "forwarding.als")),
-            **fact_modules(system),
-            WIRING: write_wiring(system),
-        },
+        files={**modules, **fact_modules(system), WIRING: write_wiring(system)},
         main=WIRING,
         commands=(Command(kind="check", name=CONFIRMED),),
         atoms=atoms,
@@ -170,35 +154,35 @@ def write_wiring(system: System) -> str:
     """Return the main file: what is said of `system`, and the check that Alloy says the same."""
     atoms, relations = name_atoms(system), Relations()
     lines: list[str] = []
+    said: list[str] = []
 
-    def channels(name: str, members: frozenset[int]) -> str:
-        lines.append(relations.subset(name, atoms.channels, members))
-        return name
-
-    def enclaves(name: str, members: frozenset[int]) -> str:
-        lines.append(relations.subset(name, atoms.enclaves, members))
+    def named(name: str, sort: Sort, members: Iterable[int]) -> str:
+        lines.append(relations.subset(name, sort, members))
         return name
 
     def passages(name: str, passed: Iterable[tuple[int, frozenset[int]]]) -> str:
-        rows: list[set[int]] = [set() for _enclave in atoms.enclaves.atoms]
+        rows: list[set[int]] = [set() for _enclave in system.enclaves]
         for enclave, topics in passed:
             rows[enclave] |= topics
         written = relations.rows(atoms.enclaves, atoms.channels, rows)
         lines.append(relations.relation(name, "Enclave -> Channel", written))
         return name
 
-    said = []
     for n, meeting in enumerate(dict.fromkeys(each for claim in system.determinism for each in claim.meetings)):
-        on, whose = channels(f"on_{n}", meeting.channels), enclaves(f"senders_{n}", meeting.senders)
+        on = named(f"on_{n}", atoms.channels, meeting.channels)
+        senders = named(f"senders_{n}", atoms.enclaves, meeting.senders)
         receiver = None if meeting.receiver is None else atoms.enclaves.name(meeting.receiver)
         found = f"publishers[{on}]" if receiver is None else f"senders[{on}, {receiver}, {on}]"
-        said.append(f"{found} = {whose}")
+        said.append(f"\t{found} = {senders}")
     for n, spread in enumerate(dict.fromkeys(c.spread for c in system.determinism if c.spread is not None)):
-        inside, declared = enclaves(f"inside_{n}", spread.inside), enclaves(f"declared_{n}", spread.declared)
-        first, left_out = channels(f"first_{n}", spread.first), channels(f"left_out_{n}", spread.left_out)
-        passed = passages(f"passed_{n}", ((each.enclave, each.targets) for each in spread.passages if each.reached))
-        closed = passages(f"closed_{n}", ((e.enclave, e.sources) for e in spread.passages if not e.reached))
-        said.append(f"contained[{inside}, {declared}, {passed}, {closed}, {first}, Channel - {left_out}]")
-    head = ["/** Who hands samples to whom, as the other engine has it. */", "module wiring", "open forwarding", ""]
-    check = [f"check {CONFIRMED} {{", *(f"\t{each}" for each in said), "} for 0"]
-    return "\n".join([*head, *relations.take_private(), *lines, "", *check]) + "\n"
+        arguments = (
+            named(f"inside_{n}", atoms.enclaves, spread.inside),
+            named(f"declared_{n}", atoms.enclaves, spread.declared),
+            passages(f"passed_{n}", ((each.enclave, each.targets) for each in spread.passages if each.reached)),
+            passages(f"closed_{n}", ((each.enclave, each.sources) for each in spread.passages if not each.reached)),
+            named(f"first_{n}", atoms.channels, spread.first),
+            f"Channel - {named(f'left_out_{n}', atoms.channels, spread.left_out)}",
+        )
+        said.append(f"\tcontained[{', '.join(arguments)}]")
+    head = "/** Who hands samples to whom, as the other engine has it. */\nmodule wiring\nopen forwarding\n"
+    return "\n".join([head, *relations.take_private(), *lines, f"\ncheck {CONFIRMED} {{", *said, "} for 0"]) + "\n"

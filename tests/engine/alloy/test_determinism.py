@@ -19,7 +19,6 @@ from keystore_audit.engine.alloy.determinism import (
     MODULE,
     PERHAPS,
     SHOWN,
-    commands_of,
     decide,
     write_behaviour,
 )
@@ -32,7 +31,7 @@ from keystore_audit.model.formal.asked import Behaviour, DeterminismAtom, Differ
 from keystore_audit.properties.result import Answer, Round, Status
 from tests.amount import tried
 from tests.engine.alloy_batch import outcomes
-from tests.engine.behaviours import behaviour, deterministic, multiplexer, next_runs, random_behaviour
+from tests.engine.behaviours import Run, behaviour, deterministic, multiplexer, next_runs, random_behaviour
 from tests.engine.systems import healthy
 
 ANY, PRIORITY = Scheduler.ANY, Scheduler.PRIORITY
@@ -95,17 +94,16 @@ def natively(asked: Behaviour) -> dict[str, bool]:
     certain, free = explore(asked, perhaps=False), explore(asked, perhaps=True)
     assert certain.complete
     assert free.complete
-    found = {SHOWN: certain.shows, CERTAIN: bool(certain.rounds), PERHAPS: bool(free.rounds)}
-    return {command.name: found[command.name] for command in commands_of(asked)}
+    return {SHOWN: certain.shows, CERTAIN: bool(certain.rounds), PERHAPS: bool(free.rounds)}
 
 
 def told(asked: Behaviour, rounds: tuple[Round, ...]) -> bool:
     """Whether these are two possible runs with the same inputs, that differ in the last round and no earlier one."""
     inputs, free = len(asked.inputs), asked.free(perhaps=False)
-    empty = (None,) * len(asked.slots)
+    empty: Run = (None,) * len(asked.slots)
     states = {(empty, empty)}
     for number, both in enumerate(rounds, 1):
-        one, other = both.one.sent, both.other.sent
+        one, other = both
         if any(one[n] != other[n] for n in range(inputs) if n not in free):
             return False
         if any(one[n] != other[n] for n in asked.seen()) != (number == len(rounds)):
