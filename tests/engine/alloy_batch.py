@@ -24,6 +24,7 @@ from keystore_audit.engine.alloy.atoms import Relations, Sort
 from keystore_audit.engine.alloy.export import commands
 from keystore_audit.engine.alloy.facts import CONSISTENCY, facts
 from keystore_audit.engine.alloy.process import LATE_SECOND_COMPILER
+from keystore_audit.engine.alloy.runner import OPPOSITE
 from keystore_audit.errors import EngineMissing
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Status
@@ -88,8 +89,10 @@ def named_by_command(system: System, expected: Mapping[str, bool]) -> dict[str, 
     """For each property and claim (by id), the name of its command, and whether that should have an instance."""
     found = {identifier: (name, not expected[identifier]) for name, identifier in _BY_ASSERTION.items()}
     for number, claim in enumerate(system.claims):
+        asked = claims.question(claim, number)
         status = Status.HOLDS if expected[claim.id] else Status.VIOLATED
-        found[claim.id] = (claims.command_of(claim, number).name, claims.status(claim, found=True) is status)
+        is_run = asked.command.kind == "run"
+        found[claim.id] = (asked.command.name, (status is asked.when_true) is is_run)
     assert found.keys() == expected.keys()
     return found
 
@@ -125,10 +128,11 @@ def decide_claims(systems: Sequence[System], changed: Mapping[str, str] | None =
 def _decide_claims(directory: Path, modules: dict[str, str], system: System) -> dict[str, Status]:
     found = outcomes(directory, modules | {"keystore.als": facts(system), "audit.als": commands((), system)})
     assert found[CONSISTENCY]
-    return {
-        claim.id: claims.status(claim, found[claims.command_of(claim, number).name])
-        for number, claim in enumerate(system.claims)
-    }
+    answers = {}
+    for asked in (claims.question(claim, number) for number, claim in enumerate(system.claims)):
+        true = found[asked.command.name] is (asked.command.kind == "run")
+        answers[asked.id] = asked.when_true if true else OPPOSITE[asked.when_true]
+    return answers
 
 
 def outcomes(directory: Path, modules: dict[str, str], main: str = "audit.als") -> dict[str, bool]:

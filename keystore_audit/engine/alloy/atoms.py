@@ -13,7 +13,6 @@ from itertools import groupby
 from typing import Final
 
 from msgspec import Struct, field
-from msgspec.structs import astuple
 
 from keystore_audit import text
 from keystore_audit.model.formal.system import ChannelAtom, System
@@ -89,30 +88,9 @@ class Sort(Struct, frozen=True, kw_only=True):
         return self.atoms[index].name
 
 
-class Atoms(Struct, frozen=True, kw_only=True):
-    """The atoms of one system, by sort, in the order of the generated module."""
-
-    domains: Sort
-    channels: Sort
-    instants: Sort
-    keys: Sort
-    certificates: Sort
-    documents: Sort
-    trust_domains: Sort
-    enclaves: Sort
-    domain_rules: Sort
-    topic_rules: Sort
-    grants: Sort
-    rules: Sort
-
-    def sorts(self) -> tuple[Sort, ...]:
-        """Return every sort."""
-        return astuple(self)
-
-
-def name_atoms(system: System) -> Atoms:
-    """Return the atoms that stand for `system`."""
-    return Atoms(**{sort: make_sort(system, sort) for sort in Atoms.__struct_fields__})
+def name_atoms(system: System) -> dict[str, Sort]:
+    """Return the atoms that stand for `system`, by sort, in the order of the generated module; nodes have their own."""
+    return {sort: make_sort(system, sort) for sort in SORTS if sort != "nodes"}
 
 
 def make_sort(system: System, sort: str) -> Sort:

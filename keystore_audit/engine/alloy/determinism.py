@@ -153,6 +153,7 @@ def _wiring_job(system: System) -> Job:
 def write_wiring(system: System) -> str:
     """Return the main file: what is said of `system`, and the check that Alloy says the same."""
     atoms, relations = name_atoms(system), Relations()
+    enclaves, channels = atoms["enclaves"], atoms["channels"]
     lines: list[str] = []
     said: list[str] = []
 
@@ -164,24 +165,24 @@ def write_wiring(system: System) -> str:
         rows: list[set[int]] = [set() for _enclave in system.enclaves]
         for enclave, topics in passed:
             rows[enclave] |= topics
-        written = relations.rows(atoms.enclaves, atoms.channels, rows)
+        written = relations.rows(enclaves, channels, rows)
         lines.append(relations.relation(name, "Enclave -> Channel", written))
         return name
 
     for n, meeting in enumerate(dict.fromkeys(each for claim in system.determinism for each in claim.meetings)):
-        on = named(f"on_{n}", atoms.channels, meeting.channels)
-        senders = named(f"senders_{n}", atoms.enclaves, meeting.senders)
-        receiver = None if meeting.receiver is None else atoms.enclaves.name(meeting.receiver)
+        on = named(f"on_{n}", channels, meeting.channels)
+        senders = named(f"senders_{n}", enclaves, meeting.senders)
+        receiver = None if meeting.receiver is None else enclaves.name(meeting.receiver)
         found = f"publishers[{on}]" if receiver is None else f"senders[{on}, {receiver}, {on}]"
         said.append(f"\t{found} = {senders}")
     for n, spread in enumerate(dict.fromkeys(c.spread for c in system.determinism if c.spread is not None)):
         arguments = (
-            named(f"inside_{n}", atoms.enclaves, spread.inside),
-            named(f"declared_{n}", atoms.enclaves, spread.declared),
+            named(f"inside_{n}", enclaves, spread.inside),
+            named(f"declared_{n}", enclaves, spread.declared),
             passages(f"passed_{n}", ((each.enclave, each.targets) for each in spread.passages if each.reached)),
             passages(f"closed_{n}", ((each.enclave, each.sources) for each in spread.passages if not each.reached)),
-            named(f"first_{n}", atoms.channels, spread.first),
-            f"Channel - {named(f'left_out_{n}', atoms.channels, spread.left_out)}",
+            named(f"first_{n}", channels, spread.first),
+            f"Channel - {named(f'left_out_{n}', channels, spread.left_out)}",
         )
         said.append(f"\tcontained[{', '.join(arguments)}]")
     head = "/** Who hands samples to whom, as the other engine has it. */\nmodule wiring\nopen forwarding\n"

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from keystore_audit import resources, text
 from keystore_audit.engine.alloy import claims, moments
 from keystore_audit.engine.alloy.atoms import Atom, Relations, Sort, declare, make_sort, name_atoms
-from keystore_audit.engine.alloy.claims import Places, attackers, write_places
+from keystore_audit.engine.alloy.claims import write_places
 from keystore_audit.engine.alloy.facts import CONSISTENCY, KEYSTORE, MAIN, MODULES, facts
 from keystore_audit.errors import UsageError
 from keystore_audit.model.formal.asked import ClaimKind
@@ -182,12 +182,8 @@ def write_paths(system: System, numbers: Sequence[int]) -> str:
         write_places(system, numbers),
     ]
     for number in numbers:
-        at = Places.of(number)
-        forgers, eavesdroppers = attackers(system.claims[number], at)
-        places = f"{at.source}, {at.first}, {at.target}, {at.last}, {at.through}, Channel - {at.left_out}"
-        lines.append(
-            f"run Path{number} {{\n\twalk[{places}, {forgers}, {eavesdroppers}]\n}} for 0 but 1..{steps} steps"
-        )
+        walk = f"walk[{claims.flow(system.claims[number], number)}]"
+        lines.append(f"run Path{number} {{\n\t{walk}\n}} for 0 but 1..{steps} steps")
     return "\n".join(lines) + "\n"
 
 
@@ -289,7 +285,7 @@ def describe_system(system: System) -> str:
         "| atom | what it is | where |",
         "|---|---|---|",
     ]
-    for sort in (*name_atoms(system).sorts(), make_sort(system, "nodes")):
+    for sort in (*name_atoms(system).values(), make_sort(system, "nodes")):
         lines += [f"| `{atom.name}` | {' | '.join(map(_cell, _told(sort, atom)))} |" for atom in sort.atoms]
     return "\n".join(lines) + "\n"
 
@@ -343,9 +339,9 @@ def write_nodes(system: System) -> str:
     lines = [
         relations.relation(name, declared, relations.rows(nodes, sort, rows))
         for name, declared, sort, rows in (
-            ("runs_in", "Node -> Enclave", atoms.enclaves, enclaves),
-            ("publishes_to", "Node -> Channel", atoms.channels, [node.publishes for node in system.nodes]),
-            ("subscribes_to", "Node -> Channel", atoms.channels, [node.subscribes for node in system.nodes]),
+            ("runs_in", "Node -> Enclave", atoms["enclaves"], enclaves),
+            ("publishes_to", "Node -> Channel", atoms["channels"], [node.publishes for node in system.nodes]),
+            ("subscribes_to", "Node -> Channel", atoms["channels"], [node.subscribes for node in system.nodes]),
         )
     ]
     head = [
@@ -368,7 +364,9 @@ def write_vocabulary(system: System) -> str:
     atoms, relations = name_atoms(system), Relations()
     lines = []
     for place in system.places:
-        sort, members = (atoms.enclaves, place.enclaves) if place.channels is None else (atoms.channels, place.channels)
+        sort, members = (
+            (atoms["enclaves"], place.enclaves) if place.channels is None else (atoms["channels"], place.channels)
+        )
         lines.append(relations.subset(place.name, sort, members or ()))
     head = f"/** What files of properties open: docs/alloy-properties.md. */\nmodule {VOCABULARY}\n"
     head += "open application\n" if system.nodes else "open claims\n"

@@ -14,10 +14,9 @@ from typing import Final
 from keystore_audit import resources, text
 from keystore_audit.assumptions import EVERY
 from keystore_audit.engine.alloy.atoms import (
-    Atoms,
+    SORTS,
     Relations,
     Row,
-    Sort,
     declare,
     declare_apart,
     function,
@@ -110,7 +109,7 @@ def facts(system: System, *, moving: bool = False) -> str:
 
     `moving`: the audit instant is where a variable clock stands, for the module `expiry`.
     """
-    sorts = name_atoms(system).sorts()
+    sorts = name_atoms(system).values()
     sections = _Facts(system, moving=moving).sections()
     return "\n\n".join([_header(system), *filter(None, map(declare, sorts)), *sections]) + "\n"
 
@@ -122,7 +121,7 @@ def fact_modules(system: System) -> dict[str, str]:
     and function through all sigs of its module. So many atoms stand in modules of their own. Beside each stands one
     with a function for each atom, and what it opens is private, so that from `keystore` no atom's sig can be seen.
     """
-    sorts = name_atoms(system).sorts()
+    sorts = name_atoms(system).values()
     if sum(len(sort.atoms) for sort in sorts) <= SPLIT_ATOMS:
         return {KEYSTORE: facts(system)}
     groups = [group for sort in sorts for group in declare_apart(sort)]
@@ -140,7 +139,7 @@ def fact_modules(system: System) -> dict[str, str]:
 
 def count_atoms(system: System) -> int:
     """Return how many atoms the model of `system` has."""
-    stated = (getattr(system, sort) for sort in Atoms.__struct_fields__ if sort != "keys")
+    stated = (getattr(system, sort) for sort in SORTS if sort not in ("keys", "nodes"))
     return len(keys_of(system)) + sum(map(len, stated))
 
 
@@ -194,7 +193,7 @@ def _header(system: System) -> str:
 
 
 class _Facts:
-    """Writes the relations of one system, section by section. Sorts are called as in `System` and `Atoms`."""
+    """Writes the relations of one system, section by section. Sorts are called as in `System`."""
 
     def __init__(self, system: System, *, moving: bool) -> None:
         self._system = system
@@ -225,7 +224,7 @@ class _Facts:
         yield self._map("following", "instants", "instants", [{n + 1} for n in range(len(system.instants) - 1)])
         if self._moving:
             yield _CLOCK
-        now = atoms.instants.name(system.now)
+        now = atoms["instants"].name(system.now)
         yield function("Beginning" if self._moving else "audit_instant", "one Instant", now)
         for name in ("not_before", "not_after"):
             rows = [*self._rows("certificates", name, "instants"), *self._rows("grants", name, "instants")]
@@ -255,7 +254,7 @@ class _Facts:
         """Siblings are entries of one sort with one parent, in the order of their indices."""
         rows: list[Row] = []
         for sort, (_name, parent, _parents) in CHILDREN.items():
-            entries: Sort = getattr(self._atoms, sort)
+            entries = self._atoms[sort]
             last: dict[int, int] = {}
             for index, atom in enumerate(getattr(self._system, sort)):
                 above = getattr(atom, parent)
@@ -294,7 +293,7 @@ class _Facts:
             yield function(name, "set Grant", "Grant" if of_all and system.grants else "none")
         yield from self._flags("grants", "default_allow")
         yield self._children("rules")
-        yield self._relations.subset("allow_rule", self._atoms.rules, self._those("rules", "allow"))
+        yield self._relations.subset("allow_rule", self._atoms["rules"], self._those("rules", "allow"))
         yield from self._references("rules")
 
     def _channels(self) -> Iterator[str]:
@@ -306,15 +305,15 @@ class _Facts:
         return (index for index, atom in enumerate(getattr(self._system, sort)) if getattr(atom, flag))
 
     def _members(self, sort: str, flag: str) -> str:
-        return self._relations.atoms(getattr(self._atoms, sort), self._those(sort, flag))
+        return self._relations.atoms(self._atoms[sort], self._those(sort, flag))
 
     def _flags(self, sort: str, *flags: str) -> Iterator[str]:
         """A set for each flag, of the same name."""
         for flag in flags:
-            yield self._relations.subset(flag, getattr(self._atoms, sort), self._those(sort, flag))
+            yield self._relations.subset(flag, self._atoms[sort], self._those(sort, flag))
 
     def _kinds(self, sort: str, *protected: str) -> Iterator[str]:
-        atoms: Sort = getattr(self._atoms, sort)
+        atoms = self._atoms[sort]
         for name in (f"{each}_protection_kind" for each in protected):
             kinds = [getattr(rule, name).value for rule in getattr(self._system, sort)]
             rows = self._relations.constant_rows(atoms, kinds)
@@ -327,18 +326,18 @@ class _Facts:
 
     def _reference(self, name: str, sort: str, field: str, to: str) -> str:
         """The relation of this name, to what the field names of another sort."""
-        declared = f"{getattr(self._atoms, sort).sig} -> {getattr(self._atoms, to).sig}"
+        declared = f"{self._atoms[sort].sig} -> {self._atoms[to].sig}"
         return self._relations.relation(name, declared, self._rows(sort, field, to))
 
     def _map(self, name: str, sort: str, to: str, rows: Sequence[Iterable[int]]) -> str:
-        left, right = getattr(self._atoms, sort), getattr(self._atoms, to)
+        left, right = self._atoms[sort], self._atoms[to]
         return self._relations.relation(name, f"{left.sig} -> {right.sig}", self._relations.rows(left, right, rows))
 
     def _rows(self, sort: str, field: str, to: str) -> list[Row]:
         """What the field of each atom of a sort names of another: an index, perhaps none, or a set of them."""
         named = [getattr(atom, field) for atom in getattr(self._system, sort)]
         members = [() if each is None else (each,) if isinstance(each, int) else each for each in named]
-        return self._relations.rows(getattr(self._atoms, sort), getattr(self._atoms, to), members)
+        return self._relations.rows(self._atoms[sort], self._atoms[to], members)
 
     def _children(self, sort: str) -> str:
         name, field, parents = CHILDREN[sort]

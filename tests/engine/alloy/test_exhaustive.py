@@ -155,10 +155,13 @@ def otherwise_in_alloy(system: System, found: Mapping[str, frozenset[tuple[int, 
         directory,
         shipped() | {"keystore.als": facts(system)},
         {
-            expression: (atoms.enclaves if is_by_enclave(property_id) else atoms.trust_domains, found[property_id])
+            expression: (
+                atoms["enclaves"] if is_by_enclave(property_id) else atoms["trust_domains"],
+                found[property_id],
+            )
             for property_id, expression in OUTCOMES.items()
         },
-        atoms.channels,
+        atoms["channels"],
     )
 
 
@@ -182,8 +185,8 @@ def test_all_pairs_of_ordered_rules_decide_alike_in_both_engines(default: bool, 
             for channel in members(permissions.allowed(grant, Operation.PUBLISH))
         }
         atoms = name_atoms(system)
-        expected = {"publish_allowed": (atoms.grants, native)}
-        assert otherwise(tmp_path, shipped() | {"keystore.als": facts(system)}, expected, atoms.channels) == []
+        expected = {"publish_allowed": (atoms["grants"], native)}
+        assert otherwise(tmp_path, shipped() | {"keystore.als": facts(system)}, expected, atoms["channels"]) == []
         assert native == {
             (grant, channel)
             for grant, rules in enumerate(pairs[start : start + 256])

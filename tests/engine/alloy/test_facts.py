@@ -79,11 +79,11 @@ def test_names_of_the_keystore_never_change_the_model(name: str, seed: int) -> N
 
 @given(HOSTILE)
 def test_an_atom_is_an_identifier_that_leads_back_to_its_index(name: str) -> None:
-    for sort in name_atoms(renamed(healthy(), name)).sorts():
+    for sort in name_atoms(renamed(healthy(), name)).values():
         for atom in sort.atoms:
             assert re.fullmatch(r"[A-Z]{1,2}\d+(_[A-Za-z0-9_]+)?", atom.name)
     for role in (Role.ENCLAVE, Role.CHANNEL, Role.DOCUMENT):
-        sort = getattr(name_atoms(renamed(healthy(), name)), ROLE_SORTS[role])
+        sort = name_atoms(renamed(healthy(), name))[ROLE_SORTS[role]]
         for index, atom in enumerate(sort.atoms):
             assert index_of(f"vacuity/properties/keystore/{atom.name}$0", role, healthy()) == index
             assert index_of(f"{atom.name}$0", Role.TRUST_DOMAIN, healthy()) is None
@@ -205,7 +205,7 @@ def test_many_atoms_stand_in_modules_of_their_own_and_say_the_same(
     monkeypatch.setattr("keystore_audit.engine.alloy.facts.MODULE_GROUPS", 1)
     monkeypatch.setattr("keystore_audit.engine.alloy.facts.SPLIT_ATOMS", 0)
     monkeypatch.setattr("keystore_audit.engine.alloy.atoms.GROUP", 2)
-    split, sorts = fact_modules(system), name_atoms(system).sorts()
+    split, sorts = fact_modules(system), name_atoms(system).values()
     assert len(split) > 24
     relations = [line for line in split["keystore.als"].split("\n") if line[:5] != "open "]
     assert set(relations) <= set(facts(system).split("\n"))
