@@ -22,7 +22,7 @@ from keystore_audit.model.interpret import usability_by_profile
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
 from keystore_audit.model.trust.revocation import lists_carried
-from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
+from keystore_audit.model.validity import ANY_ZONE, END, LAST, SECOND
 from keystore_audit.profiles import VARIANTS, DateReading, Profile, doing
 from keystore_audit.properties import Answer, Status
 from keystore_audit.properties.result import ProfileResult, PropertyResult
@@ -60,11 +60,11 @@ def horizon(
     kinds = tuple({usabilities.kind(profile): profile for profile in profiles}.values())
     local, (begins, ends) = accesses.dates_in_local_time(profiles), accesses.exclusive_bounds(profiles)
     moments = _moments(keystore, native.systems[0], at, local, ends)
+    first = {enclave: _first_date(enclave, kinds, usabilities, at) for enclave in keystore.enclaves if moments}
     for count, (moment, instant, earliest) in enumerate(moments):
         if count == MAX_MOMENTS:
             return Horizon(instant=earliest, why="later dates were not looked at")
-        touched = usabilities.touched(at, instant)
-        asked = [enclave for enclave in keystore.enclaves if enclave.files.directory in touched]
+        asked = [enclave for enclave, date in first.items() if date <= instant]
         why = _usability_change(asked, usable, usability_by_profile(asked, kinds, instant, usabilities))
         if not why:
             changes = map(_status_change, native.answers, native.statuses(moment))
@@ -79,6 +79,11 @@ def horizon(
         if why:
             return Horizon(instant=earliest, why=why)
     return Horizon(instant=None, why="no date in the keystore changes anything")
+
+
+def _first_date(enclave: Enclave, kinds: Iterable[Profile], usabilities: Usabilities, at: datetime) -> datetime:
+    """Before which it starts as it does `at` the instant."""
+    return min((date for kind in kinds for date in usabilities.dates(enclave, kind, at)), default=END)
 
 
 def _near(accesses: AccessViews, profiles: Sequence[Profile], instants: Collection[datetime]) -> str:

@@ -43,13 +43,7 @@ from keystore_audit.model.inventory import (
     unread_places,
 )
 from keystore_audit.model.participants.doubt import identity_doubt, trust_domain_doubt
-from keystore_audit.model.participants.lone_endpoints import (
-    NOTHING,
-    LocalMoments,
-    LoneEndpoints,
-    LoneRefusals,
-    made_alone,
-)
+from keystore_audit.model.participants.lone_endpoints import NOTHING, LoneEndpoints, made_alone
 from keystore_audit.model.participants.unmanaged import Unmanaged, may_apply, trusting_all, unread_participants
 from keystore_audit.model.participants.views import Kind, TrustDomains, Views
 from keystore_audit.model.rights import Atoms, RuleAtoms
@@ -132,10 +126,9 @@ class SystemBuilder:
 
     def kinds(self) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
-        moments = LocalMoments(self._accesses, self.channels, self.instants, self._at)
         unmanaged = [folder for _number, _files, folder in self._unmanaged.holders]
-        lone = LoneEndpoints(self._keystore, self._accesses, self.channels, moments, self._meets, unmanaged)
-        return self._views.kinds(self._profiles, lone, LoneRefusals(self._keystore, moments))
+        about = self._accesses, self.channels, self.instants, self._at, self._meets
+        return self._views.kinds(self._profiles, LoneEndpoints(self._keystore, *about, unmanaged))
 
     def systems(self) -> tuple[System, ...]:
         """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
@@ -221,9 +214,9 @@ class SystemBuilder:
     ) -> Iterator[Participant]:
         """The enclaves of the keystore, each with its trust domain."""
         count = len(self._keystore.enclaves)
-        alone, refusals = kind.alone[:count] or (NOTHING,) * count, kind.refusals or ((),) * count
-        rows = zip(self._keystore.enclaves, self._unknown, self._trust_domain_doubts, alone, refusals, strict=True)
-        for enclave, unknown, doubt, lone, refused in rows:
+        alone = kind.alone[:count] or (NOTHING,) * count
+        rows = zip(self._keystore.enclaves, self._unknown, self._trust_domain_doubts, alone, strict=True)
+        for enclave, unknown, doubt, lone in rows:
             if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
                 continue
             files = trust_files(enclave)
@@ -236,7 +229,7 @@ class SystemBuilder:
                 trust_domain = trust_domains.known[files] = trust_domains.number(made)
             permissions = number.get(enclave.files.files[Role.PERMISSIONS].place)  # it may be unread (MAY)
             own = self._enclave(enclave, trust_domain, permissions, unknown=unknown)
-            yield made_alone(own, lone.possible if may else lone.certain, refused)
+            yield made_alone(own, lone.possible if may else lone.certain, lone.refused)
 
     def _enclave(
         self, enclave: Enclave, trust_domain: int, permissions: int | None = None, *, unknown: bool

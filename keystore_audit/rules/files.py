@@ -11,9 +11,7 @@ from keystore_audit.findings import Act, Location, Remedy, Severity, decision, m
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.participants.joining import UNGRANTED
-from keystore_audit.model.participants.sight import REQUIRED, UNLOADED
-from keystore_audit.model.participants.usability import UNGOVERNED
+from keystore_audit.model.participants.refusals import REQUIRED, UNGOVERNED, UNGRANTED, UNLOADED
 from keystore_audit.profiles import VARIANTS, implementations
 from keystore_audit.rules.registry import Context, Violation, listed, rule
 from keystore_audit.rules.remedies import (

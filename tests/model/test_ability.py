@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -20,8 +19,6 @@ from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.participants import lone_participants
-from keystore_audit.model.participants.lone_participants import _later
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import resolve
 from keystore_audit.properties import Status
@@ -180,22 +177,6 @@ def test_one_that_starts_there_while_its_list_is_in_force(ends: datetime, tmp_pa
     assert apart(later, tmp_path / "now", "fastdds-3.6")
     assert apart(later, tmp_path / "before", "fastdds-3.6", until=BEFORE)
     assert not apart(later, tmp_path / "after", "fastdds-3.6", until=AFTER)
-
-
-def test_dates_of_others_are_not_looked_at_for_each_enclave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """10,000 enclaves have as many dates, nearly all of them in the past or later than what is asked."""
-    looked_at: set[datetime] = set()
-
-    def recorded(instants: Iterable[datetime], now: datetime, last: datetime) -> Iterable[datetime]:
-        looked_at.update(instants)
-        return _later(instants, now, last)
-
-    monkeypatch.setattr(lone_participants, "_later", recorded)
-    later = parted(BOTH, start="2027-03-01T00:00:00")
-    for until in (None, BEFORE, AFTER):
-        apart(later, tmp_path / str(until), "fastdds-3.6", until=until)
-        assert all(AT < each <= until for each in looked_at) if until else not looked_at
-        assert bool(looked_at) is (until is not None)
 
 
 def test_one_that_starts_there_before_the_date(tmp_path: Path) -> None:

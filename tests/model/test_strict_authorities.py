@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.participants.sight import strict_refusal
+from keystore_audit.model.participants.refusals import strict_refusal
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import Signed, certificate, evidence

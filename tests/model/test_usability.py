@@ -85,10 +85,9 @@ def test_an_answer_shared_among_enclaves_and_instants_is_that_of_each_alone(stor
             answers[enclave, profile.name] = shared.of(enclave, AT, profile)
             assert answers[enclave, profile.name] == Usabilities(None, accesses).of(enclave, AT, profile), profile.name
     for at in instants(keystore, accesses):
-        touched = shared.touched(AT, at)
         for profile in VARIANTS.values():
             for enclave in keystore.enclaves:
-                if enclave.files.directory not in touched:
+                if at >= AT and not any(date <= at for date in shared.dates(enclave, profile, AT)):
                     later = Usabilities(None, accesses).of(enclave, at, profile)
                     assert later == answers[enclave, profile.name], (at, profile.name)
 

@@ -15,7 +15,7 @@ from keystore_audit import toml
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
-from keystore_audit.model.participants.lone_endpoints import LocalMoments, LoneEndpoints, LoneRefusals
+from keystore_audit.model.participants.lone_endpoints import LoneEndpoints
 from keystore_audit.model.participants.views import Kind
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import VARIANTS, Access
@@ -43,13 +43,12 @@ def builder_of(store: Path, at: datetime) -> tuple[SystemBuilder, Callable[[str]
     keystore = read_keystore(store)
     accesses = AccessViews(documents_of(keystore), at, None)
     builder = SystemBuilder(keystore, list(VARIANTS.values()), at, accesses)
-    moments = LocalMoments(accesses, builder.channels, builder.instants, at)
-    lone = LoneEndpoints(keystore, accesses, builder.channels, moments, builder.channels.meets)
-    refusals = LoneRefusals(keystore, moments)
+    channels = builder.channels
+    lone = LoneEndpoints(keystore, accesses, channels, builder.instants, at, channels.meets)
 
     def kind(name: str) -> Kind:
         variant = VARIANTS[name]
-        return Kind(variant.trust, accesses.row(variant.access), lone.of(variant), refusals.of(variant))
+        return Kind(variant.trust, accesses.row(variant.access), lone.of(variant))
 
     return builder, kind
 

@@ -20,8 +20,11 @@ from keystore_audit.model.claims.globs import IN_DEFAULT_PARTITION, Globs, left_
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.domains import contains
 from keystore_audit.model.formal.asked import Place
+from keystore_audit.model.formal.attacker import trust_domain_views
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
-from keystore_audit.model.participants.usability import Usabilities, may_refuse_peers, refusals_of_peer
+from keystore_audit.model.participants.refusals import may_refuse_peers, refusals_of_peer
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
 from keystore_audit.model.trust.revocation import list_dates
 from keystore_audit.model.validity import LAST, SECOND
@@ -101,20 +104,64 @@ def stopped(system: System, keystore: Keystore, usability: Mapping[tuple[str, st
 
 def stopping(system: System, keystore: Keystore, usabilities: Usabilities | None, until: datetime) -> frozenset[int]:
     """Enclaves that start no more, or not yet, at some instant until then: of certificates, lists and grants."""
-    before = system.instants[system.now]
-    if usabilities is None or until <= before:
+    now = system.instants[system.now]
+    if usabilities is None or until <= now:
         return frozenset()
-    dates = {each + after for each in system.instants if before <= each < until for after in (timedelta(0), SECOND)}
-    profiles = [VARIANTS[name] for name in system.profiles]
     paths = set()
-    for moment in sorted({*dates, until} - {before}):
-        touched = usabilities.touched(before, moment)
-        for enclave in keystore.enclaves:
-            starts = (usabilities.of(enclave, moment, profile) for profile in profiles)
-            if enclave.files.directory in touched and not _starts(system, starts):
+    for enclave in keystore.enclaves:
+        for profile in (VARIANTS[name] for name in system.profiles):
+            moments = _moments_until(usabilities.dates(enclave, profile, now), now, until) | {until}
+            if not _starts(system, (usabilities.of(enclave, moment, profile) for moment in moments)):
                 paths.add(enclave.path)
-        before = moment
     return _among(system, paths)
+
+
+def _moments_until(dates: Iterable[datetime], now: datetime, until: datetime) -> set[datetime]:
+    """The dates up to then, and the instants right after them, that are still to come."""
+    moments = (date + behind for date in dates for behind in (timedelta(0), datetime.resolution))
+    return {moment for moment in moments if now < moment <= until}
+
+
+def starts_alone(
+    system: System,
+    keystore: Keystore,
+    channels: Channels,
+    usabilities: Usabilities,
+    enclaves: Iterable[int],
+    until: datetime | None,
+) -> frozenset[tuple[int, int]]:
+    """Those of `enclaves`, each with a domain class in which its own implementation starts it although peers do not let
+    it in, at the audit instant or any later one up to `until`.
+
+    Fast DDS wants some allow rule, of any domain; Cyclone DDS lets a participant start wherever some topic has no
+    access control (docs/profiles.md). Two such participants refuse each other, unless one of them attacks.
+    """
+    profiles = [VARIANTS[name] for name in system.profiles]
+    profiles = [profile for profile in profiles if profile.local.joins is not JoinCheck.ALLOWED_DOMAIN]
+    if not profiles:
+        return frozenset()
+    permissions = Permissions(system)
+    views = trust_domain_views(system, permissions)
+    by_path = {enclave.path: enclave for enclave in keystore.enclaves}
+    now = system.instants[system.now]
+    found = set()
+    for number in enclaves:
+        enclave = by_path.get(system.enclaves[number].label)
+        if enclave is None:
+            continue
+        everywhere = permissions.all_domains
+        for view in views:
+            everywhere &= view.joined(number)
+        for profile in profiles:
+            dates = usabilities.dates(enclave, profile, now) if until is not None else ()
+            moments = {now, *_moments_until(dates, now, until or now)}
+            for domain, atom in enumerate(channels.domains):
+                if not everywhere >> domain & 1 or until is not None:
+                    there = usabilities.in_domain(atom.intervals[0][0])
+                    answers = (there.of(enclave, at, profile).usable for at in moments)
+                    if any(each.may if system.may else each.must for each in answers):
+                        found.add((number, domain))
+    return frozenset(found)
 
 
 def with_refusals(system: System, keystore: Keystore) -> System:

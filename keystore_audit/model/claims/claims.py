@@ -251,7 +251,7 @@ class _Resolution:
         """Where enclaves of a claim of separate domains start although peers do not let them in."""
         if self._usabilities is None:
             return frozenset()
-        from keystore_audit.model.participants.lone_participants import starts_alone  # most settings claim none
+        from keystore_audit.model.claims.ability import starts_alone  # most settings claim none
 
         named = self._enclaves((*claim.source.enclaves, *claim.target.enclaves), unread=False)
         joining = sorted(with_all_certificates(self._system, named))

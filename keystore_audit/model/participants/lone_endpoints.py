@@ -16,23 +16,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from functools import cache
 from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
 from keystore_audit.keystore.governance import GovernanceFile
-from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, wildcard_names
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.bit_sets import members
+from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.formal.permission import Meetings
 from keystore_audit.model.formal.system import Participant
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.semantics import ReadGrant
-from keystore_audit.model.trust.revocation import ends_of_lists
-from keystore_audit.model.validity import END
 from keystore_audit.profiles import Access, Profile
 
 
@@ -93,62 +92,25 @@ def within(one: Timeline, other: Timeline) -> bool:
     return all(mine.reads <= its.reads and mine.writes <= its.writes for mine, its in pairs)
 
 
-class LocalMoments:
-    """What an enclave's own implementation decides, now and from each later moment on at which another grant may
-    count, or at which it may come to start or no longer start. Of the enclaves of one keystore, from `at` on, one of
-    the `instants` (aware UTC, sorted), among which are all dates of its certificates, lists and grants.
-    """
-
-    def __init__(self, accesses: AccessViews, channels: Channels, instants: Sequence[datetime], at: datetime) -> None:
-        self._accesses = accesses
-        self._channels = channels
-        self._number = {instant: number for number, instant in enumerate(instants)}
-        self._at = at
-        self._rights: dict[datetime, LocalRights] = {}
-        self._sets: dict[int, frozenset[int]] = {}
-
-    def grants(self, enclave: Enclave, access: Access) -> tuple[ReadGrant, ...]:
-        """What its own document grants, to whomever."""
-        return () if enclave.permissions is None else self._accesses.read(enclave.permissions, access).grants or ()
-
-    def of(self, enclave: Enclave, profile: Profile) -> Iterator[tuple[int, datetime, LocalRights]]:
-        """The moments, instants at which they are, and what is decided then."""
-        dates = {date for each in self.grants(enclave, profile.access) for date in (each.not_before, each.not_after)}
-        for certificate in every_certificate((enclave,), (), ()):
-            dates.update((certificate.not_before, certificate.not_after))
-        dates.update(ends_of_lists(enclave, profile.trust, self._at))
-        later = sorted(date for date in dates if self._at < date < END)
-        for date in (self._at, *later):
-            for behind in (0, 1):
-                at = date + behind * datetime.resolution
-                yield 2 * self._number[date] + behind, at, self._decided(at)
-
-    def _decided(self, at: datetime) -> LocalRights:
-        if at not in self._rights:
-            self._rights[at] = LocalRights(self._accesses, self._channels, at)
-        return self._rights[at]
-
-    def endpoints(self, reads: int, writes: int) -> Endpoints:
-        """These bit sets as sets; the same object for the same channels, of which there may be 300,000."""
-        for channels in (reads, writes):
-            if channels not in self._sets:
-                self._sets[channels] = frozenset(members(channels))
-        return Endpoints(self._sets[reads], self._sets[writes])
-
-
 class Alone(NamedTuple):
-    """What its own implementation lets an enclave do where it possibly starts, and where it certainly does."""
+    """What its own implementation lets an enclave do where it possibly starts, and where it certainly does; and the
+    endpoints that it refuses it and peers would take.
+    """
 
     possible: Timeline = ()
     certain: Timeline = ()
+    refused: Timeline = ()
 
 
 NOTHING = Alone()
-"""Of an enclave whose implementation lets it do nothing but what its peers concede it."""
+"""Of an enclave whose implementation lets it do what its peers concede it, and nothing else."""
 
 
 class LoneEndpoints:
-    """Those that are created: of the enclaves of one keystore, and of `holders` beside them, at all the `moments`.
+    """Those that are created and those that are refused, now and from each later moment on at which another grant may
+    count, or at which an enclave may come to start or no longer start: of the enclaves of one keystore, from `at` on,
+    one of the `instants` (aware UTC, sorted), among which are all dates of its certificates, lists and grants. And
+    those that `holders` beside them create.
 
     `meets`: by channel, those in which endpoints of its partition are met; empty where partitions are plain names.
     """
@@ -158,19 +120,26 @@ class LoneEndpoints:
         keystore: Keystore,
         accesses: AccessViews,
         channels: Channels,
-        moments: LocalMoments,
+        instants: Sequence[datetime],
+        at: datetime,
         meets: Sequence[frozenset[int]],
         holders: Iterable[Enclave] = (),
     ) -> None:
         self._enclaves = (*keystore.enclaves, *holders)
         self._accesses = accesses
         self._channels = channels
-        self._moments = moments
+        self._number = {instant: number for number, instant in enumerate(instants)}
+        self._at = at
         self._meetings = Meetings(meets)
         self._odd_names = bool(wildcard_names(channels))
-        self._differing: dict[tuple[Access, bool], set[int]] = {}
         self._usabilities = Usabilities(None, accesses)
+        self._rights = cache(lambda at: LocalRights(accesses, channels, at))
+        self._set = cache(lambda numbers: frozenset(members(numbers)))  # one object for as many as 300,000 channels
+        self._differing: dict[tuple[Access, bool], set[int]] = {}
         self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
+        governances = (enclave.governance for enclave in keystore.enclaves if enclave.governance is not None)
+        self._several = len({governance.signed.file.sha256 for governance in governances}) > 1
+        self._count = len(keystore.enclaves)
 
     def of(self, profile: Profile) -> tuple[Alone, ...]:
         """By enclave, then by holder; empty where none may differ from what peers concede it."""
@@ -181,23 +150,52 @@ class LoneEndpoints:
                 number
                 for number, enclave in enumerate(self._enclaves)
                 if enclave.governance is not None
-                and (odd_names or self._may_differ(enclave.governance, self._moments.grants(enclave, row), row))
+                and (odd_names or self._may_differ(enclave.governance, self._grants(enclave, row), row))
             }
-        differing = self._differing[row, odd_names]
-        if not differing:  # nearly always
-            return ()
-        enclaves = enumerate(self._enclaves)
-        found = tuple(self._alone(each, profile) if number in differing else NOTHING for number, each in enclaves)
-        return found if any(each.possible for each in found) else ()
+        differing, found = self._differing[row, odd_names], [NOTHING] * len(self._enclaves)
+        for number, enclave in enumerate(self._enclaves):
+            if number in differing:
+                found[number] = self._made(enclave, profile)
+            grants = self._grants(enclave, profile.access) if number < self._count else ()
+            if any(self._may_refuse(grant, profile) for grant in grants):
+                found[number] = found[number]._replace(refused=self._refused(enclave, profile))
+        return tuple(found) if any(any(each) for each in found) else ()
 
-    def _alone(self, enclave: Enclave, profile: Profile) -> Alone:
+    def _grants(self, enclave: Enclave, access: Access) -> tuple[ReadGrant, ...]:
+        """What its own document grants, to whomever."""
+        return () if enclave.permissions is None else self._accesses.read(enclave.permissions, access).grants or ()
+
+    def _moments(self, enclave: Enclave, profile: Profile) -> Iterator[tuple[int, datetime, LocalRights]]:
+        """The moments, instants at which they are, and what is decided then."""
+        for date in sorted({self._at, *self._usabilities.dates(enclave, profile, self._at)}):
+            for behind in (0, 1):
+                at = date + behind * datetime.resolution
+                yield 2 * self._number[date] + behind, at, self._rights(at)
+
+    def _made(self, enclave: Enclave, profile: Profile) -> Alone:
         possible, certain = [], []
-        for moment, at, local in self._moments.of(enclave, profile):
-            reads, writes = (self._meetings.met(local.allowed(enclave, profile, each)) for each in WAYS)
-            may, must = self._where_usable(enclave, profile, at, reads | writes)
-            possible.append((moment, self._moments.endpoints(reads & may, writes & may)))
-            certain.append((moment, self._moments.endpoints(reads & must, writes & must)))
+        for moment, at, local in self._moments(enclave, profile):
+            ways = [self._meetings.met(local.allowed(enclave, profile, each)) for each in WAYS]
+            may, must = self._where_usable(enclave, profile, at, union(ways))
+            possible.append((moment, Endpoints(*(self._set(each & may) for each in ways))))
+            certain.append((moment, Endpoints(*(self._set(each & must) for each in ways))))
         return Alone(changes(possible), changes(certain))
+
+    def _refused(self, enclave: Enclave, profile: Profile) -> Timeline:
+        return changes(
+            (
+                moment,
+                Endpoints(
+                    *(
+                        self._set(
+                            local.peer_authorised(enclave, profile, each) & ~local.allowed(enclave, profile, each)
+                        )
+                        for each in WAYS
+                    )
+                ),
+            )
+            for moment, _at, local in self._moments(enclave, profile)
+        )
 
     def _where_usable(self, enclave: Enclave, profile: Profile, at: datetime, asked: int) -> tuple[int, int]:
         """Of the channels asked those of domains in which the enclave possibly, and in which it certainly starts."""
@@ -232,35 +230,6 @@ class LoneEndpoints:
             self._ruled[key] = frozenset[int]().union(*(self._channels.covered(rule.domains) for rule in rules))
         return self._ruled[key]
 
-
-class LoneRefusals:
-    """Those that are refused: of the enclaves of one keystore, at all the `moments`."""
-
-    def __init__(self, keystore: Keystore, moments: LocalMoments) -> None:
-        self._enclaves = keystore.enclaves
-        self._moments = moments
-        governances = (enclave.governance for enclave in keystore.enclaves if enclave.governance is not None)
-        self._several = len({governance.signed.file.sha256 for governance in governances}) > 1
-
-    def of(self, profile: Profile) -> tuple[Timeline, ...]:
-        """By enclave; empty where no implementation refuses what peers concede."""
-        found = tuple(self._refused(enclave, profile) for enclave in self._enclaves)
-        return found if any(found) else ()
-
-    def _refused(self, enclave: Enclave, profile: Profile) -> Timeline:
-        grants = self._moments.grants(enclave, profile.access)
-        if not any(self._may_refuse(grant, profile) for grant in grants):  # nearly always
-            return ()
-        return changes(
-            (
-                moment,
-                self._moments.endpoints(
-                    *(_peer_authorised_not_allowed(local, enclave, profile, each) for each in WAYS)
-                ),
-            )
-            for moment, _at, local in self._moments.of(enclave, profile)
-        )
-
     def _may_refuse(self, grant: ReadGrant, profile: Profile) -> bool:
         """Whether its rules may decide otherwise about the enclave's own endpoints than about those of a peer."""
         if all(rule.allow and not rule.of_peers for rule in grant.rules):  # nearly always
@@ -270,7 +239,3 @@ class LoneRefusals:
         if not profile.local.binds_domains and len({rule.domains for rule in grant.rules}) > 1:
             return True
         return profile.access.first_rule_decides_topic and self._several  # each asks its own governance
-
-
-def _peer_authorised_not_allowed(local: LocalRights, enclave: Enclave, profile: Profile, operation: Operation) -> int:
-    return local.peer_authorised(enclave, profile, operation) & ~local.allowed(enclave, profile, operation)

@@ -15,7 +15,7 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import TrustDomainAtom
 from keystore_audit.model.inventory import Document, TrustFiles, permissions_cas, trust_files
 from keystore_audit.model.participants.doubt import may_say_anything
-from keystore_audit.model.participants.lone_endpoints import Alone, LoneEndpoints, LoneRefusals, Timeline
+from keystore_audit.model.participants.lone_endpoints import Alone, LoneEndpoints
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.revocation import ends_of_lists, list_dates, list_unread, revoked
 from keystore_audit.model.trust.verdicts import (
@@ -35,15 +35,13 @@ from keystore_audit.truth import Truth
 class Kind(NamedTuple):
     """Implementations that read a keystore alike, by the rows of one of them.
 
-    `alone`: by enclave, and then by holder of an unmanaged identity, what they let it do by themselves; empty where
-    that is what peers concede it. `refusals`: by enclave, the endpoints that they refuse it and peers would take; empty
-    where there are none.
+    `alone`: by enclave, and then by holder of an unmanaged identity, what they let it do by themselves, or refuse it;
+    empty where that is what peers concede it.
     """
 
     trust: Trust
     access: Access
     alone: tuple[Alone, ...] = ()
-    refusals: tuple[Timeline, ...] = ()
 
 
 class TrustDomains:
@@ -95,14 +93,12 @@ class Views:
         self._told: dict[tuple[str, bool], int] = {}
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
 
-    def kinds(
-        self, profiles: Sequence[Profile], lone: LoneEndpoints, refusals: LoneRefusals
-    ) -> dict[Kind, tuple[str, ...]]:
+    def kinds(self, profiles: Sequence[Profile], lone: LoneEndpoints) -> dict[Kind, tuple[str, ...]]:
         """The names of the profiles that read this keystore alike, under the rows of one of them."""
         found: dict[object, tuple[Kind, list[str]]] = {}
         for profile in profiles:
             access = self._accesses.row(profile.access)
-            kind = Kind(profile.trust, access, lone.of(profile), refusals.of(profile))
+            kind = Kind(profile.trust, access, lone.of(profile))
             found.setdefault(self._reading(kind), (kind, []))[1].append(profile.name)
         return {kind: tuple(names) for kind, names in found.values()}
 
@@ -112,7 +108,6 @@ class Views:
         return (
             kind.access,
             kind.alone,
-            kind.refusals,
             trust.pins_signer,
             trust.trusts_declarations and Assumption.TRUTHFUL_ANNOUNCEMENTS not in self._accesses.assumed,
             tuple(self.authorities(enclave, trust) for enclave in self._trust_domains),

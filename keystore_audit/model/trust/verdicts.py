@@ -126,7 +126,7 @@ def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, 
     if known is None:
         return file.certificates[:MAX_AUTHORITIES]
     begins = (number for number, each in enumerate(file.certificates) if each.signature_algorithm in known)
-    first = next(begins, 0)  # where none is known, the file is not loaded: `sight.authority_refusals`
+    first = next(begins, 0)  # where none is known, the file is not loaded: `refusals.strict_refusal`
     return file.certificates[first : first + MAX_AUTHORITIES]
 
 
