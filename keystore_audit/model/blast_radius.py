@@ -241,7 +241,7 @@ def ground(
     `most`: names as in `named.names_of`. Raises errors.BudgetExceeded where they are of too many classes.
     """
     files = (document.file for document in system_documents(keystore))
-    names = names_of(accesses.by_row(profiles, files), most).names
+    names, _rest = names_of(accesses.by_row(profiles, files), most)
     points = [(name.topic, name.partition) for name in names]
     builder = SystemBuilder(keystore, profiles, at, accesses, points, literal=False)
     systems = builder.systems()

@@ -15,8 +15,9 @@ from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.formal.bit_sets import bits, members, union
+from keystore_audit.model.formal.rights import Safeguard, safeguards
 from keystore_audit.model.formal.steps import Step, decided
-from keystore_audit.model.formal.system import DomainRuleAtom, GrantAtom, RuleAtom, TopicRuleAtom
+from keystore_audit.model.formal.system import DomainRuleAtom, GrantAtom, RuleAtom, System, TopicRuleAtom
 from keystore_audit.model.semantics import (
     DIRECTIONS,
     OF_DOMAINS,
@@ -278,3 +279,25 @@ def _said(rule: DomainRule | TopicRule, names: Iterable[str], access: Access) ->
         return said
     kinds = (item for item in said.items() if isinstance(item[1], ProtectionKind))
     return said | {name: kind.without_origin for name, kind in kinds}
+
+
+class Window:
+    """The channels of one domain (0..232), name by name. `channels` were made for `names` points."""
+
+    def __init__(self, channels: Channels, domain: int, names: int) -> None:
+        self._domain = channels.domain_class(domain)
+        self._here = channels.in_domain[self._domain]
+        self.governed = len(self._here) == names
+        self._names = names
+        self.all = (1 << names) - 1
+
+    def of(self, channels: int) -> int:
+        """The names among the channels; an ungoverned domain has one channel for all names."""
+        if self.governed:
+            return channels >> self._here.start & self.all
+        return self.all if channels >> self._here.start & 1 else 0
+
+    def safeguards(self, system: System) -> tuple[tuple[Safeguard, ...], ...]:
+        """What protects each name."""
+        found = safeguards(system, self._here, self._domain)
+        return found if self.governed else found * self._names

@@ -4,23 +4,17 @@ enclaves. Names are raw: whoever shows them escapes them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Final
 
 from msgspec import Struct
 
+from keystore_audit.grouped import gathered
+from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.rights import Safeguard
-from keystore_audit.model.tables.access_rows import (
-    Disagreement,
-    Row,
-    decision_rows,
-    label,
-    left_open,
-    taken_besides,
-    taken_by_nobody,
-)
-from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
+from keystore_audit.model.tables.access_rows import Row, decision_rows, label
+from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group, Rights
 from keystore_audit.text import some
 from keystore_audit.truth import Truth
 
@@ -223,37 +217,37 @@ def _without(held: Mapping[str, Sequence[str]], other: Mapping[str, Sequence[str
     return [f"{' and '.join(words)} {name}" for name, words in left.items() if words]
 
 
-_PEERS: Final = (
-    (taken_besides, "Should its own checks be skipped, as an attacker would, peers accept besides from"),
-    (left_open, "It cannot be told whether peers accept from"),
-    (taken_by_nobody, "Allowed, but accepted by no peer, from"),
+_PEERS: Final[tuple[tuple[Callable[[Rights], tuple[int, int]], str], ...]] = (
+    (
+        lambda right: (right.accepted & ~right.allowed, right.accepted),
+        "Should its own checks be skipped, as an attacker would, peers accept besides from",
+    ),
+    (lambda right: (right.disputed, right.taken.may), "It cannot be told whether peers accept from"),
+    (lambda right: (right.allowed & ~right.taken.may, 0), "Allowed, but accepted by no peer, from"),
 )
+"""Where peers and the enclave's own implementation do not agree: names; and with which others these may be all."""
 
 
 def peers(table: AccessTable, group: Group) -> list[str]:
     """Where peers and the enclaves' own implementations do not agree, in sentences."""
     lines = []
     for find, sentence in _PEERS:
-        said: dict[str, list[str]] = {}
-        for path, enclave in group.enclaves.items():
-            found = find(enclave)
-            if found:
-                said.setdefault(_disagreement_words(table, found), []).append(path)
+        said = gathered((_where(table, enclave, find), path) for path, enclave in group.enclaves.items())
         for words, paths in said.items():
             whom = "every enclave" if len(paths) == len(group.enclaves) > 1 else _listed(paths)
-            lines.append(f"{sentence} {whom}: {words}.")
+            lines += [f"{sentence} {whom}: {words}."] if words else []
     return lines
 
 
-def _disagreement_words(table: AccessTable, found: Sequence[Disagreement]) -> str:
-    whole = [each.operation.value for each in found if each.everything]
-    words = [f"{', '.join(whole)} every topic"] if whole else []
-    words += [
-        f"{each.operation.value} {_listed([label(table, name) for name in each.names])}"
-        for each in found
-        if not each.everything
-    ]
-    return "; ".join(words)
+def _where(table: AccessTable, enclave: EnclaveRights, find: Callable[[Rights], tuple[int, int]]) -> str:
+    whole, words = [], []
+    for operation, right in enclave.rights.items():
+        names, together = find(right)
+        if names and together == right.names:
+            whole.append(operation.value)
+        elif names:
+            words.append(f"{operation.value} {_listed([label(table, name) for name in members(names)])}")
+    return "; ".join([f"{', '.join(whole)} every topic", *words] if whole else words)
 
 
 def _listed(names: Sequence[str]) -> str:

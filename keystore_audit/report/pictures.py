@@ -11,8 +11,7 @@ from keystore_audit.grouped import grouped
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.tables.access_rows import label
 from keystore_audit.model.tables.access_table import AccessTable
-from keystore_audit.model.tables.neighbours import Neighbourhood, PeerGroup
-from keystore_audit.model.tables.overview import Overview, Period
+from keystore_audit.model.tables.overview import Neighbourhood, Overview, PeerGroup, Period
 from keystore_audit.report.access_words import namespace, protected
 from keystore_audit.text import counted, shorten, terminal
 

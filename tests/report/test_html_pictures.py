@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 
 from keystore_audit.model.formal.rights import Safeguard
 from keystore_audit.model.tables.access_table import AccessTable, Group, Named
-from keystore_audit.model.tables.neighbours import Neighbourhood, PeerGroup
-from keystore_audit.model.tables.overview import Dated, Period
+from keystore_audit.model.tables.overview import Dated, Neighbourhood, PeerGroup, Period
 from keystore_audit.report import html, html_tables, pictures
 from tests.cli.keystores import AT, answer, keystore, rule
 

@@ -32,8 +32,8 @@ from keystore_audit.model.intended.observed_needs import DISCOVERY, Usual, in_la
 from keystore_audit.model.matching.expression import UNESCAPED_WILDCARDS
 from keystore_audit.model.names import Use, dds_channels, dds_expressions
 from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.rights import Window
 from keystore_audit.model.semantics import ReadGrant
-from keystore_audit.model.window import Window
 from keystore_audit.profiles import Profile
 from keystore_audit.truth import Truth
 

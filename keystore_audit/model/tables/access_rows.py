@@ -7,9 +7,9 @@ A service or an action is one row where whoever may do anything there may do all
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from enum import Enum
-from typing import Final, NamedTuple
+from typing import Any, Final
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -26,7 +26,7 @@ from keystore_audit.model.names import (
     dds_channels,
     parse_dds_name,
 )
-from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group, Named
+from keystore_audit.model.tables.access_table import AccessTable, Group, Named
 
 
 class Sort(str, Enum):
@@ -83,16 +83,16 @@ def decision_rows(table: AccessTable, group: Group) -> tuple[Row, ...]:
                 by_name.setdefault(name, {}).setdefault(path, []).append(operation)
     for name in _excepted(table, by_name):
         by_name.setdefault(name, {})
-    whole: dict[_Subject, list[int]] = {}
+    whole: dict[_Subject, dict[int, dict[str, list[Operation]]]] = {}
     rows: list[Row] = []
-    for name, cells in by_name.items():
+    for name, cells in sorted(by_name.items()):
         subject = _subject(table.names[name])
         if subject is None:
             rows.append(_plain(table, group, name, cells))
         else:
-            whole.setdefault(subject, []).append(name)
+            whole.setdefault(subject, {})[name] = cells
     for subject, names in whole.items():
-        rows += _folded(table, group, subject, {name: by_name[name] for name in sorted(names)})
+        rows += _folded(table, group, subject, names)
     return tuple(sorted(_joined(rows), key=_place))
 
 
@@ -106,13 +106,8 @@ def _excepted(table: AccessTable, by_name: Container[int]) -> Iterable[int]:
     return [number for number, named in enumerate(table.names) if everything or named.expressions]
 
 
-class _Subject(NamedTuple):
-    """A service or an action, or all whose names an expression matches, in a partition."""
-
-    sort: Sort
-    name: str
-    partition: str
-    several: bool
+_Subject = tuple[Sort, str, bool]
+"""A service or an action, by its label, or (the last) all whose names an expression matches."""
 
 
 def _subject(named: Named) -> _Subject | None:
@@ -120,13 +115,13 @@ def _subject(named: Named) -> _Subject | None:
     parsed = parse_dds_name(named.topic) if named.ros else None
     if parsed is None or parsed.kind not in (RosKind.SERVICE, RosKind.ACTION) or not parsed.part:
         return None
-    name = parsed.name
+    if named.several and not named.expressions:
+        return None
+    name, kind = parsed.name, parsed.kind.value
     if named.several:
-        meant = {_MANGLED.sub("", expression) for expression in named.expressions}
-        if not meant:
-            return None
-        name = " & ".join(sorted(meant))
-    return _Subject(Sort(parsed.kind.value), name, named.partition, named.several)
+        name, kind = " & ".join(sorted({_MANGLED.sub("", text) for text in named.expressions})), f"any {kind}"
+    where = f" in partition {named.partition!r}" if named.partition else ""
+    return Sort(parsed.kind.value), f"{name} ({kind}){where}", named.several
 
 
 def _plain(table: AccessTable, group: Group, name: int, cells: Mapping[str, list[Operation]]) -> Row:
@@ -172,37 +167,35 @@ def _folded(
 ) -> Iterable[Row]:
     """One row for the whole service or action, and one for each of its topics with rights that are no whole."""
     parts = {name: _part(table.names[name].topic) for name in by_name}
-    if len(set(parts.values())) < len(parts):  # of several names, not all fare alike
-        yield from (replace(_plain(table, group, name, cells), sort=Sort.PART) for name, cells in by_name.items())
-        return
-    held: dict[str, set[tuple[Operation, str]]] = {}
-    for name, cells in by_name.items():
-        for path, operations in cells.items():
-            held.setdefault(path, set()).update((operation, parts[name]) for operation in operations)
-    needs = _NEEDS[subject.sort]
-    words = {path: tuple(word for word, need in needs.items() if need <= rights) for path, rights in held.items()}
-    spent = {path: {right for word in whole for right in needs[word]} for path, whole in words.items()}
-    if any(words.values()) or not held:
-        kind = f"any {subject.sort.value}" if subject.several else subject.sort.value
-        where = f" in partition {subject.partition!r}" if subject.partition else ""
-        yield Row(
-            sort=subject.sort,
-            label=f"{subject.name} ({kind}){where}",
-            dds_only=False,
-            several=subject.several,
-            excepted=True,
-            safeguards=frozenset(group.safeguards[name] for name in by_name),
-            cells={path: whole for path, whole in words.items() if whole},
-            names=bits(by_name),
-        )
-    for name, cells in by_name.items():
-        left = {
-            path: [operation for operation in operations if (operation, parts[name]) not in spent[path]]
-            for path, operations in cells.items()
-        }
-        left = {path: operations for path, operations in left.items() if operations}
-        if left:
-            yield replace(_plain(table, group, name, left), sort=Sort.PART)
+    left = {name: _plain(table, group, name, cells) for name, cells in by_name.items()}
+    if len(set(parts.values())) == len(parts):  # else, of several names, not all fare alike
+        held: dict[str, set[tuple[Operation, str]]] = {}
+        for name, cells in by_name.items():
+            for path, operations in cells.items():
+                held.setdefault(path, set()).update((operation, parts[name]) for operation in operations)
+        sort, text, several = subject
+        needs = _NEEDS[sort]
+        words = {path: tuple(word for word, need in needs.items() if need <= rights) for path, rights in held.items()}
+        if any(words.values()) or not held:
+            yield Row(
+                sort=sort,
+                label=text,
+                dds_only=False,
+                several=several,
+                excepted=True,
+                safeguards=frozenset(group.safeguards[name] for name in by_name),
+                cells={path: whole for path, whole in words.items() if whole},
+                names=bits(by_name),
+            )
+        spent = {(path, *right) for path, whole in words.items() for word in whole for right in needs[word]}
+        for name, cells in by_name.items():
+            rest = {
+                path: [operation for operation in operations if (path, operation, parts[name]) not in spent]
+                for path, operations in cells.items()
+            }
+            left[name] = _plain(table, group, name, {path: each for path, each in rest.items() if each})
+        left = {name: row for name, row in left.items() if row.cells}
+    yield from (replace(row, sort=Sort.PART) for row in left.values())
 
 
 def _part(topic: str) -> str:
@@ -219,52 +212,40 @@ _NEEDS: Final = {
 """What each word of `PARTS` takes: operations on parts."""
 
 
+def _merged(rows: Sequence[Row], **changes: Any) -> Row:
+    """One row about the names of all, with the cells of all."""
+    cells = {path: words for row in rows for path, words in row.cells.items()}
+    return replace(rows[0], cells=cells, names=union(row.names for row in rows), **changes)
+
+
 def _joined(rows: Iterable[Row]) -> Iterable[Row]:
-    """Rows that need not be told one by one, as one: parameter services of one node, ambient topics."""
-    bundles: dict[object, list[tuple[Row, str]]] = {}
+    """Rows that need not be told one by one, as one: parameter services of one node, ambient topics; and parameters
+    that one enclave answers and no other asks, of all enclaves.
+    """
+    parameters: dict[tuple[str, object], list[Row]] = {}
+    ambient: dict[object, list[Row]] = {}
+    own: dict[object, list[Row]] = {}
     for row in rows:
         node, _slash, service = row.label.removesuffix(" (service)").rpartition("/")
+        same = row.safeguards, tuple(row.cells.items())
         if row.sort is Sort.SERVICE and service in PARAMETER_SERVICES:
-            key: object = (Sort.PARAMETERS, node, row.safeguards, tuple(row.cells.items()))
-            bundles.setdefault(key, []).append((row, node))
+            parameters.setdefault((node, same), []).append(row)
         elif row.sort is Sort.AMBIENT:
-            bundles.setdefault((row.sort, row.safeguards, tuple(row.cells.items())), []).append((row, row.label))
+            ambient.setdefault(same, []).append(row)
         else:
             yield row
-    parameters = []
-    for bundle in bundles.values():
-        first = bundle[0][0]
-        if first.sort is Sort.AMBIENT:
-            together = ", ".join(sorted(text for _row, text in bundle))
-            yield replace(first, label=together, names=union(row.names for row, _text in bundle))
-        elif len(bundle) == len(PARAMETER_SERVICES):
-            node = f"{bundle[0][1]} (parameters)"
-            whole = union(row.names for row, _node in bundle)
-            parameters.append(replace(first, sort=Sort.PARAMETERS, label=node, names=whole))
+    for bundle in ambient.values():
+        yield _merged(bundle, label=", ".join(sorted(row.label for row in bundle)))
+    for (node, _same), bundle in parameters.items():
+        who = list(bundle[0].cells.values())
+        if len(bundle) != len(PARAMETER_SERVICES):
+            yield from bundle
+        elif len(who) == 1 and "reply" in who[0]:
+            own.setdefault(bundle[0].safeguards, []).extend(bundle)
         else:
-            yield from (row for row, _node in bundle)
-    yield from _own_parameters(parameters)
-
-
-def _own_parameters(rows: Iterable[Row]) -> Iterable[Row]:
-    """Those that one enclave answers and no other asks, as one row for all enclaves."""
-    own: dict[frozenset[Safeguards], list[Row]] = {}
-    for row in rows:
-        if len(row.cells) == 1 and "reply" in next(iter(row.cells.values())):
-            own.setdefault(row.safeguards, []).append(row)
-        else:
-            yield row
-    for protected, each in own.items():
-        yield Row(
-            sort=Sort.PARAMETERS,
-            label=OWN_PARAMETERS,
-            dds_only=False,
-            several=False,
-            excepted=False,
-            safeguards=protected,
-            cells={path: words for row in each for path, words in row.cells.items()},
-            names=union(row.names for row in each),
-        )
+            yield _merged(bundle, sort=Sort.PARAMETERS, label=f"{node} (parameters)")
+    for bundle in own.values():
+        yield _merged(bundle, sort=Sort.PARAMETERS, label=OWN_PARAMETERS, excepted=False)
 
 
 def folded_by_owner(rows: Iterable[Row]) -> tuple[Row, ...]:
@@ -273,57 +254,14 @@ def folded_by_owner(rows: Iterable[Row]) -> tuple[Row, ...]:
     Of hundreds of robots alike, each with topics of its own, that leaves one. Nothing else is left out.
     """
     kept: list[Row] = []
-    private: dict[object, list[tuple[Row, str]]] = {}
+    private: dict[tuple[str, object], list[Row]] = {}
     for row in rows:
         owner = next(iter(row.cells), "")
         if len(row.cells) == 1 and owner != "/" and row.label.startswith(f"{owner}/") and not row.several:
             own = "~" + row.label.removeprefix(owner)
-            private.setdefault((row.sort, own, row.safeguards), []).append((row, own))
+            private.setdefault((own, (row.sort, row.safeguards)), []).append(row)
         else:
             kept.append(row)
-    for bundle in private.values():
-        cells = {path: words for row, _own in bundle for path, words in row.cells.items()}
-        excepted = any(row.excepted for row, _own in bundle)
-        names = union(row.names for row, _own in bundle)
-        kept.append(replace(bundle[0][0], label=bundle[0][1], cells=cells, excepted=excepted, names=names))
+    for (own, _same), bundle in private.items():
+        kept.append(_merged(bundle, label=own, excepted=any(row.excepted for row in bundle)))
     return tuple(sorted(kept, key=_place))
-
-
-class Disagreement(Struct, frozen=True, kw_only=True):
-    """Where peers and the enclave's own implementation do not agree about an operation.
-
-    `names`: places in the table; none if `everything`: with what the implementation itself allows, these are all.
-    """
-
-    operation: Operation
-    everything: bool
-    names: tuple[int, ...]
-
-
-def taken_besides(enclave: EnclaveRights) -> tuple[Disagreement, ...]:
-    """What peers take from the enclave though its own implementation would not let it."""
-    return _disagreements(
-        (each, right.accepted & ~right.allowed, right.accepted == right.names) for each, right in enclave.rights.items()
-    )
-
-
-def left_open(enclave: EnclaveRights) -> tuple[Disagreement, ...]:
-    """Where it cannot be told whether peers take it."""
-    return _disagreements(
-        (each, right.disputed, right.accepted | right.disputed == right.names) for each, right in enclave.rights.items()
-    )
-
-
-def taken_by_nobody(enclave: EnclaveRights) -> tuple[Disagreement, ...]:
-    """What its own implementation lets it do and no peer takes from it."""
-    return _disagreements(
-        (each, right.allowed & ~(right.accepted | right.disputed), False) for each, right in enclave.rights.items()
-    )
-
-
-def _disagreements(found: Iterable[tuple[Operation, int, bool]]) -> tuple[Disagreement, ...]:
-    return tuple(
-        Disagreement(operation=operation, everything=everything, names=() if everything else tuple(members(names)))
-        for operation, names, everything in found
-        if names
-    )

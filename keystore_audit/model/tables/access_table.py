@@ -24,8 +24,8 @@ from keystore_audit.model.formal.rights import EffectiveRights, Safeguard
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.matching.patterns import Patterns
 from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.rights import Window
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.window import Window
 from keystore_audit.profiles import Access, Profile
 from keystore_audit.truth import Bounds, Truth
 
@@ -50,15 +50,9 @@ class Named(Struct, frozen=True, kw_only=True):
     expressions: tuple[str, ...]
 
 
-class Names(Struct, frozen=True, kw_only=True):
-    """All names. `rest`: the place of the class that the fewest expressions match, of whatever no document lists."""
-
-    names: tuple[Named, ...]
-    rest: int
-
-
-def names_of(read: Mapping[Access, Sequence[ReadDocument]], most: int = MAX_CELLS) -> Names:
+def names_of(read: Mapping[Access, Sequence[ReadDocument]], most: int = MAX_CELLS) -> tuple[tuple[Named, ...], int]:
     """The classes of all topic names in all partitions, for documents as implementations of each access row read them.
+    And the place of the class that the fewest expressions match: of whatever no document lists.
 
     `most`: pairs of both, those of the default partition apart. Raises errors.BudgetExceeded where they are more.
     """
@@ -97,7 +91,7 @@ def names_of(read: Mapping[Access, Sequence[ReadDocument]], most: int = MAX_CELL
         for each in classes
     )
     rest = min(range(len(classes)), key=lambda n: (not classes[n].infinite, len(classes[n].members), n))
-    return Names(names=names, rest=rest)
+    return names, rest
 
 
 class Rights(Struct, frozen=True, kw_only=True):
@@ -197,12 +191,10 @@ def access_table(
     read = accesses.by_row(profiles, (document.file for document in documents_of(keystore)))
     if domain is None:
         domain = next((lowest for lowest, _highest in governed_domains(read)), 0)
-    found = names_of(read)
-    table = _Table(keystore, profiles, at, accesses, domain, found.names)
+    names, rest = names_of(read)
+    table = _Table(keystore, profiles, at, accesses, domain, names)
     groups = sorted(table.groups(), key=lambda group: len(group.profiles))
-    return AccessTable(
-        root=keystore.root, at=at, domain=domain, names=found.names, rest=found.rest, groups=tuple(groups)
-    )
+    return AccessTable(root=keystore.root, at=at, domain=domain, names=names, rest=rest, groups=tuple(groups))
 
 
 class _Table:
