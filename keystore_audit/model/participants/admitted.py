@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
-from functools import cached_property
 from itertools import chain, islice
 from typing import NamedTuple
 
@@ -66,27 +65,35 @@ def admitted(
     kinds = dict.fromkeys((profile.trust, profile.access.requires_grant) for profile in profiles)
     peers = [_Peer(enclave, *kind) for enclave in enclaves for kind in kinds]
     authorities = {certificate.sha256 for certificate in authorities_of(keystore)}
-    asked = ((s, _taking(peers, s.certificate, at)) for s in identities if s.certificate.sha256 not in authorities)
-    vouched = [(each, taking) for each, taking in asked if taking]
+    vouched = [
+        (each, taking)
+        for each in identities
+        if each.certificate.sha256 not in authorities
+        and (taking := [peer for peer in peers if _takes(peer.enclave, each.certificate, peer.trust, at)])
+    ]
     if not vouched:  # nearly always
         return ()
     granted = _granted(keystore, [each.certificate for each, _taking in vouched], profiles, at)
-    signers = _Signers(keystore)
-    return tuple(
-        Admitted(
-            certificate=each.certificate,
-            key=each.key,
-            rights=rights,
-            enclave=_like(each.certificate, taking, keystore, signers, at),
-        )
-        for number, (each, taking) in enumerate(vouched)
-        if (rights := tuple(granted.get(number) or _ungranted(taking, signers, each.certificate)))
-    )
-
-
-def _taking(peers: Iterable[_Peer], certificate: Certificate, at: datetime) -> list[_Peer]:
-    """Those of the peers that take who has the certificate for one of theirs."""
-    return [peer for peer in peers if _takes(peer.enclave, certificate, peer.trust, at)]
+    above = (*authorities_of(keystore), *embedded_authorities(documents_of(keystore)))
+    above = tuple({each.sha256: each for each in above if is_authority(each)}.values())
+    found = []
+    for number, (each, taking) in enumerate(vouched):
+        certificate = each.certificate
+        signing = [peer for peer in taking if _takes_signature(peer, certificate, above)]
+        rights = granted.get(number) or [*islice(chain(_without_grants(taking), _permissions_cas(signing)), 1)]
+        if rights:
+            alike = (
+                enclave.path
+                for enclave in keystore.enclaves
+                if (theirs := enclave.identity) is not None
+                and theirs.subject == certificate.subject
+                and all(_takes(peer.enclave, theirs, peer.trust, at) for peer in taking)
+                and all(_takes_signature(peer, theirs, above) for peer in signing)
+            )
+            found.append(
+                Admitted(certificate=certificate, key=each.key, rights=tuple(rights), enclave=next(alike, None))
+            )
+    return tuple(found)
 
 
 def _takes(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> bool:
@@ -100,61 +107,31 @@ def _takes(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetim
     )
 
 
-def _like(
-    certificate: Certificate, taking: Sequence[_Peer], keystore: Keystore, signers: _Signers, at: datetime
-) -> str | None:
-    """The path of an enclave of the same subject that has, to each of these peers, all rights that this one has."""
-    signing = [*signers.peers(taking, certificate)]
-    for enclave in keystore.enclaves:
-        theirs = enclave.identity
-        if (
-            theirs is not None
-            and theirs.subject == certificate.subject
-            and len(_taking(taking, theirs, at)) == len(taking)
-            and len([*signers.peers(signing, theirs)]) == len(signing)
-        ):
-            return enclave.path
-    return None
+def _takes_signature(peer: _Peer, certificate: Certificate, authorities: Iterable[Certificate]) -> bool:
+    """Whether it takes permissions that who has the certificate signs (`attacker.TrustDomainView.self_granting`).
 
-
-class _Signers:
-    """Whose keys sign permissions that peers take, by the authorities of CA files and messages of a keystore."""
-
-    def __init__(self, keystore: Keystore) -> None:
-        self._keystore = keystore
-
-    @cached_property
-    def _authorities(self) -> tuple[Certificate, ...]:
-        found = (*authorities_of(self._keystore), *embedded_authorities(documents_of(self._keystore)))
-        return tuple({each.sha256: each for each in found if is_authority(each)}.values())
-
-    def trusted_by(self, peers: Iterable[_Peer], certificate: Certificate) -> Iterator[Location]:
-        """Where the authority stands by which one of the peers takes what the certificate's key signs."""
-        for peer in self.peers(peers, certificate):
-            if peer.enclave.permissions_ca is not None:
-                yield Location(path=peer.enclave.permissions_ca.file.place, line=1)
-
-    def peers(self, peers: Iterable[_Peer], certificate: Certificate) -> Iterator[_Peer]:
-        """Those of the peers that take what it signs for itself (`attacker.TrustDomainView.self_granting`)."""
-        for peer in peers:
-            ca, trust = peer.enclave.permissions_ca, peer.trust
-            roots = signing_authorities(ca, trust) if ca is not None else ()
-            below = not trust.pins_signer and (fit_to_sign(certificate) or is_authority(certificate))
-            if any(root.key == certificate.key for root in roots) or (below and self._chains(certificate, roots)):
-                yield peer
-
-    def _chains(self, certificate: Certificate, roots: Iterable[Certificate]) -> bool:
-        """Whether it is below one of the roots: a message brings the authorities between along."""
-        ends = {root.sha256 for root in roots}
-        pending, seen = [certificate], {certificate.sha256}
-        while pending:
-            below = pending.pop()
-            above = [each for each in self._authorities if may_have_issued(each, below) and each.sha256 not in seen]
-            if any(each.sha256 in ends for each in above):
-                return True
-            seen.update(each.sha256 for each in above)
-            pending.extend(above)
+    `authorities`: those over which one that is not pinned may chain to a root; a message brings them along.
+    """
+    ca, trust = peer.enclave.permissions_ca, peer.trust
+    roots = signing_authorities(ca, trust) if ca is not None else ()
+    if any(root.key == certificate.key for root in roots):
+        return True
+    if trust.pins_signer or not (fit_to_sign(certificate) or is_authority(certificate)):
         return False
+    pending, seen = [certificate], {certificate.sha256}
+    while pending:
+        below = pending.pop()
+        above = [each for each in authorities if may_have_issued(each, below) and each.sha256 not in seen]
+        seen.update(each.sha256 for each in above)
+        pending.extend(above)
+    return any(root.sha256 in seen for root in roots)
+
+
+def _permissions_cas(peers: Iterable[_Peer]) -> Iterator[Location]:
+    """Where the authorities stand by which these peers take what somebody signs."""
+    for peer in peers:
+        if peer.enclave.permissions_ca is not None:
+            yield Location(path=peer.enclave.permissions_ca.file.place, line=1)
 
 
 def _granted(
@@ -177,11 +154,6 @@ def _ended(grant: Grant, at: datetime) -> bool:
     """Whether every implementation takes it for over, wherever the robot is."""
     dated = read_date(grant.not_after.text, DateReading.XSD, None)
     return dated is not None and at - dated.instant > ANY_ZONE
-
-
-def _ungranted(taking: Sequence[_Peer], signers: _Signers, certificate: Certificate) -> Iterator[Location]:
-    """What lets it in among these peers without a grant of the permissions CA, if anything does."""
-    return islice(chain(_without_grants(taking), signers.trusted_by(taking, certificate)), 1)
 
 
 def _without_grants(peers: Iterable[_Peer]) -> Iterator[Location]:

@@ -36,10 +36,9 @@ def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews)
     """Everything that could not be read, each place once."""
     seen: set[tuple[str, int | None]] = set()
     for file in (*keystore.layout.directory_links, *keystore.layout.unreadable_directories):
-        yield Doubt(enclave=None, location=Location(path=file.path), reason=file.detail)
+        yield _doubt(None, file.path, file.detail)
     for file in keystore.identities.unread:
-        reason = f"it may hold an identity that peers let in: it {file.detail}"
-        yield Doubt(enclave=None, location=Location(path=file.place), reason=reason)
+        yield _doubt(None, file.place, f"it may hold an identity that peers let in: it {file.detail}")
     row = accesses.row(profile.access)
     by_enclave = (enclave_doubts(enclave, profile.trust, row, accesses) for enclave in keystore.enclaves)
     others = _doubts_of_others(keystore, profile.trust, row, accesses)
@@ -61,7 +60,7 @@ def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Ac
     yield from file_doubts(enclave)
     unread = list_unread(enclave, trust)
     if unread is not None:
-        yield _doubt(enclave, *unread)
+        yield _doubt(enclave.path, *unread)
     for document in (enclave.governance, enclave.permissions):
         if document is None:
             continue
@@ -73,11 +72,8 @@ def _enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: Ac
 @lru_cache(maxsize=16_384)
 def file_doubts(enclave: Enclave) -> tuple[Doubt, ...]:
     """What about its files is in doubt for every implementation alike."""
-    found = [identity_doubt(enclave), trust_domain_doubt(enclave), _key_doubt(enclave)]
-    file = enclave.files.files[Role.PERMISSIONS]
-    if file.status.unknown:
-        found.append(_doubt(enclave, file.path, f"permissions could not be read: {file.detail}"))
-    return tuple(doubt for doubt in found if doubt is not None)
+    files = (_file_doubt(enclave, role) for role in (Role.KEY, Role.PERMISSIONS))
+    return tuple(doubt for doubt in (identity_doubt(enclave), trust_domain_doubt(enclave), *files) if doubt is not None)
 
 
 def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses: AccessViews) -> Iterator[Doubt]:
@@ -92,7 +88,7 @@ def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses
         documents += [(enclave.path, enclave.permissions), (enclave.path, enclave.governance if outside else None)]
     for each in (*unmanaged_permissions(keystore), *unmanaged_governance(keystore)):
         if each.document is None:
-            yield Doubt(enclave=None, location=Location(path=each.place), reason=each.file.detail)
+            yield _doubt(None, each.place, each.file.detail)
         documents.append((None, each.document))
     for path, document in documents:
         if document is None:
@@ -116,18 +112,18 @@ def document_doubt(enclave: str | None, file: Typed, read: ReadDocument) -> Doub
     defect = first_opaque(defects)
     if defect is None:
         reason, line = read.doubt or ("the document has no meaning that every parser agrees on", None)
-        return Doubt(enclave=enclave, location=Location(path=file.signed.file.place, line=line), reason=reason)
-    return Doubt(enclave=enclave, location=Location(path=defect.path, line=defect.line), reason=defect.detail)
+        return _doubt(enclave, file.signed.file.place, reason, line)
+    return _doubt(enclave, defect.path, defect.detail, defect.line)
 
 
 @lru_cache(maxsize=16_384)  # by the systems too
 def identity_doubt(enclave: Enclave) -> Doubt | None:
     """Why the enclave's identity is unknown: it may then be anybody whom the identity CA vouches for."""
-    doubt = _file_doubt(enclave, Role.CERTIFICATE, enclave.certificate, only_without_certificate=True)
+    doubt = _file_doubt(enclave, Role.CERTIFICATE)
     first = enclave.identity
     if doubt is not None or first is None:
         return doubt
-    return _doubt_of(enclave.path, first, enclave.identity_ca.certificates if enclave.identity_ca else ())
+    return _doubt_of(enclave.path, first, enclave.trusts(Role.IDENTITY_CA))
 
 
 @lru_cache(maxsize=4_096)  # by the systems too
@@ -141,37 +137,32 @@ def _possible(keystore: Keystore, profile: Profile, accesses: AccessViews) -> It
     if not keystore.identities.possible:  # nearly always
         return
     for each in admitted(keystore, keystore.identities.possible, (profile,), accesses.at):
-        place = Location(path=each.certificate.path, line=each.certificate.line)
-        yield Doubt(
-            enclave=None, location=place, reason=f"its private key may be in {each.key}, which could not be read"
-        )
+        reason = f"its private key may be in {each.key}, which could not be read"
+        yield _doubt(None, each.certificate.path, reason, each.certificate.line)
 
 
 def _doubt_of(enclave: str | None, certificate: Certificate, authorities: tuple[Certificate, ...]) -> Doubt | None:
     """Why it is unknown who has the certificate, or whether these authorities vouch for it."""
-    place = Location(path=certificate.path, line=certificate.line)
+    constrained = _constrained(enclave, (certificate, *authorities))
     if not is_printable(certificate):
         reason = f"the subject {certificate.subject!r} has attributes that implementations print in ways of their own"
-        return Doubt(enclave=enclave, location=place, reason=reason)
-    constrained = _constrained(enclave, (certificate, *authorities))
-    if constrained is not None:
+    elif constrained is not None:
         return constrained
-    if stands_alone(certificate, authorities):
+    elif stands_alone(certificate, authorities):
         reason = "it stands in the identity CA file itself, where implementations take it although it is no authority"
-        return Doubt(enclave=enclave, location=place, reason=reason)
-    issues = [issue(authority, certificate) for authority in authorities if is_authority(authority)]
-    if Issue.UNSUPPORTED not in issues or Issue.ISSUED in issues:
-        return None
-    reason = f"whether the identity CA issued the certificate cannot be told ({certificate.signature_algorithm})"
-    return Doubt(enclave=enclave, location=place, reason=reason)
+    else:
+        issues = [issue(authority, certificate) for authority in authorities if is_authority(authority)]
+        if Issue.UNSUPPORTED not in issues or Issue.ISSUED in issues:
+            return None
+        reason = f"whether the identity CA issued the certificate cannot be told ({certificate.signature_algorithm})"
+    return _doubt(enclave, certificate.path, reason, certificate.line)
 
 
 def _constrained(enclave: str | None, certificates: Iterable[Certificate]) -> Doubt | None:
     for certificate in certificates:
         if certificate.constraints:
             reason = f"the certificate has extensions ({', '.join(certificate.constraints)}) that implementations weigh"
-            location = Location(path=certificate.path)
-            return Doubt(enclave=enclave, location=location, reason=f"{reason} and this audit does not")
+            return _doubt(enclave, certificate.path, f"{reason} and this audit does not")
     return None
 
 
@@ -182,60 +173,36 @@ def trust_domain_doubt(enclave: Enclave) -> Doubt | None:
     A governance document that was read but has no single meaning is not among these: it is opaque as a
     document.
     """
-    for role, read in (
-        (Role.IDENTITY_CA, enclave.identity_ca),
-        (Role.PERMISSIONS_CA, enclave.permissions_ca),
-    ):
-        doubt = _file_doubt(enclave, role, read, only_without_certificate=False)
+    for role, read in ((Role.IDENTITY_CA, enclave.identity_ca), (Role.PERMISSIONS_CA, enclave.permissions_ca)):
+        doubt = _file_doubt(enclave, role)
         if doubt is not None:
             return doubt
         if read is not None and len(read.certificates) > MAX_AUTHORITIES:
             reason = f"{len(read.certificates)} certificates are more than chains are looked for among"
-            return _doubt(enclave, read.file.place, f"{reason} (limit {MAX_AUTHORITIES})")
-    constrained = _constrained(enclave.path, enclave.permissions_ca.certificates if enclave.permissions_ca else ())
-    if constrained is not None:
-        return constrained
-    file = enclave.files.files[Role.GOVERNANCE]
-    if file.status.unknown:
-        return _doubt(enclave, file.path, f"governance could not be read: {file.detail}")
-    return None
+            return _doubt(enclave.path, read.file.place, f"{reason} (limit {MAX_AUTHORITIES})")
+    return _constrained(enclave.path, enclave.trusts(Role.PERMISSIONS_CA)) or _file_doubt(enclave, Role.GOVERNANCE)
 
 
-def _key_doubt(enclave: Enclave) -> Doubt | None:
-    """Why it is unknown whether the private key serves.
+def _file_doubt(enclave: Enclave, role: Role) -> Doubt | None:
+    """Why it is unknown what a file holds: not read, not understood, or overridden by a PKCS#11 reference on Fast DDS.
 
-    It bears on usability only: who holds it is not in the file.
-    """
-    file = enclave.files.files[Role.KEY]
-    if Role.KEY in enclave.files.pkcs11:
-        return _doubt(enclave, enclave.files.pkcs11[Role.KEY].path, facts.PKCS11)
-    if file.status.unknown:
-        return _doubt(enclave, file.path, f"key could not be read: {file.detail}")
-    defects = enclave.key.defects if enclave.key else ()
-    unreadable = first_opaque(defects)
-    return None if unreadable is None else _doubt(enclave, unreadable.path, unreadable.detail)
-
-
-def _file_doubt(
-    enclave: Enclave, role: Role, read: CertificateFile | None, *, only_without_certificate: bool
-) -> Doubt | None:
-    """Doubt about a certificate file.
-
-    Not read, not understood, or overridden by a PKCS#11 reference on Fast DDS.
+    Of an identity the first certificate is enough. Whether a private key serves bears on usability only: who holds it
+    is not in the file. What documents say is another question.
     """
     file = enclave.files.files[role]
     if role in enclave.files.pkcs11:
-        return _doubt(enclave, enclave.files.pkcs11[role].path, facts.PKCS11)
+        return _doubt(enclave.path, enclave.files.pkcs11[role].path, facts.PKCS11)
     if file.status.unknown:
-        return _doubt(enclave, file.path, f"{role.value} could not be read: {file.detail}")
-    if read is None or not read.defects:
-        return None
-    unreadable = first_opaque(read.defects)
-    if unreadable is None or (only_without_certificate and read.certificates):
-        return None
-    location = Location(path=unreadable.path, line=unreadable.line)
-    return Doubt(enclave=enclave.path, location=location, reason=unreadable.detail)
+        return _doubt(enclave.path, file.path, f"{role.value} could not be read: {file.detail}")
+    read = {
+        Role.IDENTITY_CA: enclave.identity_ca,
+        Role.CERTIFICATE: enclave.certificate if enclave.identity is None else None,
+        Role.KEY: enclave.key,
+        Role.PERMISSIONS_CA: enclave.permissions_ca,
+    }.get(role)
+    defect = first_opaque(read.defects) if read is not None else None
+    return None if defect is None else _doubt(enclave.path, defect.path, defect.detail, defect.line)
 
 
-def _doubt(enclave: Enclave, path: str, reason: str) -> Doubt:
-    return Doubt(enclave=enclave.path, location=Location(path=path), reason=reason)
+def _doubt(enclave: str | None, path: str, reason: str, line: int | None = None) -> Doubt:
+    return Doubt(enclave=enclave, location=Location(path=path, line=line), reason=reason)

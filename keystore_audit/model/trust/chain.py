@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from functools import lru_cache
 from typing import Final
@@ -163,41 +163,67 @@ def _chain_refusal(certificate: Certificate, file: CertificateFile, trust: Trust
 def _path_refusal(certificate: Certificate, file: CertificateFile, trust: Trust, at: datetime | None) -> str | None:
     """Why no path that OpenSSL builds holds `at` the instant, or at any; None where one does."""
     place, authorities = file.file.place, authorities_read(file, trust)
-    if names_itself(certificate) and not is_found(certificate, authorities, at):
+    if names_itself(certificate) and not _is_found(certificate, authorities, at):
         return f"the first certificate in {place} of its own name is another; no other is tried"
     if stands_alone(certificate, authorities):
         return None
     dated = at is not None and is_issued(file, certificate, trust, at)  # else that none is in force is why
+
+    def wrong(above: Certificate, below: Certificate, between: int) -> str | None:
+        refusal = _step_refusal(above, below, between, signed=trust.checks_root_signature)
+        if refusal is None and dated and at is not None and not in_force(above, at):
+            refusal = _OVER
+        return refusal and f"the first certificate in {place} of the issuer's name {refusal}"
+
+    nobody = f"no certificate in {place} has the issuer's name and key identifier"
+    refusals = _dead_ends(certificate, authorities, (), at, wrong, nobody)
+    return None if refusals is None else next(iter(refusals), f"no path over {place} has an end")
+
+
+_OVER: Final = "is outside its validity; no other is tried"
+
+
+def _dead_ends(
+    start: Certificate,
+    read: Sequence[Certificate],
+    embedded: Sequence[Certificate],
+    at: datetime | None,
+    wrong: Callable[[Certificate, Certificate, int], str | None],
+    nobody: str = "",
+) -> list[str] | None:
+    """Why no path that OpenSSL takes, over certificates of the CA file (`read`) before those of the message, arrives at
+    a self-signed one of the file; None where one does.
+
+    `wrong`: what is wrong with the issuer of a certificate that has so many authorities below it that are not
+    self-issued. `nobody`: what is said where there is none.
+    """
     refusals: list[str] = []
-    # A certificate with the number of authorities below it that are not self-issued; each pair is looked at once.
-    pending = [(certificate, 0)]
+    # A certificate, whether it is of the CA file, and the number of authorities below it; each is looked at once.
+    pending = [(start, False, 0)]
     seen = {*pending}
     while pending:
-        below, between = pending.pop()
-        taken = issuers_taken(below, authorities, at)
-        if not taken:
-            refusals.append(f"no certificate in {place} has the issuer's name and key identifier")
+        below, trusted, between = pending.pop()
+        found = issuers_taken(below, read, at)
+        # Above one of the CA file the message is not looked at any more.
+        taken = found if found or trusted else issuers_taken(below, embedded, at)
+        if nobody and not taken:
+            refusals.append(nobody)
         for above in taken:
-            root = names_itself(above)
-            refusal = step_refusal(above, below, between, root=root, signed=trust.checks_root_signature)
-            if refusal is None and dated and at is not None and not in_force(above, at):
-                refusal = "is outside its validity; no other is tried"
+            refusal, root = wrong(above, below, between), names_itself(above)
+            step = (above, bool(found), between + (above.subject_der != above.issuer_der))
             if refusal is not None:
-                refusals.append(f"the first certificate in {place} of the issuer's name {refusal}")
-            elif root:
+                refusals.append(refusal)
+            elif root and found:
                 return None
-            else:
-                step = (above, between + (above.subject_der != above.issuer_der))
-                if step not in seen and step[1] < MAX_AUTHORITIES:
-                    seen.add(step)
-                    pending.append(step)
-    return refusals[0] if refusals else f"no path over {place} has an end"
+            elif not root and step not in seen and step[2] < MAX_AUTHORITIES:
+                seen.add(step)
+                pending.append(step)
+    return refusals
 
 
-def step_refusal(
-    above: Certificate, below: Certificate, between: int, *, root: bool, signed: bool = False
-) -> str | None:
+def _step_refusal(above: Certificate, below: Certificate, between: int, *, signed: bool = False) -> str | None:
     """What is wrong with a certificate that OpenSSL takes for the issuer of another; no other one is tried."""
+    root = names_itself(above)
     if issue(above, below) is Issue.SIGNATURE_INVALID:
         return "is another authority's; no other is tried"
     if not is_authority(above) or not (root or above.is_ca):
@@ -207,22 +233,25 @@ def step_refusal(
     return "did not sign itself" if root and signed and not may_have_issued(above, above) else None
 
 
-def is_found(root: Certificate, read: Sequence[Certificate], at: datetime | None) -> bool:
-    """Whether a self-signed certificate that is shown is the one of the CA file that OpenSSL finds in its place."""
-    taken = next((each for each in read if each.sha256 == root.sha256 or _hides(each, root, at)), None)
-    return taken is not None and taken.sha256 == root.sha256
+def _is_found(root: Certificate, read: Sequence[Certificate], at: datetime | None) -> bool:
+    """Whether a self-signed certificate that is shown is the one of the CA file that OpenSSL finds in its place.
 
-
-def _hides(other: Certificate, root: Certificate, at: datetime | None) -> bool:
-    """Whether OpenSSL takes the other for the issuer of the root, `at` None: whenever that is in force."""
+    `at` None: whenever that is in force.
+    """
     first, last = (root.not_before, root.not_after) if at is None else (at, at)
-    return (
-        same_name(other.subject_name, root.issuer_name)
-        and suits_key(root, other)
-        and other.not_before <= first
-        and last <= other.not_after
-        and key_identifier_fits(root, other)
+    found = (
+        each.sha256
+        for each in read
+        if each.sha256 == root.sha256
+        or (
+            same_name(each.subject_name, root.issuer_name)
+            and suits_key(root, each)
+            and each.not_before <= first
+            and last <= each.not_after
+            and key_identifier_fits(root, each)
+        )
     )
+    return next(found, None) == root.sha256
 
 
 # Why the signer of a document is refused: it may not sign, or OpenSSL finds no way from it to a root.
@@ -286,30 +315,17 @@ def _lost(
 ) -> str | None:
     """Why no path from the signer arrives at a self-signed certificate of the CA file; None where one does."""
     if names_itself(signer):
-        lost = not is_found(signer, read, at)
+        lost = not _is_found(signer, read, at)
         return f"of {place} the first certificate of the signer's name is another" if lost else None
-    refusals: list[str] = []
-    # A certificate, whether it is of the CA file, and the number of authorities below it that are not self-issued.
-    pending = [(signer, False, 0)]
-    seen = {*pending}
-    while pending:
-        below, trusted, between = pending.pop()
-        found = issuers_taken(below, read, at)
-        # Above one of the CA file the message is not looked at any more.
-        for above in found if found or trusted else issuers_taken(below, embedded, at):
-            root = names_itself(above)
-            refusal = step_refusal(above, below, between, root=root)
-            if refusal is None and not lets_sign(above):
-                refusal = "does not admit S/MIME signing; no other is tried"
-            if refusal is None and at is not None and not in_force(above, at):
-                refusal = "is outside its validity; no other is tried"
-            step = (above, bool(found), between + (above.subject_der != above.issuer_der))
-            if refusal is not None:
-                refusals.append(refusal)
-            elif root and found:
-                return None
-            elif not root and step not in seen and step[2] < MAX_AUTHORITIES:
-                seen.add(step)
-                pending.append(step)
+
+    def wrong(above: Certificate, below: Certificate, between: int) -> str | None:
+        refusal = _step_refusal(above, below, between)
+        if refusal is None and not lets_sign(above):
+            return "does not admit S/MIME signing; no other is tried"
+        return _OVER if refusal is None and at is not None and not in_force(above, at) else refusal
+
+    refusals = _dead_ends(signer, read, embedded, at, wrong)
+    if refusals is None:
+        return None
     first = f"the first certificate of the issuer's name, of {place} before those of the message,"
     return f"{first} {refusals[0]}" if refusals else f"no path over {place} and the message has an end"
