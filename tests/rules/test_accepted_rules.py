@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from datetime import date, timedelta
+from datetime import timedelta
 from typing import Any
 
 import pytest
@@ -15,7 +15,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import MAX_PLACES, Finding, Location, Result, Severity, decision
 from keystore_audit.keystore.files import Status as FileStatus
 from keystore_audit.rules import RULES
-from keystore_audit.rules.judge import Judgement, judge
+from keystore_audit.rules.judge import judge
 from keystore_audit.rules.registry import Violation
 from keystore_audit.settings.suppressions import (
     Fate,
@@ -25,7 +25,7 @@ from keystore_audit.settings.suppressions import (
     check_dates,
     uses,
 )
-from tests.rules.evidence import AT, DAY, absent, certificates, context, enclave, healthy, judged, keystore, pem
+from tests.rules.evidence import AT, DAY, absent, context, healthy, judged
 from tests.rules.test_judge import made
 
 PROFILES = ("spec", "fastdds-3.6")
@@ -43,65 +43,6 @@ def suppression(code: str = "KA205", **more: Any) -> Suppression:
     )
 
 
-def expiring(*paths: str) -> Any:
-    """A keystore in which the identities of these enclaves end soon (KA205)."""
-    soon = AT + 5 * DAY
-    return keystore(
-        *(
-            enclave(path, certificate=certificates(f"enclaves{path}/cert.pem", pem(path, end=soon)))
-            if path in paths
-            else enclave(path)
-            for path in ("/talker", "/listener")
-        )
-    )
-
-
-CASES: dict[str, dict[str, Any]] = {
-    "KA909": {"suppressions": (suppression(until=date(2026, 11, 20)),)},
-    "KA910": {"suppressions": (suppression(),)},
-}
-
-
-def marked(judgement: Judgement) -> list[tuple[str, str | None, bool]]:
-    return [(f.code, f.enclave, f.suppressed is not None) for f in judgement.findings if f.code in ("KA205", *CASES)]
-
-
-def test_a_place_is_accepted_and_the_same_elsewhere_is_not() -> None:
-    store = expiring("/talker", "/listener")
-    for where in ("/talker", "/t*", "enclaves/talker/*"):
-        judgement = judged(store, suppressions=(suppression(where=(where,)),))
-        assert marked(judgement) == [("KA205", "/listener", False), ("KA205", "/talker", True)]
-    for where in ("/", "/talke", "talker", "enclaves/talker", "/talker/*", "cert.pem"):
-        judgement = judged(store, suppressions=(suppression(where=(where,)),))
-        assert [code for code, _enclave, hidden in marked(judgement) if hidden] == []
-        assert ("KA910", None, False) in marked(judgement)
-
-
-@pytest.mark.parametrize(("days", "hidden"), [(-1, False), (0, True), (1, True)])
-def test_the_last_day_counts_and_the_next_does_not(days: int, hidden: bool) -> None:
-    judgement = judged(expiring("/talker"), suppressions=(suppression(until=(AT + days * DAY).date()),))
-    assert marked(judgement) == (
-        [("KA205", "/talker", True)] if hidden else [("KA909", None, False), ("KA205", "/talker", False)]
-    )
-
-
-def test_one_that_ended_takes_nothing_from_one_that_holds() -> None:
-    ended, holds = suppression(until=date(2026, 1, 1), line=1), suppression(line=9)
-    judgement = judged(expiring("/talker"), suppressions=(ended, holds))
-    assert marked(judgement) == [("KA909", None, False), ("KA205", "/talker", True)]
-    (mark,) = (f.suppressed for f in judgement.findings if f.suppressed)
-    assert mark.source.endswith(":9")
-
-
-def test_nothing_accepts_what_the_audit_says_of_itself() -> None:
-    case = {"suppressions": tuple(suppression(code, until=date(2026, 1, 1)) for code in ("KA909", "KA910", "KA901"))}
-    judgement = judged(**case)
-    assert {f.code for f in judgement.findings} == {"KA909"}
-    assert all(f.suppressed is None for f in judgement.findings)
-    unused = judged(suppressions=(suppression("KA910"), suppression("KA909")))
-    assert [(f.code, f.suppressed) for f in unused.findings] == [("KA910", None)]
-
-
 def test_nothing_accepts_what_is_undecided() -> None:
     store = healthy()
     link = absent("enclaves/more", FileStatus.DIRECTORY, "to /opt")
@@ -113,14 +54,6 @@ def test_nothing_accepts_what_is_undecided() -> None:
         assert [(f.code, f.suppressed) for f in judgement.findings] == [(plain.code, None), ("KA910", None)]
         assert "undecided, and nothing accepts that" in judgement.findings[1].message
         assert any(outcome.outcome is Result.OPEN for outcome in judgement.outcomes)
-
-
-def test_rules_that_were_left_out_leave_nothing_unused_and_what_ended_is_said_all_the_same() -> None:
-    case = context(expiring("/talker"), suppressions=(suppression("KA203"),))
-    assert not [f for f in judge(case, RULES, ignore=["KA2"]).findings if f.code == "KA910"]
-    assert not [f for f in judge(case, RULES, select=["KA3"]).findings if f.code == "KA910"]
-    ended = context(suppressions=(suppression("KA203", until=date(2026, 1, 1)),))
-    assert [f.code for f in judge(ended, RULES, select=["KA3"]).findings] == ["KA909"]
 
 
 # What findings mean: by hand
@@ -140,13 +73,6 @@ def fate(entry: Suppression, *findings: Finding) -> tuple[Fate, str]:
     return use.fate, use.why
 
 
-def test_a_fingerprint_is_one_finding_of_its_rule() -> None:
-    entry = suppression(fingerprint="a" * 64)
-    assert fate(entry, finding()) == (Fate.USED, "")
-    assert fate(entry, finding(mark="b"))[0] is Fate.UNUSED
-    assert fate(suppression("KA203", fingerprint="a" * 64), finding())[0] is Fate.UNUSED
-
-
 @pytest.mark.parametrize(
     ("limits", "changed", "why"),
     [
@@ -162,12 +88,6 @@ def test_one_that_became_worse_or_another_is_not_accepted(
     entry = suppression(fingerprint="a" * 64, **limits)
     assert fate(entry, finding(profiles=("spec",))) == (Fate.USED, "")
     assert fate(entry, finding(**{"profiles": ("spec",), **changed})) == (Fate.UNUSED, why)
-
-
-def test_one_that_became_less_is_accepted() -> None:
-    entry = suppression(fingerprint="a" * 64, severity=Severity.HIGH, profiles=frozenset(PROFILES))
-    assert fate(entry, finding(severity=Severity.LOW, profiles=("spec",)))[0] is Fate.USED
-    assert fate(entry, finding(profiles=()))[0] is Fate.USED  # all that were asked
 
 
 def test_every_place_of_a_finding_must_be_accepted() -> None:
@@ -209,14 +129,6 @@ def test_a_crash_on_what_is_accepted_is_said() -> None:
     (found,) = judge(context(suppressions=(suppression(where=("/talker",)),)), rules).findings
     assert (found.code, found.undecided) == ("KA905", True)
     assert "Rule KA910 ended in an error (RuntimeError)" in found.message
-
-
-def test_a_property_is_one_of_the_whole_keystore() -> None:
-    """Its enclave and lines are those of an example, which another may replace tomorrow."""
-    violated = finding("KA711", enclave="/talker")
-    for where in (("/talker",), ("enclaves/talker/*",), ("*",)):
-        assert fate(suppression("KA711", where=where), violated)[0] is Fate.UNUSED
-    assert fate(suppression("KA711", fingerprint="a" * 64), violated)[0] is Fate.USED
 
 
 def test_dates_too_far_away() -> None:

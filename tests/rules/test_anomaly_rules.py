@@ -14,7 +14,7 @@ from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.divergence.find import divergences
 from keystore_audit.profiles import DEFAULT
 from keystore_audit.rules.judge import judge
-from tests.rules.divergent import chosen, ruled, talking, views
+from tests.rules.divergent import chosen, ruled, views
 from tests.rules.evidence import (
     AT,
     allow,
@@ -32,7 +32,6 @@ from tests.rules.evidence import (
 
 OWN = rules_of("anomaly", "anomaly_names")
 SIGNED = {"metadata_protection_kind": ProtectionKind.SIGN}
-ARM, SECRET = allow(["rt/arm/*"]), allow(["rt/arm/secret"], allows=False)
 WORDS = [f"rt/*{word}*" for word in ("arm", "base", "camera", "door", "elbow", "finger", "gear", "hand", "imu")]
 CHATTER = allow(["rt/chatter"], ["rt/chatter"])
 
@@ -67,13 +66,6 @@ CASES: dict[str, tuple[Keystore, list[str], Severity]] = {
 }
 
 
-@pytest.mark.parametrize("code", ["KA422", "KA423"])
-def test_a_shadowed_rule_protects_nothing_and_may_still_open(code: str) -> None:
-    """Where any rule without access control is enough, as on OpenDDS, it is not true that it never applies."""
-    (found,) = judged(CASES[code][0], "spec", "opendds")
-    assert " protects nothing: " in found.message
-
-
 IN_ORDER = {
     "as ros2 security writes": (allow(["rt/a", "rq/addRequest"], ["rr/addReply"]), allow(["ros_discovery_info"])),
     "everything": (allow(["rt/*", "rq/*Request", "rr/*Reply"], ["rt/*"]), allow(["ros_discovery_info"])),
@@ -90,14 +82,6 @@ def test_what_is_in_order_has_no_finding(rules: Sequence[Any]) -> None:
     assert codes(alone(*rules)) == []
 
 
-def test_ros_discovery_info_tells_ros_2_from_plain_dds() -> None:
-    """Whoever wrote /chatter for rt/chatter throughout has no other name of ROS 2."""
-    names, discovery = allow(["/chatter"], ["/chatter"]), allow(["ros_discovery_info"], ["ros_discovery_info"])
-    assert codes(alone(names)) == []
-    assert codes(alone(names, discovery)) == ["KA625"]
-    assert codes(alone(discovery)) == []
-
-
 def test_a_rule_that_is_void_to_some_is_told_with_their_names() -> None:
     """A deny rule for a partition is one for all to Fast DDS, and comes too late; nobody meant to deny more."""
     deny = ruled(allows=False, publish=((("rt/a",), ("lab",)),))
@@ -109,14 +93,6 @@ def test_a_rule_that_is_void_to_some_is_told_with_their_names() -> None:
     assert [(each.code, each.severity, each.profiles) for each in judged(store, "fastdds-3.6")] == [
         ("KA617", Severity.MEDIUM, ())
     ]
-
-
-def test_what_a_divergence_says_is_not_said_again() -> None:
-    store = talking(
-        ruled(allows=False, publish=((("rt/cmd_vel",), None),)),
-        ruled(line=43, publish=((("rt/cmd_vel",), ("lab",)),)),
-    )
-    assert {"KA617", "KA622"}.isdisjoint(codes(store))
 
 
 @pytest.mark.parametrize(
@@ -143,28 +119,6 @@ def test_a_typing_error_in_a_deny_rule_is_high_where_it_opens_the_topic() -> Non
     assert (found.code, found.severity) == ("KA625", Severity.HIGH)
     assert "'rt/secret'" in found.message
     assert codes(alone(allow(["/secret"], allows=False), CHATTER)) == ["KA622", "KA625"]
-
-
-def test_a_topic_without_access_control_needs_no_counterpart() -> None:
-    rule = allow(["rt/a", "rt/chatter"], ["rt/chatter"])
-    loose = governance(domain_rule(topic_rule("rt/a", enable_read_access_control=False), topic_rule()))
-    assert codes(talking(rule)) == ["KA626"]
-    assert codes(talking(rule, governed=loose)) == []
-
-
-def test_a_counterpart_in_another_domain_is_none() -> None:
-    def store(domain: int) -> Keystore:
-        talker = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/chatter"])))
-        listens = grant("/listener", allow([], ["rt/chatter"], domains=[(domain, domain)]))
-        listener = permissions("enclaves/listener/permissions.p7s", listens)
-        both = governance(domain_rule(domains=((0, 0), (5, 5))))
-        return keystore(
-            enclave("/talker", permissions=talker, governance=both),
-            enclave("/listener", permissions=listener, governance=both),
-        )
-
-    assert codes(store(0)) == []
-    assert codes(store(5)) == ["KA626", "KA626"]
 
 
 def test_too_much_to_compare_leaves_the_audit_incomplete_only_where_a_denial_may_be_void() -> None:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
 from cryptography import x509
-from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+from cryptography.x509.oid import ExtendedKeyUsageOID
 from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
-from tests.cli.keystores import answer
 from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule
 from tests.model.comparing import AT, Member, Store, authority
 from tests.model.test_at_large import HELD, LYING_ABOUT, NOBODYS, STORE, Files, identity, written
@@ -107,85 +105,3 @@ def test_whoever_has_the_key_of_the_permissions_ca_needs_none_under_any_profile(
     files = {"backup/cert.pem": made.pem, "backup/key.pem": made.key_pem}
     for profile in ("spec", "cyclonedds-0.10", "fastdds-3.6"):
         assert beside(written(tmp_path / profile, files), profile) == [Severity.HIGH]
-
-
-def test_a_grant_that_names_one_by_a_vendors_comparison_says_so(tmp_path: Path) -> None:
-    """/admin/arm is an enclave; on Cyclone DDS its grant names /admin too, whose key lies there."""
-    arm = Member(permissions=permissions(grant("/admin/arm", rule(criterion("publish", "rt/else")))), serial=104)
-    store = replace(STORE, members={**STORE.members, "/admin/arm": arm}, strays={})
-    other = {"backup/cert.pem": identity("/other", "other").pem, "backup/key.pem": identity("/other", "other").key_pem}
-    for name, files, expected in (("a", LYING_ABOUT, True), ("b", NOBODYS, False), ("c", other, False)):
-        told = [each for each in report(written(tmp_path / name, files, store)).findings if each.code == "KA519"]
-        assert bool(told) is expected
-        if told:
-            assert "'CN=/admin' too" in told[0].message
-            assert told[0].message.endswith("whoever has the identity in backup/cert.pem has its rights.")
-            assert {place.path for place in told[0].locations} == {"enclaves/admin/arm/permissions.p7s", *NOBODYS}
-
-
-def test_a_subject_without_end_is_cut(tmp_path: Path) -> None:
-    units = (x509.NameAttribute(NameOID.ORGANIZATIONAL_UNIT_NAME, f"{number:064}") for number in range(200))
-    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "/admin"), *units])
-    root = written(tmp_path, {"public/x_ca.cert.pem": identity(name, "/talker").pem})
-    for words in (("audit", root, "--engine", "native"), ("flow", root, "--from-compromised", "/talker")):
-        _code, output = answer(*words, "--at", "2026-11-21T12:00:00Z")
-        assert "no enclave)" in " ".join(output.split())
-        assert "0100" not in output, "what stands in its middle"
-
-
-def test_a_flow_names_the_certificate_with_its_line(tmp_path: Path) -> None:
-    for name, files, question in (
-        ("a", HELD, ["topic:/chatter", "/talker"]),
-        ("b", LYING_ABOUT, ["/talker", "/motor"]),
-    ):
-        root = written(tmp_path / name, files)
-        code, output = answer("flow", root, *question, "-f", "json", "--at", "2026-11-21T12:00:00Z")
-        assert code == 1
-        (certificate,) = (path for path in files if path.endswith("cert.pem"))
-        steps = [step for each in _examples(json.loads(output)) for step in each["steps"]]
-        assert {step["line"] for step in steps if step["path"] == certificate} == {1}
-
-
-def _examples(found: object) -> list[dict[str, list[dict[str, object]]]]:
-    """All counterexamples of a document, wherever they stand."""
-    if isinstance(found, dict):
-        own = [found] if found.get("steps") else []
-        return [*own, *(each for value in found.values() for each in _examples(value))]
-    return [each for value in found for each in _examples(value)] if isinstance(found, list) else []
-
-
-def test_whom_a_key_passes_for_beside_the_enclaves(tmp_path: Path) -> None:
-    words = []
-    for name, files in (("a", {}), ("b", HELD)):
-        _code, output = answer("flow", written(tmp_path / name, files), "--from-compromised", "/talker")
-        words.append(" ".join(output.split()))
-    assert ["no enclave)" in each for each in words] == [False, True]
-    assert "passes for no other enclave" in words[0]
-    assert "passes for CN=/listener (public/x_ca.cert.pem, no enclave) reaches" in words[1]
-    assert "reaches 1 of 3 enclaves while the others stay honest: /listener" in words[1]
-
-
-def test_services_are_compared_where_enclaves_may_be(tmp_path: Path) -> None:
-    """A governance that whoever is at large may start with brings no enclave into its domains."""
-
-    def told(place: str, governed: str, strays: dict[str, str]) -> set[str]:
-        answers = rule(
-            criterion("publish", "rr/planReply"), criterion("subscribe", "rq/planRequest"), domains="<id>7</id>"
-        )
-        members = {
-            path: Member(permissions=permissions(grant(path, answers)), serial=serial)
-            for path, serial in (("/a", 301), ("/b", 302))
-        }
-        store = replace(
-            STORE,
-            members=members,
-            strays={**STORE.strays, **strays},
-            governance=governance(domain_rule(domains=governed)),
-        )
-        return {each.code for each in report(written(tmp_path / place, LYING_ABOUT, store)).findings}
-
-    far = governance(domain_rule(domains="<id>7</id>"))
-    assert "KA634" in told("theirs", "<id>0</id><id>7</id>", {})
-    apart = told("apart", "<id>0</id>", {"governance.p7s": far})
-    assert {"KA661", "KA668"} <= apart
-    assert "KA634" not in apart

@@ -12,11 +12,9 @@ from keystore_audit.model.trust.chain import Authorities, trusted
 from tests.rules.evidence import (
     IDENTITY_CA,
     PERMISSIONS_CA,
-    START,
     Change,
     both,
     certificates,
-    codes,
     enclave,
     findings,
     first,
@@ -76,14 +74,6 @@ def test_a_second_authority_in_public_is_high_though_no_enclave_reads_it_yet() -
     assert unexpected(published(store, FOREIGN)) == HIGH, "and so is one that enclaves do not have"
 
 
-def test_a_certificate_under_another_name_is_no_authority() -> None:
-    store = talker(permissions_ca=certificates(OWN, FOREIGN))(healthy())
-    beside = published(store, FOREIGN, name="public/their_ca.cert.pem")
-    assert unexpected(beside) == HIGH
-    assert not trusted(beside, Authorities())[1].certificates
-    assert trusted(published(healthy(), FOREIGN, name="public/their_ca.cert.pem"), Authorities())[1].trusts(OURS)
-
-
 @pytest.mark.parametrize(
     ("change", "declared", "expected"),
     [
@@ -103,22 +93,9 @@ def test_declared(change: Change, declared: tuple[str, ...], expected: list[Seve
     assert unexpected(change(healthy()), *declared) == expected
 
 
-def test_two_declared_authorities_in_one_file_have_two_meanings_still() -> None:
-    store = both(permissions_ca=certificates(PUBLIC, PERMISSIONS_CA, FOREIGN))(healthy())
-    assert codes(store) == ["KA223"]
-    declared = Authorities(permissions=frozenset({OURS.key, THEIRS.key}))
-    assert [each.code for each in judged(store, authorities=declared).findings] == ["KA202"]
-
-
 def test_the_roles_are_apart() -> None:
     """An identity CA that is declared for identities signs no permissions."""
     swapped = keystore(*(enclave(path, permissions_ca=certificates(PUBLIC, IDENTITY_CA)) for path in ("/a", "/b")))
     assert unexpected(swapped, OURS.key) == HIGH
     identity, _permissions = trusted(swapped, Authorities(identity=IDENTITY))
     assert (identity.role, identity.trusts(OURS), identity.found_in) == (Role.IDENTITY_CA, False, "")
-
-
-def test_a_renewed_one_is_another_certificate() -> None:
-    assert first("x", RENEWED).not_after > START
-    assert first("x", RENEWED).key == OURS.key != THEIRS.key
-    assert first("x", RENEWED).sha256 != OURS.sha256

@@ -6,23 +6,15 @@ from datetime import timedelta
 from typing import Any
 
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import dsa
-from cryptography.hazmat.primitives.serialization import Encoding
-from hypothesis import given
-from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from keystore_audit.findings import Act, Severity
 from keystore_audit.keystore.certificate import CertificateFile
-from keystore_audit.keystore.crl import read_crl
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
-from keystore_audit.rules import BY_CODE
-from keystore_audit.rules.certificate import weak_key, weak_signature_algorithm
+from keystore_audit.rules.certificate import weak_signature_algorithm
 from keystore_audit.rules.subjects import certificate_uses
 from keystore_audit.truth import Truth
 from tests.keystore.builder import key, name
@@ -31,7 +23,6 @@ from tests.rules.evidence import (
     DAY,
     END,
     IDENTITY_CA,
-    START,
     Change,
     allow,
     becomes,
@@ -41,7 +32,6 @@ from tests.rules.evidence import (
     context,
     crl,
     enclave,
-    file,
     findings,
     first,
     governance,
@@ -109,17 +99,6 @@ SERIAL = first(CERT, pem("/talker")).serial
 BROKEN = b"-----BEGIN CERTIFICATE-----\nMAA=\n-----END CERTIFICATE-----\n"
 
 
-def test_what_an_expired_certificate_explains_depends_on_its_role() -> None:
-    use = both(
-        permissions_ca=certificates(
-            "public/permissions_ca.cert.pem", pem("permissionsCA", issuer="permissionsCA", end=AT - DAY)
-        )
-    )
-    rule = BY_CODE["KA203"]
-    violations = [v for subject in subjects(use(healthy())) for v in rule.check(subject, context())]
-    assert [v.explains for v in violations] == [frozenset({"documents-signed-by-the-permissions-ca"})]
-
-
 def subjects(store: Keystore) -> list[Any]:
     return list(certificate_uses(store))
 
@@ -137,53 +116,6 @@ def test_the_end_of_a_certificate_to_the_second(seconds: int, expected: list[str
     assert [code for code in codes(store) if code != "KA513"] == expected
 
 
-def test_an_issuer_behind_another_authority_is_found_by_some_alone() -> None:
-    store = both(identity_ca=certificates(CA, pem("oldCA", issuer="oldCA"), IDENTITY_CA))(healthy())
-    for finding in findings("KA226", judged(store)):
-        assert "of public/identity_ca.cert.pem the first certificate alone is read" in finding.message
-        assert finding.profiles == ("cyclonedds-0.10", "cyclonedds-11", "opendds")
-    twins = certificates(CA, pem("identityCA", label="twin", issuer="identityCA", issuer_label="twin"), IDENTITY_CA)
-    of_one_name = findings("KA226", judged(both(identity_ca=twins)(healthy())))
-    assert all("fastdds-3.6" in finding.profiles for finding in of_one_name)
-    assert "is another authority's; no other is tried" in of_one_name[0].message
-    assert findings("KA226", judged(both(identity_ca=certificates(CA, IDENTITY_CA))(healthy()))) == ()
-
-
-def by_dsa(subject: str, public: Any, authority: dsa.DSAPrivateKey, *, ca: bool) -> bytes:
-    """A certificate with a signature that the reader cannot verify, though OpenSSL can."""
-    builder = x509.CertificateBuilder().subject_name(name(subject)).issuer_name(name("identityCA"))
-    builder = builder.public_key(public).serial_number(7).not_valid_before(START).not_valid_after(END)
-    builder = builder.add_extension(x509.BasicConstraints(ca=ca, path_length=None), critical=True)
-    return builder.sign(authority, hashes.SHA256()).public_bytes(Encoding.PEM)
-
-
-def test_a_signature_that_cannot_be_verified_leaves_it_open() -> None:
-    authority = dsa.generate_private_key(1024)
-    ca = certificates(CA, by_dsa("identityCA", authority.public_key(), authority, ca=True))
-    content = by_dsa("/talker", key("/talker").public_key(), authority, ca=False)
-    store = keystore(enclave("/talker", identity_ca=ca, certificate=certificates(CERT, content)))
-    assert open_codes(store) == {"KA207"}
-    assert "cannot be verified here" in findings("KA207", judged(store))[0].message
-
-
-def test_cas_are_not_asked_to_be_authorities_where_nobody_asks() -> None:
-    plain = certificates("public/permissions_ca.cert.pem", pem("permissionsCA", issuer="permissionsCA", ca=False))
-    by_plain = signature(plain.certificates[0])
-    store = keystore(
-        enclave(
-            "/talker",
-            permissions_ca=plain,
-            governance=governance(signed=signed("enclaves/governance.p7s", by_plain)),
-            permissions=permissions(
-                "enclaves/talker/permissions.p7s",
-                grant("/talker"),
-                signed=signed("enclaves/talker/permissions.p7s", by_plain),
-            ),
-        )
-    )
-    assert codes(store) == []
-
-
 @pytest.mark.parametrize(
     ("profiles", "severity"),
     [(("spec", "fastdds-3.6"), Severity.INFO), (("spec", "cyclonedds-0.10"), Severity.HIGH)],
@@ -195,13 +127,6 @@ def test_one_authority_matters_more_where_the_signer_is_not_pinned(
     assert [finding.severity for finding in found] == [severity]
     assert set(found[0].profiles) == {"fastdds-2.6.4", "fastdds-2.9", "cyclonedds-0.10"}
     assert "where the signer is not pinned, an enclave can sign itself any right" in found[0].message
-
-
-def test_a_private_key_that_lies_in_a_second_enclave_is_shared_too() -> None:
-    store = keystore(enclave("/talker"), enclave("/listener", key=private_key("enclaves/listener/key.pem", "/talker")))
-    assert codes(store) == ["KA209", "KA219"]
-    (found,) = (each for each in judged(store).findings if each.code == "KA219")
-    assert found.message == ("The key file of /listener holds the private key of /talker: whoever has it is /talker.")
 
 
 def test_ardent_writes_names_without_a_slash() -> None:
@@ -217,14 +142,6 @@ def test_ardent_writes_names_without_a_slash() -> None:
 # Revocation
 
 
-def test_a_list_that_another_key_signed_revokes_nothing() -> None:
-    assert becomes(both(crl=crl(CRL, SERIAL, label="stranger"))) == ["KA213"]
-
-
-def test_a_list_from_the_future_is_refused_like_a_stale_one() -> None:
-    assert becomes(both(crl=crl(CRL, this_update=AT + DAY))) == ["KA214"]
-
-
 def test_only_what_the_first_list_leaves_out_is_without_effect() -> None:
     both_ways = [joined(crl(CRL, 7), crl(CRL)), joined(crl(CRL, 7, 8), crl(CRL, 8)), joined(crl(CRL, 7), crl(CRL, 8))]
     assert [becomes(both(crl=each)) for each in both_ways] == [[], [], ["KA229"]]
@@ -232,12 +149,6 @@ def test_only_what_the_first_list_leaves_out_is_without_effect() -> None:
     assert "revokes 2 more: 8, FF." in found.message
     elsewhere = joined(crl(CRL, 7), crl(CRL, 7, issuer="permissionsCA"))
     assert becomes(both(crl=elsewhere)) == ["KA229"]
-
-
-def test_entries_of_another_issuer_are_counted() -> None:
-    for serials, said in (((7,), "1 entry"), ((7, 8), "2 entries")):
-        (found,) = findings("KA229", judged(both(crl=crl(CRL, *serials, revoked_of="other"))(healthy())))
-        assert f"pass over {said} in the" in found.message
 
 
 def test_a_delta_is_taken_for_a_complete_list() -> None:
@@ -250,30 +161,7 @@ def test_an_entry_of_another_issuer_is_without_effect() -> None:
     assert becomes(both(crl=crl(CRL, SERIAL, revoked_of="another"))) == ["KA229"]
 
 
-def test_an_unreadable_list_leaves_it_open() -> None:
-    broken = read_crl(file(CRL, b"-----BEGIN X509 CRL-----\nMAA=\n-----END X509 CRL-----\n"))
-    store = both(crl=broken)(healthy())
-    assert codes(store) == ["KA213"]
-    assert open_codes(store) == {"KA213"}
-
-
-def test_lists_in_an_authoritys_file_count_for_fast_dds_alone() -> None:
-    revoking = crl(CRL, SERIAL).revocation_lists[0].parsed.public_bytes(Encoding.PEM)
-    store = both(identity_ca=certificates(CA, IDENTITY_CA + revoking))(healthy())
-    assert codes(store) == ["KA202", "KA212"]
-    assert all(name.startswith("fastdds") for name in findings("KA212", judged(store))[0].profiles)
-
-
 # Algorithms
-
-
-TALKERS = next(use for use in subjects(healthy()) if use.certificates.file.place == CERT)
-
-
-@given(bits=st.integers(min_value=1, max_value=16384))
-def test_rsa_is_weak_below_2048_bits(bits: int) -> None:
-    use = replace(TALKERS, certificates=changed(TALKERS.certificates, key_kind=f"RSA {bits}"))
-    assert bool(list(weak_key.check(use, context()))) is (bits < 2048)
 
 
 @pytest.mark.parametrize(

@@ -2,79 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from keystore_audit.findings import Location, Result, Severity
-from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.meaning import Divergence
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge
-from tests.rules.divergent import OWN, P7S, Domains, Listed, chosen, codes, compared, ruled, spoken, talking, views
+from tests.rules.divergent import OWN, P7S, Domains, chosen, compared, ruled, talking, views
 from tests.rules.evidence import (
     AT,
     allow,
     context,
     domain_rule,
     governance,
-    healthy,
     meaning,
-    text,
 )
 
-COMMAND: Listed = ((("rt/cmd_vel",), None),)
 BOTH: Domains = ((0, 0), (5, 5))
 TWO_DOMAINS = governance(domain_rule(domains=BOTH))
 JOINED = governance(domain_rule(enable_join_access_control=False))
-
-CASES: dict[str, tuple[Keystore, dict[str, Any], list[str]]] = {
-    "KA606": (talking(ruled(publish=[(["rt/a"], ["p"]), (["rt/b"], ["q"])])), {}, ["KA606"]),
-    "KA609": (talking(allow(["rt/a"]), ruled(relay=COMMAND)), {}, ["KA609"]),
-}
-"""A keystore in which the rule speaks; of KA616, which speaks of what has no rule, see below."""
-
-
-def test_only_chosen_profiles_are_compared() -> None:
-    """Both Fast DDS differ from the specification, and not from each other."""
-    store = CASES["KA606"][0]
-    assert compared(store, "fastdds-2.14", "fastdds-3.6") == ()
-    found = compared(store, "fastdds-2.14", "cyclonedds-0.10")
-    assert [(each.cause, each.escalates) for each in found] == [(Cause.CROSSED_PARTITIONS, True)]
-
-
-def test_opendds_starts_nobody_with_the_governance_of_sros2() -> None:
-    """One finding for all: no grant can mend it."""
-    (finding,) = spoken(healthy(), "spec", "opendds")
-    assert (finding.code, finding.severity, finding.profiles) == ("KA602", Severity.HIGH, ("opendds",))
-    assert finding.locations[0].path == "enclaves/governance.p7s"
-    assert "/listener, /talker: start under DDS-Security 1.1, and not under OpenDDS" in finding.message
-    assert "weakens" in finding.fix.text
-
-
-def test_relaying_lets_a_reader_read_on_fast_dds() -> None:
-    (found,) = compared(CASES["KA609"][0], "spec", "fastdds-3.6")
-    assert found.example is not None
-    assert (found.example.operation, found.example.decided) == (Operation.SUBSCRIBE, False)
-    assert (found.example.allowing, found.example.denying) == (("fastdds-3.6",), ("spec",))
-
-
-def test_dates_in_the_zone_of_the_robot() -> None:
-    """Until noon it is in force, and it is noon in London: in Berlin it is one, in New York seven."""
-    store = talking(not_after=text("2026-11-21T12:30:00", 41))
-    assert codes(store, zone="Europe/London") == []
-    assert codes(store, zone="America/New_York") == []
-    (finding,) = spoken(store, zone="Europe/Berlin")
-    assert (finding.code, finding.severity, finding.locations[0].line) == ("KA612", Severity.HIGH, 41)
-    assert [each.cause for each in compared(store)] == [], "unknown without the zone, which others say"
-
-
-def test_midnight_at_24_is_no_date_to_fast_dds() -> None:
-    (finding,) = spoken(talking(not_after=text("2090-01-01T24:00:00", 41)), "spec", "fastdds-3.6")
-    assert (finding.code, finding.severity) == ("KA612", Severity.HIGH)
-    assert "starts under DDS-Security 1.1, and not under Fast DDS 3.6" in finding.message
 
 
 def test_what_other_rules_say_is_not_said_again() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.findings import Finding, Severity
 from keystore_audit.intent.policy import Policy, read_policy
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Keystore
@@ -19,7 +19,6 @@ from tests.rules.evidence import allow, context, defect, enclave, grant, keystor
 POLICIES = Path(__file__).resolve().parents[2] / "sample_keystores/policies"
 P7S = "enclaves/talker/permissions.p7s"
 TALKER = "talker"
-BOTH = "talker_and_listener"
 
 
 def granted(*rules: Any, **more: Any) -> Keystore:
@@ -29,15 +28,6 @@ def granted(*rules: Any, **more: Any) -> Keystore:
 
 CHATTER = allow(["rt/chatter"])
 UNCLEAR = permissions(P7S, permissions=None, defects=(defect(Kind.XML_AMBIGUOUS, P7S),))
-LISTENER = enclave(
-    "/listener",
-    permissions=permissions("enclaves/listener/permissions.p7s", grant("/listener", allow([], ["rt/chatter"]))),
-)
-
-CASES: dict[str, tuple[Keystore, str, list[str]]] = {
-    "KA645": (keystore(enclave("/talker", permissions=UNCLEAR)), TALKER, ["KA645"]),
-}
-"""A keystore and a policy about which the rule speaks, and no other of drift."""
 
 
 def policy(name: str) -> Policy:
@@ -62,19 +52,6 @@ def test_an_enclave_that_nobody_reviewed_is_high_whatever_it_may_do(held: Any) -
     assert "KA644" not in {each.code for each in spoken(keystore(talker), TALKER)}
 
 
-def test_all_that_one_enclave_lacks_is_one_finding(tmp_path: Path) -> None:
-    file = tmp_path / "p.xml"
-    file.write_text(
-        '<policy version="0.2.0"><enclaves><enclave path="/talker"><profiles><profile ns="/" node="talker">'
-        '<actions call="ALLOW"><action>fly</action></actions><topics subscribe="ALLOW"><topic>s/*</topic></topics>'
-        "</profile></profiles></enclave></enclaves></policy>",
-        "utf-8",
-    )
-    (finding,) = spoken(granted(allow(["ros_discovery_info"])), read_policy(file))
-    assert "call '/fly', subscribe to '/s/*' (for one, /s/" in finding.message
-    assert finding.message.count("call") == 1, "one right, eight topics"
-
-
 @pytest.mark.parametrize(
     ("rules", "words"),
     [
@@ -92,32 +69,6 @@ def test_what_goes_beyond_the_policy(rules: list[Any], words: str) -> None:
     assert finding.locations[-1].path.endswith("talker.policy.xml")
 
 
-def test_a_default_that_allows_goes_beyond_any_policy() -> None:
-    (finding,) = spoken(granted(CHATTER, default_allow=True), TALKER, "spec")
-    assert (finding.code, finding.severity, finding.locations[0].line) == ("KA641", Severity.HIGH, 50)
-
-
-def test_another_document_is_named() -> None:
-    shared = permissions(
-        "enclaves/listener/permissions.p7s",
-        grant("/listener", allow([], ["rt/chatter"])),
-        grant("/talker", allow(["rt/map"])),
-    )
-    own = permissions(P7S, grant("/talker", CHATTER))
-    store = keystore(enclave("/talker", permissions=own), enclave("/listener", permissions=shared))
-    (finding,) = spoken(store, BOTH)
-    assert (finding.code, finding.locations[0].path) == ("KA641", "enclaves/listener/permissions.p7s")
-    assert "'enclaves/listener/permissions.p7s', which it can present, lets it." in finding.message
-
-
-def test_no_grant_and_no_permissions_are_told_apart() -> None:
-    other = permissions(P7S, grant("/somebody", CHATTER))
-    (finding,) = spoken(keystore(enclave("/talker", permissions=other)), TALKER)
-    assert finding.message.endswith("its permissions hold no grant for it.")
-    found = spoken(keystore(enclave("/talker", permissions=None), LISTENER), BOTH)
-    assert [each.message.rpartition(", and ")[2] for each in found] == ["it has no permissions."]
-
-
 def test_implementations_that_differ_are_told_apart() -> None:
     """An old grant before the one in force: Cyclone DDS 11 stops at the first, out of date or not."""
     old = grant("/talker", allow(["rt/map"]), not_after=text("2021-01-01T00:00:00", 41))
@@ -127,9 +78,3 @@ def test_implementations_that_differ_are_told_apart() -> None:
         ("KA640", ("cyclonedds-11",)),
         ("KA641", ("cyclonedds-11",)),
     ]
-
-
-def test_undecided_is_open_and_has_its_line() -> None:
-    verdict = judged(*CASES["KA645"][:2])
-    assert [finding.locations[0].line for finding in verdict.findings] == [12]
-    assert [outcome.rule for outcome in verdict.outcomes if outcome.outcome is Result.OPEN] == ["KA645"]

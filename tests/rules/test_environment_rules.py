@@ -15,8 +15,7 @@ from keystore_audit.errors import UsageError
 from keystore_audit.findings import Result
 from keystore_audit.intent.environment import Environment, read_environment
 from keystore_audit.profiles import DEFAULT, VARIANTS, resolve, running
-from keystore_audit.rules.judge import Judgement
-from tests.rules.evidence import enclave, healthy, judged, keystore
+from tests.rules.evidence import healthy, judged
 
 RIGHT = "ROS_SECURITY_ENABLE=true\nROS_SECURITY_STRATEGY=Enforce\nROS_SECURITY_KEYSTORE=/keys\n"
 
@@ -33,20 +32,6 @@ def read(tmp_path: Path, text: str | bytes) -> Environment:
     return read_environment(file)
 
 
-def found(judgement: Judgement) -> list[str]:
-    return [finding.code for finding in judgement.findings if finding.code.startswith("KA67")]
-
-
-def test_an_empty_file_enables_nothing(tmp_path: Path) -> None:
-    assert sorted(found(judged(healthy(), environment=read(tmp_path, "")))) == ["KA670", "KA671", "KA674"]
-
-
-def test_an_unknown_middleware_leaves_the_audit_incomplete(tmp_path: Path) -> None:
-    judgement = judged(healthy(), environment=read(tmp_path, RIGHT + "RMW_IMPLEMENTATION=rmw_connextdds\n"))
-    (outcome,) = (each for each in judgement.outcomes if each.rule == "KA676")
-    assert outcome.outcome is Result.OPEN
-
-
 @pytest.mark.parametrize(("profiles", "expected"), [("all", Result.OPEN), ("fastdds-2.6.4", Result.FAIL)])
 def test_an_unknown_distribution_leaves_it_incomplete_unless_profiles_are_chosen(
     profiles: str, expected: Result, tmp_path: Path
@@ -55,10 +40,6 @@ def test_an_unknown_distribution_leaves_it_incomplete_unless_profiles_are_chosen
     judgement = judged(healthy(), environment=environment, profiles=resolve([profiles]))
     (outcome,) = (each for each in judgement.outcomes if each.rule == "KA677")
     assert outcome.outcome is expected
-
-
-def test_one_enclave_alone_may_be_every_process(tmp_path: Path) -> None:
-    assert found(judged(keystore(enclave("/talker")), environment=read(tmp_path, RIGHT + CASES["KA673"]))) == []
 
 
 @pytest.mark.parametrize(
@@ -151,11 +132,6 @@ def test_what_only_a_shell_could_tell_is_an_error(text: str | bytes, said: str, 
     with pytest.raises(UsageError) as caught:
         read(tmp_path, text)
     assert said in caught.value.message
-
-
-def test_no_file_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(UsageError):
-        read_environment(tmp_path / "none")
 
 
 @pytest.mark.parametrize(

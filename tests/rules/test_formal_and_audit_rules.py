@@ -106,38 +106,6 @@ def test_violated_here_and_undecided_there_are_two_findings() -> None:
     assert outcomes["KA906"] is Result.OPEN
 
 
-def test_a_violation_without_an_example_is_one_all_the_same() -> None:
-    found = judged(results=(result("outsiders-cannot-read", spec=answer(VIOLATED)),)).findings
-    assert [finding.code for finding in found] == ["KA711"]
-    assert found[0].locations == ()
-
-
-def test_a_property_that_nobody_answered_is_undecided() -> None:
-    empty = PropertyResult(prop=PROPERTIES[0], profiles={})
-    unanswered = result(PROPERTIES[0].id, spec=answer(UNKNOWN, {}))
-    for one in (empty, unanswered):
-        found = judged(results=(one,)).findings
-        assert [finding.code for finding in found] == ["KA906"]
-        assert "no engine gave an answer" in found[0].message
-
-
-def test_properties_that_are_undecided_for_one_reason_are_one_finding() -> None:
-    unread = tuple(result(prop.id, spec=answer(UNKNOWN), opendds=answer(UNKNOWN)) for prop in PROPERTIES[:2])
-    elsewhere = result(PROPERTIES[2].id, spec=answer(HOLDS), opendds=answer(UNKNOWN))
-    (asserted,) = CASES["KA740"]["results"]
-    own = replace(asserted, profiles={"spec": answer(UNKNOWN), "opendds": answer(UNKNOWN)})
-    judgement = judged(results=(*unread, elsewhere, own), doubts=(DOUBT,))
-    one, two, three = PROPERTIES[:3]
-    assert {f.message.partition(": ")[2]: f.profiles for f in findings("KA906", judgement)} == {
-        f"2 properties, {one.id}, {two.id}.": (),
-        own.prop.statement: (),
-        three.statement: ("opendds",),
-    }
-    assert len(judgement.findings) == 4  # with KA901
-    opened = {outcome.subject for outcome in judgement.outcomes if outcome.outcome is Result.OPEN}
-    assert opened >= {one.id, two.id, three.id, own.prop.id}
-
-
 def test_many_properties_that_are_undecided_are_counted_and_not_listed() -> None:
     """Each stands as UNKNOWN among the properties, and what makes the finding is all of them."""
     many = tuple(result(prop.id, spec=answer(UNKNOWN)) for prop in PROPERTIES[:7])
@@ -189,14 +157,6 @@ def test_a_doubt_speaks_when_its_finding_is_ignored() -> None:
     assert any(outcome.outcome is Result.OPEN for outcome in judgement.outcomes)
 
 
-def test_a_doubt_is_told_beside_a_finding_that_leaves_nothing_open() -> None:
-    expired_elsewhere = Doubt(enclave="/talker", location=Location(path="private/ca.key.pem"), reason="odd")
-    from tests.rules.evidence import file
-
-    store = laid_out(authority_keys=(file("private/ca.key.pem", None),))(healthy())
-    assert {f.code for f in judged(store, doubts=(expired_elsewhere,)).findings} == {"KA109", "KA901"}
-
-
 @pytest.mark.parametrize(("zone", "told"), [(None, [("fastdds-2.6",)] * 2), ("Europe/Berlin", [])])
 def test_a_grant_that_begins_today_is_open_under_fastdds_until_the_zone_is_said(
     zone: str | None, told: list[tuple[str, ...]], repository: Path
@@ -208,17 +168,3 @@ def test_a_grant_that_begins_today_is_open_under_fastdds_until_the_zone_is_said(
     open_now = [finding for finding in report.findings if finding.code == "KA901"]
     assert [finding.profiles for finding in open_now] == told
     assert all("`--time-zone" in finding.fix.text for finding in open_now)
-
-
-@pytest.mark.parametrize(("reason", "forwards"), [("", False), ("no forward says what happens there", True)])
-def test_forwards_settle_nothing_but_determinism(reason: str, forwards: bool) -> None:
-    (asserted,) = CASES["KA740"]["results"]
-    (found,) = judged(results=(replace(asserted, profiles={"spec": answer(UNKNOWN)}, reason=reason),)).findings
-    assert (found.code, "[[forward]]" in found.fix.text) == ("KA906", forwards)
-
-
-@pytest.mark.parametrize("status", [HOLDS, UNKNOWN])
-def test_an_asserted_property_that_is_not_violated_is_no_finding_of_its_own(status: Status) -> None:
-    (asserted,) = CASES["KA740"]["results"]
-    judgement = judged(results=(replace(asserted, profiles={"spec": answer(status)}),))
-    assert {finding.code for finding in judgement.findings} == ({"KA906"} if status is UNKNOWN else set())

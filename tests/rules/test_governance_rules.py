@@ -10,11 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.governance import DomainRule, ProtectionKind
-from keystore_audit.model.meaning import UngovernedTopics
-from keystore_audit.rules.governance import domain_rules
 from tests.cli.keystores import AT, answer, rule
 from tests.cli.keystores import keystore as built
 from tests.keystore.builder import GOVERNANCE
@@ -32,7 +29,6 @@ from tests.rules.evidence import (
     healthy,
     judged,
     keystore,
-    meaning,
     open_codes,
     permissions,
     signed,
@@ -50,36 +46,6 @@ def governed(*rules: DomainRule, **more: Any) -> Change:
 def kinds(rtps: ProtectionKind, metadata: ProtectionKind, data: ProtectionKind, **more: Any) -> Change:
     topic = topic_rule(metadata_protection_kind=metadata, data_protection_kind=data)
     return governed(domain_rule(topic, rtps_protection_kind=rtps, **more))
-
-
-def test_signing_hides_nothing_in_discovery() -> None:
-    signed = ProtectionKind.SIGN_WITH_ORIGIN_AUTHENTICATION
-    assert becomes(kinds(signed, ENCRYPT, ENCRYPT, discovery_protection_kind=SIGN)) == ["KA408", "KA409"]
-
-
-def unread(kind: Kind) -> Change:
-    return governed(governance=None, defects=(defect(kind, P7S),))
-
-
-@pytest.mark.parametrize(
-    ("kind", "says", "remedy"),
-    [
-        (Kind.BEYOND_LIMIT, "what a robot makes of the document is unknown.", "Write fewer rules"),
-        (Kind.XML_AMBIGUOUS, "implementations differ in what they make of it.", "Write plain XML"),
-    ],
-)
-def test_what_is_beyond_a_limit_is_said_to_be_that(kind: Kind, says: str, remedy: str) -> None:
-    (found,) = findings("KA402", judged(unread(kind)(healthy())))
-    assert (found.undecided, found.message.endswith(says), found.fix.text.startswith(remedy)) == (True, True, True)
-
-
-def test_topics_that_no_rule_matches() -> None:
-    topics = UngovernedTopics(location=Location(path=P7S, line=21), domains="domain 0", witness="rt/other")
-    elsewhere = UngovernedTopics(location=Location(path="x", line=1), domains="domain 0", witness="rt/other")
-    judgement = judged(meaning=meaning(ungoverned=(topics, elsewhere)))
-    found = findings("KA418", judgement)
-    assert [finding.locations[0].line for finding in found] == [21]
-    assert "'rt/other'" in found[0].message
 
 
 @pytest.mark.parametrize(
@@ -132,53 +98,8 @@ def test_what_the_kinds_say_together(rtps: ProtectionKind, metadata: ProtectionK
     assert {"KA407", "KA408"} & found == ({"KA407"} if rtps is NONE else set() if rtps.encrypts else {"KA408"})
 
 
-@given(
-    ranges=st.lists(st.tuples(st.integers(0, 12), st.integers(0, 12)), min_size=1, max_size=5),
-)
-def test_the_domain_rules_that_decide_are_those_that_come_first_somewhere(ranges: list[tuple[int, int]]) -> None:
-    rules = [domain_rule(domains=[(low, max(low, high))]) for low, high in ranges]
-    first = {
-        next(n for n, (low, high) in enumerate(ranges) if low <= domain <= max(low, high))
-        for domain in range(13)
-        if any(low <= domain <= max(low, high) for low, high in ranges)
-    }
-    found = [next(n for n, rule in enumerate(rules) if rule is alive) for alive in domain_rules(governance(*rules))]
-    assert found == sorted(first)
-
-
-def test_documents_of_1_0_have_no_liveliness_protection_to_miss() -> None:
-    missing = topic_rule(enable_liveliness_protection=False)
-    without = topic_rule(enable_liveliness_protection=False, lines={})
-    assert becomes(governed(domain_rule(missing))) == ["KA410"]
-    assert becomes(governed(domain_rule(without))) == []
-
-
-def test_governances_of_one_meaning_do_not_differ() -> None:
-    """Lines, order of ids and copies make no difference; a different flag does."""
-    reordered = governance(domain_rule(domains=[(1, 1), (0, 0)], line=99), path="enclaves/listener/governance.p7s")
-    plain = governance(domain_rule(domains=[(0, 1)]))
-    store = keystore(enclave("/talker", governance=plain), enclave("/listener", governance=reordered))
-    assert findings("KA416", judged(store)) == ()
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "says"), [(3, None, "domain 3 alone"), (None, 5, "no <min>"), (None, None, "no bounds")]
-)
-def test_what_an_open_range_means_to_whom(low: int | None, high: int | None, says: str) -> None:
-    found = findings("KA419", judged(governed(domain_rule(domains=[(low, high), (0, 0)]))(healthy())))
-    assert says in found[0].message
-
-
 @pytest.mark.parametrize(("highest", "profiles"), [(230, None), (232, ("cyclonedds-0.10", "cyclonedds-11")), (233, ())])
 def test_permissions_name_domains_too(highest: int, profiles: tuple[str, ...] | None) -> None:
     document = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/a"], domains=[(0, highest)])))
     found = findings("KA420", judged(keystore(enclave("/talker", permissions=document))))
     assert [finding.profiles for finding in found] == ([] if profiles is None else [profiles])
-
-
-def test_outcomes_of_a_document_that_could_not_be_read_are_no_pass() -> None:
-    outcomes = {
-        o.rule: o.outcome.value for o in judged(unread(Kind.SCHEMA_INVALID)(healthy())).outcomes if o.subject == P7S
-    }
-    assert outcomes["KA401"] == "open"
-    assert outcomes["KA403"] == outcomes["KA414"] == "notApplicable"

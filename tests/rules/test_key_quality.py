@@ -15,18 +15,14 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec, rsa
 from cryptography.hazmat.primitives.asymmetric.utils import decode_dss_signature, encode_dss_signature
-from cryptography.hazmat.primitives.serialization import Encoding
 
 from keystore_audit.keystore import weak_numbers
 from keystore_audit.keystore.cms import SignerInfo, read_signed_data
-from keystore_audit.keystore.crl import read_crl
 from keystore_audit.keystore.key_quality import (
     Material,
     Place,
     PublicKey,
     Signed,
-    _made,
-    material_of,
     published_keys,
     weaknesses,
 )
@@ -36,9 +32,7 @@ from tests.keystore.builder import (
     PrivateKey,
     authority,
     certificate,
-    crl,
     evidence,
-    present,
     signed_document,
 )
 from tests.keystore.builder import Signed as Issued
@@ -298,27 +292,6 @@ def test_and_so_do_documents_on_two_robots_and_before_and_after_a_change(tmp_pat
     assert same["changes"] == []
 
 
-def test_a_weak_key_that_comes_is_a_gain_and_one_that_goes_is_none(tmp_path: Path) -> None:
-    identity, permissions = authority("identityCA"), authority("permissionsCA")
-    weak, good = (
-        keystore(tmp_path / name, certificate("/talker", identity, key=key), identity=identity, permissions=permissions)
-        for name, key in (("weak", scalar(7)), ("good", scalar(secrets.randbits(250))))
-    )
-
-    def told(old: Path, new: Path) -> list[tuple[str, str]]:
-        changes = json.loads(answer("diff", old, new, "--at", AT, "-f", "json")[1])["changes"]
-        return [
-            (each["direction"], each["new" if each["direction"] == "gained" else "old"]["path"])
-            for each in changes
-            if each["kind"] == "weak-key"
-        ]
-
-    place = "enclaves/talker/cert.pem"
-    assert told(good, weak) == [("gained", place)]
-    assert told(weak, good) == [("lost", place)]
-    assert told(weak, weak) == []
-
-
 def test_a_signature_that_nobody_here_made_and_a_copy_are_no_sign() -> None:
     """Only what verifies counts: r can be copied by anybody."""
     key = ec.generate_private_key(P256)
@@ -352,15 +325,6 @@ def test_more_than_can_be_tried_is_open(monkeypatch: pytest.MonkeyPatch) -> None
     )
     signed = tuple(Signed(r=5, s=6, hashed=secrets.token_bytes(32), place=place) for _ in range(2))
     assert [each.undecided for each in weaknesses(Material(keys=keys, signed=signed))] == [True]
-
-
-def test_certificates_and_revocation_lists_count_as_well() -> None:
-    ca = authority("CA")
-    lists = read_crl(present(crl(ca).public_bytes(Encoding.PEM), "crl.pem")).revocation_lists
-    found = material_of("k", [evidence(ca), evidence(certificate("/a", ca))], (), lists)
-    assert len(found.signed) == 3
-    (public,) = (each for each in found.keys if each.key == evidence(ca).key)
-    assert [_made(public, each) for each in found.signed] == [True, True, True]
 
 
 # Published keys

@@ -11,7 +11,7 @@ from keystore_audit.model.claims.stated import Claim, Labelled, Labelling, Label
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.properties import BY_ID, Status
 from keystore_audit.properties.result import AssertedResult, Counterexample, LabelResult, ProfileResult, Step
-from tests.rules.evidence import enclave, findings, healthy, judged, keystore
+from tests.rules.evidence import findings, judged
 
 LATTICE = Location(path="keystore-audit.toml", line=1, beside=True)
 EXAMPLE = Counterexample(
@@ -91,21 +91,3 @@ def test_engines_that_contradict_each_other_about_one_part_are_not_outvoted() ->
     assert result.status is Status.UNKNOWN
     assert not result.engines_agree
     assert findings("KA904", judged(results=(result,)))
-
-
-def test_it_stays_the_same_finding_and_is_about_the_whole_keystore() -> None:
-    result = labels(VIOLATED, VIOLATED, breaches=(("a",), ("b",)))
-    other = keystore(enclave("/other"))
-    found = [findings("KA742", judged(store, results=(result,)))[0] for store in (healthy(), other)]
-    assert found[0].fingerprint == found[1].fingerprint
-    assert found[0].meaning != found[1].meaning
-
-
-def test_what_violates_a_part_is_what_is_accepted() -> None:
-    def found(*breaches: tuple[str, ...] | None) -> str:
-        return judged(results=(labels(VIOLATED, VIOLATED, breaches=breaches),)).findings[0].meaning
-
-    alike = found(("a",), ("b",))
-    assert found(("a",), ("b",)) == alike
-    others = (found(("a",), ("b", "c")), found(("b",), ("a",)), found(("a",), None), found((), ("b",)))
-    assert len({alike, *others}) == 5

@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import pytest
 from msgspec.structs import replace
 
 from keystore_audit.findings import Severity
-from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.foreign import DeclaredFiles, Foreign
-from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
-from keystore_audit.profiles import VARIANTS
 from keystore_audit.truth import Truth
-from tests.cli.keystores import AT, answer, rule
-from tests.cli.keystores import keystore as built
-from tests.rules.divergent import views
-from tests.rules.evidence import AT as NOW
 from tests.rules.evidence import (
     Change,
     absent,
     becomes,
-    both,
     certificates,
-    defect,
     domain_rule,
     enclave,
     file,
@@ -42,8 +29,6 @@ from tests.rules.evidence import (
     meaning,
     pem,
     private_key,
-    signature,
-    signed,
     talker,
 )
 
@@ -58,17 +43,6 @@ def without_permissions(status: Status) -> Change:
 
 def key_with(**more: object) -> Change:
     return talker(key=private_key(KEY, "/talker", **more))
-
-
-def test_a_token_stands_in_for_a_missing_file() -> None:
-    change = talker(key=None, pkcs11={Role.KEY: file("enclaves/talker/key.p11", None)})
-    assert becomes(change) == ["KA111"]
-
-
-def test_ardents_one_authority_is_missing_once() -> None:
-    gone = absent("talker/ca.cert.pem")
-    change = talker(identity_ca=None, permissions_ca=None, files={Role.IDENTITY_CA: gone, Role.PERMISSIONS_CA: gone})
-    assert len(findings("KA101", judged(change(healthy())))) == 1
 
 
 def test_a_revocation_list_may_be_missing_but_not_a_dangling_link() -> None:
@@ -98,15 +72,6 @@ def test_the_group_that_settings_name_may_read_keys(mode: int, group: int, said:
     assert findings("KA108", judged(store))
     declared = replace(store, declared=DeclaredFiles(key_group=998))
     assert bool(findings("KA108", judged(declared))) is said
-
-
-def test_unsigned_documents_weigh_on_robots_alone() -> None:
-    store = laid_out(unsigned_governance=file("enclaves/governance.xml", b"<dds/>\n"))(healthy())
-    (here,), (there,) = (findings("KA122", judged(store, deployed=robot)) for robot in (False, True))
-    assert (here.severity, there.severity) == (Severity.INFO, Severity.LOW)
-    assert there.message == (
-        "1 unsigned document in a tree that goes on a robot: enclaves/governance.xml. No run time reads .xml."
-    )
 
 
 FOREIGN = tuple(
@@ -143,27 +108,6 @@ def test_what_settings_name_is_in_no_finding(declared: DeclaredFiles, left: list
     assert told == left
 
 
-@pytest.mark.parametrize(
-    ("path", "expected"),
-    [("private/ca.key.pem", ["KA109", "KA116"]), ("enclaves/talker/ca.key.pem", ["KA116", "KA118"])],
-)
-def test_a_key_that_robots_get_is_told_once(path: str, expected: list[str]) -> None:
-    """That it lies in the tree is no matter of its own where it has no business at all.
-
-    Who may read it is: the modes may change after somebody has accepted that it lies there.
-    """
-    key = file(path, None, mode=0o644, holds_private_key=True)
-
-    def left(store: Keystore) -> Keystore:
-        return replace(store, private_keys=(key,), layout=replace(store.layout, authority_keys=(key,)))
-
-    assert becomes(left) == expected
-
-
-def test_without_modes_nothing_is_said_of_them() -> None:
-    assert becomes(key_with(file=file(KEY, None, mode=None))) == []
-
-
 def test_an_authoritys_key_that_lies_outside_is_not_in_the_tree() -> None:
     """KA665: what robots are given here lasts for eighty years."""
     outside = absent("private/ca.key.pem", Status.OUTSIDE, "to a token")
@@ -186,15 +130,6 @@ def test_line_ends_are_no_difference(xml: bytes, expected: list[str]) -> None:
     assert becomes(talker(unsigned={Role.PERMISSIONS: file(XML, xml)})) == [*expected, "KA122"]
 
 
-def test_a_document_that_was_tampered_with_is_not_compared() -> None:
-    ca = first("public/permissions_ca.cert.pem", pem("permissionsCA", issuer="permissionsCA"))
-    broken = signed("enclaves/governance.p7s", signature(ca, digest_matches=False))
-    change = both(
-        governance=governance(signed=broken), unsigned={Role.GOVERNANCE: file("enclaves/governance.xml", b"")}
-    )
-    assert becomes(change) == ["KA122", "KA303"]
-
-
 @pytest.mark.parametrize(
     ("path", "well_formed"),
     [("/a/b_1", True), ("/_a", True), ("/1a", False), ("/a//b", False), ("/a%FF", False), ("/" + "a" * 255, False)],
@@ -203,14 +138,6 @@ def test_enclave_names(path: str, well_formed: bool) -> None:
     anybody = certificates("enclaves/x/cert.pem", pem("/talker"))  # a common name ends at 64 characters
     found = {finding.code for finding in judged(keystore(enclave(path, certificate=anybody))).findings}
     assert ("KA113" not in found) is well_formed
-
-
-def test_one_unreadable_enclave_hides_no_other() -> None:
-    store = keystore(
-        enclave("/talker", certificate=None, files={Role.CERTIFICATE: absent("x/cert.pem", Status.OUTSIDE, "away")}),
-        enclave("/listener", certificate=certificates("enclaves/listener/cert.pem", pem("/listener"), pem("/other"))),
-    )
-    assert sorted({finding.code for finding in judged(store).findings}) == ["KA103", "KA202"]
 
 
 @pytest.mark.parametrize(
@@ -229,39 +156,7 @@ def test_where_a_private_key_may_be(path: str, expected: list[str]) -> None:
     assert becomes(lambda store: replace(store, private_keys=(file(path, None, holds_private_key=True),))) == expected
 
 
-@pytest.mark.parametrize("path", ["notes/old.txt", "private/old.pem"])
-def test_no_other_private_key_goes_on_a_robot(path: str) -> None:
-    def left(store: Keystore) -> Keystore:
-        return replace(store, private_keys=(file(path, None, holds_private_key=True),))
-
-    assert becomes(left, deployed=True) == ["KA118", "KA665"]
-
-
-def test_the_key_of_an_authority_is_told_once() -> None:
-    key = file("private/ca.key.pem", None, holds_private_key=True)
-
-    def left(store: Keystore) -> Keystore:
-        return replace(store, private_keys=(key,), layout=replace(store.layout, authority_keys=(key,)))
-
-    assert becomes(left, deployed=True) == ["KA109", "KA665"]
-
-
-def test_a_second_key_in_a_key_file() -> None:
-    second = defect(Kind.SECOND_KEY, KEY, 6, "expected one private key, found another")
-    assert becomes(key_with(defects=(second,))) == ["KA118"]
-
-
 REFUSED = Usability(usable=Truth.NO, reasons=("it takes no identity with a key of kind RSA 1024",))
-
-
-def test_an_enclave_that_does_not_start_is_no_pass() -> None:
-    """Whatever the reason: the last net below all other rules."""
-    usability = {("enclaves/talker", "cyclonedds-11"): REFUSED, ("enclaves/talker", "cyclonedds-0.10"): REFUSED}
-    (found,) = findings("KA117", judged(meaning=meaning(usability=usability)))
-    assert found.severity is Severity.HIGH
-    assert found.enclave == "/talker"
-    assert found.profiles == ("cyclonedds-0.10", "cyclonedds-11")
-    assert REFUSED.reasons[0] in found.message
 
 
 @pytest.mark.parametrize(
@@ -301,38 +196,3 @@ def test_the_last_net_catches_nothing_else(usability: Usability, change: Change 
     store = change(healthy()) if change is not None else healthy()
     seen = judged(store, meaning=meaning(usability={("enclaves/talker", "spec"): usability}))
     assert findings("KA117", seen) == ()
-
-
-@pytest.mark.parametrize(
-    ("name", "broken"),
-    [
-        ("permissions_ca.cert.pem", "KA703"),
-        ("identity_ca.cert.pem", "KA702"),
-    ],
-)
-def test_a_file_that_is_not_there_is_why_a_property_is_violated(name: str, broken: str, tmp_path: Path) -> None:
-    """What to fix first is the link, not the signature or the identity that nothing is left to judge by."""
-    store = built(tmp_path / "k", {"/c": (rule(publish=("rt/a",)),)})
-    place = store / "enclaves/c" / name
-    place.unlink()
-    place.symlink_to("nowhere")
-    _code, out = answer("audit", "--engine", "native", "-f", "json", "--at", AT, store)
-    found = {finding["code"]: finding for finding in json.loads(out)["findings"]}
-    assert found["KA102"]["fingerprint"] in found[broken]["explained_by"]
-    _code, out = answer("audit", "--engine", "native", "--at", AT, store)
-    assert out.index("KA102") < out.index(broken)
-
-
-@pytest.mark.parametrize(
-    ("domain", "reasons"),
-    [
-        (0, ()),
-        (7, ("the grant allows nothing in domain 7",)),  # it allows domain 0, which the governance covers
-        (9, ("the governance does not cover domain 9",)),
-    ],
-)
-def test_what_keeps_it_from_a_domain_is_said_of_that_domain(domain: int, reasons: tuple[str, ...]) -> None:
-    store = keystore(enclave("/talker", governance=governance(domain_rule(domains=((0, 0), (7, 7))))))
-    usabilities = Usabilities(domain, views(store))
-    for name in ("spec", "cyclonedds-0.10", "cyclonedds-11"):
-        assert usabilities.of(store.enclaves[0], NOW, VARIANTS[name]).reasons == reasons, name

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.keystore.files import Status
-from keystore_audit.keystore.layout import LayoutKind, Role
+from keystore_audit.keystore.layout import Role
 from keystore_audit.model.decision import Decision, LocalRights
 from tests.rules.divergent import ruled
 from tests.rules.evidence import (
@@ -21,12 +21,9 @@ from tests.rules.evidence import (
     grant,
     healthy,
     keystore,
-    laid_out,
     permissions,
-    topic_rule,
 )
 from tests.rules.observed import (
-    DISCOVERY,
     does,
     granted,
     graph,
@@ -36,7 +33,6 @@ from tests.rules.observed import (
     node,
     spoken,
     uses,
-    usual_rules,
     variable,
 )
 
@@ -90,14 +86,6 @@ def test_what_is_not_read_and_speaks_of_security_leaves_the_audit_open_once_a_fi
     assert [(each.line, each.beside) for each in finding.locations] == [(7, True), (8, True)]
 
 
-def test_a_middleware_that_no_profile_speaks_of() -> None:
-    """One that is not known here leaves the audit open."""
-    for value, undecided in (("rmw_zenoh_cpp", True), ("rmw_fastrtps_cpp", False)):
-        files = launch(uses("/talker", "/chatter"), variables=(variable("RMW_IMPLEMENTATION", value),))
-        (finding,) = spoken(granted(CHATTER), files, names=("cyclonedds-0.10",))
-        assert (finding.code, finding.severity, finding.undecided) == ("KA655", Severity.HIGH, undecided)
-
-
 def test_a_domain_that_is_covered_and_where_one_may_do_nothing() -> None:
     own = permissions(P7S, grant("/talker", allow(["rt/chatter"], domains=((5, 5),))))
     elsewhere = keystore(enclave("/talker", permissions=own), enclave("/listener"))
@@ -121,43 +109,6 @@ def test_a_reason_is_asked_for_once_a_finding(monkeypatch: pytest.MonkeyPatch) -
     assert len(asked) == 1
 
 
-def test_the_graph_of_a_node_that_shows_its_log_is_complete() -> None:
-    """It was started without parameter services: nothing says that it needs them."""
-    store = granted(allow(["rt/chatter", "rt/rosout"]), usual=False)
-    assert spoken(store, TALKS) == ()
-
-
-def test_discovery_is_needed_always() -> None:
-    own = permissions(P7S, grant("/talker", CHATTER, *usual_rules("/talker")))
-    (finding,) = spoken(keystore(enclave("/talker", permissions=own)), TALKS)
-    assert (finding.code, finding.severity) == ("KA650", Severity.HIGH)
-    assert "publishes and subscribes to ros_discovery_info" in finding.message
-
-
-@pytest.mark.parametrize("action", ["request", "reply", "call", "execute"])
-def test_half_of_a_service_or_action_is_not_enough(action: str) -> None:
-    asked = allow(["rq/addRequest", "rr/addReply", *(f"rq/add/_action/{each}Request" for each in ("send_goal", "a"))])
-    store = granted(CHATTER, asked)
-    intent = graph(*TALKS.rights, does("/talker", action, "/add"))
-    (missing,) = (finding for finding in spoken(store, intent) if finding.code == "KA650")
-    assert "/add" in missing.message
-
-
-def test_a_deny_rule_before_takes_the_grant_away() -> None:
-    denied = ruled(allows=False, line=30, publish=((("rt/chatter",), None),))
-    (finding,) = spoken(granted(denied, CHATTER), TALKS)
-    assert finding.locations[0].line == 30
-    assert "it denies publishing" in finding.message
-
-
-def test_implementations_that_differ_are_named() -> None:
-    """Cyclone DDS does as a default of ALLOW says, Fast DDS does not."""
-    intent = graph(*TALKS.rights, does("/talker", "publish", "/map"))
-    (missing, _excess) = spoken(granted(CHATTER, default_allow=True), intent, names=("fastdds-3.6", "cyclonedds-11"))
-    assert (missing.code, missing.profiles) == ("KA650", ("fastdds-3.6",))
-    assert "the default is ALLOW, which the implementation never looks at" in missing.message
-
-
 def test_denied_in_one_of_two_domains_is_medium_and_names_it() -> None:
     two = governance(domain_rule(domains=((0, 0), (5, 5))))
     both = [(0, 0), (5, 5)]
@@ -171,29 +122,6 @@ def test_denied_in_one_of_two_domains_is_medium_and_names_it() -> None:
     assert spoken(store, TALKS, names=("spec",), domain=5)[0].severity is Severity.HIGH
 
 
-def test_a_right_of_another_domain_is_called_so() -> None:
-    """The governance and the rule are about domain 0 alone."""
-    said = [each.message for each in spoken(granted(CHATTER), TALKS, names=("fastdds-3.6",), domain=7)]
-    assert any("Line 45 (rt/chatter) allows it in domain 0." in message for message in said)
-    assert not any("another partition" in message for message in said)
-    elsewhere = ruled(line=60, publish=((("rt/map",), ("lab",)),))
-    told = spoken(
-        granted(CHATTER, elsewhere), graph(*TALKS.rights, does("/talker", "publish", "/map")), names=("spec",)
-    )
-    assert "Line 60 (rt/map) allows it in another partition." in told[0].message
-
-
-def test_an_enclave_that_does_not_start_is_another_rules_matter() -> None:
-    store = granted(allow(["rt/map"]), not_after=place_date())
-    assert spoken(store, TALKS) == ()
-
-
-def place_date() -> object:
-    from tests.rules.evidence import text
-
-    return text("2021-01-01T00:00:00", 41)
-
-
 def test_what_cannot_be_read_leaves_the_audit_incomplete() -> None:
     files = {Role.PERMISSIONS: absent(P7S, Status.TOO_LARGE, "it is larger than 4 MB")}
     store = keystore(enclave("/talker", permissions=None, files=files))
@@ -203,34 +131,6 @@ def test_what_cannot_be_read_leaves_the_audit_incomplete() -> None:
 
 
 # Excess
-
-
-def test_what_a_deny_rule_takes_is_no_excess() -> None:
-    denied = ruled(allows=False, publish=((("rt/map",), None),))
-    assert spoken(granted(denied, allow(["rt/chatter", "rt/map"])), TALKS, names=("spec",)) == ()
-
-
-def test_a_grant_in_a_partition_is_an_excess() -> None:
-    """ROS 2 nodes are in the default partition."""
-    lab = ruled(publish=((("rt/chatter",), ("lab",)),))
-    (finding,) = spoken(granted(CHATTER, lab), TALKS, names=("spec",))
-    assert "publish /chatter (topic) in partition 'lab'" in finding.message
-
-
-@pytest.mark.parametrize(("partitions", "excess"), [(("*",), True), (("lab_*",), True), (("",), False)])
-def test_a_grant_in_partitions_without_end_is_an_excess(partitions: tuple[str, ...], excess: bool) -> None:
-    here = ruled(publish=((("rt/chatter",), partitions),))
-    said = spoken(granted(CHATTER, here), TALKS, names=("spec",))
-    assert codes(said) == ["KA651"] * excess
-    assert not excess or "publish /chatter (topic) in partition" in said[0].message
-
-
-@pytest.mark.parametrize("rule", [allow(["rt/*"]), allow([], ["rt/arm_?*"])])
-def test_a_wildcard_has_no_end(rule: object) -> None:
-    (finding,) = spoken(granted(CHATTER, rule), TALKS)
-    assert finding.code == "KA651"
-    assert "is not bounded by 'robot.graph.json'" in finding.message or "is not bounded by robot" in finding.message
-    assert "and infinitely many more." in finding.message
 
 
 @pytest.mark.parametrize(
@@ -252,22 +152,12 @@ def test_an_expression_is_an_excess_where_it_names_what_is_not_used(
     assert all(finding.message.endswith(excess) for finding in said)
 
 
-def test_an_access_control_that_is_off_is_no_grant() -> None:
-    off = governance(domain_rule(topic_rule(enable_read_access_control=False, enable_write_access_control=False)))
-    own = permissions(P7S, grant("/talker", CHATTER, *usual_rules("/talker"), DISCOVERY))
-    assert spoken(keystore(enclave("/talker", permissions=own, governance=off)), TALKS, names=("spec",)) == ()
-
-
 def test_nothing_is_excess_where_a_file_could_not_be_worked_out() -> None:
     store = granted(allow(["rt/chatter", "rt/map"]))
     intent = launch(uses("/talker", "/chatter"), nodes=(node("/talker"),), unresolved=("a loop is not run",))
     (finding,) = spoken(store, intent)
     assert (finding.code, finding.severity) == ("KA654", Severity.INFO)
     assert finding.message.startswith("A loop is not run. Nodes may need more than 'robot.graph.json' shows")
-
-
-def test_the_parameters_of_an_unknown_node_are_no_excess() -> None:
-    assert spoken(granted(CHATTER), launch(uses("/talker", "/chatter"))) == ()
 
 
 def test_a_launch_file_that_names_nothing_shows_no_excess() -> None:
@@ -285,19 +175,3 @@ def test_one_more_node_in_an_unknown_enclave_is_another_finding() -> None:
     one, two, swapped = (spoken(healthy(), launch(nodes=each)) for each in (nodes[:1], nodes, nodes[::-1]))
     assert {each.code for each in (*one, *two, *swapped)} == {"KA652"}
     assert one[0].fingerprint != two[0].fingerprint == swapped[0].fingerprint
-
-
-def test_a_node_without_an_enclave_is_in_the_root_one() -> None:
-    (finding,) = spoken(healthy(), launch(nodes=(node("/", "/robot/camera"), node("/", "/robot/arm"))))
-    assert finding.message.startswith("/robot/camera, /robot/arm run in the enclave '/', having named none, which is")
-
-
-def test_before_foxy_the_enclave_is_the_node() -> None:
-    flat = laid_out(kind=LayoutKind.FLAT)(granted(CHATTER))
-    assert spoken(flat, graph(log("/"), nodes=(node("/", "/talker"),))) != ()
-    assert "KA652" not in codes(spoken(flat, launch(nodes=(node("/", "/talker"),))))
-
-
-def test_the_folder_of_one_enclave_says_nothing_of_others() -> None:
-    one = laid_out(kind=LayoutKind.ENCLAVE)(granted(CHATTER))
-    assert spoken(one, graph(*TALKS.rights, log("/somewhere"))) == ()

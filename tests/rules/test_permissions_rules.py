@@ -25,21 +25,14 @@ from tests.rules.evidence import (
     Change,
     allow,
     becomes,
-    both,
-    certificates,
     codes,
     defect,
-    domain_rule,
-    enclave,
     findings,
-    governance,
     grant,
     healthy,
     judged,
-    keystore,
     meaning,
     open_codes,
-    pem,
     permissions,
     signed,
     talker,
@@ -57,28 +50,12 @@ def dated(start: str = "2020-01-01T00:00:00", end: str = "2100-01-01T00:00:00") 
     return granted(grant("/talker", not_before=text(start, 40), not_after=text(end, 41)))
 
 
-def unread(kind: Kind) -> Change:
-    return granted(permissions=None, defects=(defect(kind, P7S),))
-
-
 def padded(octets: int) -> SignedDocument:
     message = signed(P7S)
     return replace(message, file=message.file.holding(b" " * octets))
 
 
 OWN = grant("/talker")
-
-
-@pytest.mark.parametrize(
-    ("kind", "says", "remedy"),
-    [
-        (Kind.BEYOND_LIMIT, "what a robot makes of the document is unknown.", "Split a document for several enclaves"),
-        (Kind.XML_AMBIGUOUS, "implementations differ in what they make of it.", "Write plain XML"),
-    ],
-)
-def test_what_is_beyond_a_limit_is_said_to_be_that(kind: Kind, says: str, remedy: str) -> None:
-    (found,) = findings("KA502", judged(unread(kind)(healthy())))
-    assert (found.undecided, found.message.endswith(says), found.fix.text.startswith(remedy)) == (True, True, True)
 
 
 FAST_DDS = {name for name in VARIANTS if name.startswith("fastdds")}
@@ -119,39 +96,6 @@ def test_a_grant_that_the_chosen_implementation_takes_for_its_own_is_a_low_findi
     assert severity == {"cyclonedds-11": [Severity.LOW], "fastdds-3.6": [Severity.HIGH]}
 
 
-@pytest.mark.parametrize("named", ["CN=/talker", "CN=/other"])
-def test_of_an_odd_identity_the_certificate_is_what_has_to_change(named: str) -> None:
-    """To write its subject into the grant ends in subject-differs-from-enclave, whose remedy undoes it again."""
-    odd = certificates("enclaves/talker/cert.pem", pem("talker", label="/talker", ca=False))
-    own = permissions(P7S, grant("/talker", subject_name=text(named, 39)))
-    found = findings("KA503", judged(talker(certificate=odd, permissions=own)(healthy())))
-    assert f"got '{named}', and the identity is 'CN=talker'; expected 'CN=/talker' in both" in found[0].message
-    assert found[0].fix.text.startswith("Let certificate and <subject_name> both say 'CN=/talker', ")
-    even = findings("KA503", judged(granted(grant("/other"))(healthy())))
-    assert even[0].fix.text.startswith("Let <subject_name> say ")
-
-
-def test_an_empty_document_has_no_grant_for_anybody() -> None:
-    found = findings("KA503", judged(granted()(healthy())))
-    assert "there is no grant at all" in found[0].message
-
-
-def test_a_shared_document_that_lacks_a_grant_for_one_of_its_enclaves() -> None:
-    shared = permissions("enclaves/permissions.p7s", grant("/talker"))
-    store = both(permissions=shared)(healthy())
-    assert [finding.enclave for finding in findings("KA503", judged(store))] == ["/listener"]
-
-
-def test_a_grant_for_another_enclave_in_the_place_of_the_own_one() -> None:
-    """The wrong file was copied: the enclave cannot start, and the other may present it."""
-    assert becomes(granted(grant("/listener"))) == ["KA503", "KA512"]
-
-
-def test_rules_about_validity_look_at_the_grants_of_the_enclaves_that_carry_them() -> None:
-    expired = grant("/listener", not_after=text("2021-01-01T00:00:00"))
-    assert becomes(granted(OWN, expired)) == ["KA512"]
-
-
 @given(seconds=st.integers(min_value=-100 * 86400, max_value=100 * 86400))
 def test_the_end_of_a_grant_to_the_second(seconds: int) -> None:
     end = AT + timedelta(seconds=seconds)
@@ -164,26 +108,6 @@ def test_a_grant_may_end_with_its_certificate_in_any_zone(zone: str) -> None:
     assert becomes(dated(end=f"2100-01-01T00:00:00{zone}")) == []
     assert becomes(dated(end="2100-01-01T02:00:00+02:00")) == ["KA613"], "which Fast DDS does not read"
     assert becomes(dated(end="2100-01-01T00:00:00-01:00")) == ["KA513", "KA613"]
-
-
-def test_a_date_that_no_two_read_alike_leaves_it_open() -> None:
-    store = dated(end="99999-01-01T00:00:00")(healthy())
-    assert codes(store) == ["KA502"]
-    assert open_codes(store) == {"KA502"}
-
-
-def test_the_first_grant_decides_whether_it_may_take_part() -> None:
-    outside, inside = allow(["rt/a"], domains=[(7, 7)]), allow(["rt/a"])
-    assert becomes(granted(grant("/talker", outside), grant("/talker", inside))) == ["KA504", "KA508"]
-    assert becomes(granted(grant("/talker", inside), grant("/talker", outside))) == ["KA504"]
-
-
-def test_a_deny_rule_gives_no_domain() -> None:
-    rules = (allow(["rt/a"], allows=False), allow(["rt/a"], domains=[(7, 9)]))
-    assert becomes(granted(grant("/talker", *rules))) == ["KA508"]
-    wide = governance(domain_rule(domains=[(9, 20)]))
-    store = keystore(enclave("/talker", governance=wide, permissions=permissions(P7S, grant("/talker", *rules))))
-    assert codes(store) == []
 
 
 def test_a_default_of_allow_is_for_those_who_read_it() -> None:
@@ -236,20 +160,6 @@ def test_everything_is_known_by_its_meaning(topics: list[str]) -> None:
     assert becomes(granted(grant("/talker", allow(topics)))) == ["KA510"]
 
 
-def test_a_deny_rule_that_denies_everything_allows_nothing() -> None:
-    denied = allow(["*"], ["*"], allows=False)
-    assert becomes(granted(grant("/talker", denied, allow(["rt/chatter"])))) == []
-
-
-@given(expression=st.text(alphabet="ab/*?[]!\\", max_size=8))
-def test_a_wildcard_is_what_the_matcher_takes_for_one(expression: str) -> None:
-    patterns = findings("KA510", judged(granted(grant("/talker", allow([expression])))(healthy())))
-    literal = not expression or parse(expression, Matcher.POSIX).literal is not None
-    assert (not patterns) is literal or becomes(granted(grant("/talker", allow([expression], [expression])))) == [
-        "KA511"
-    ]
-
-
 @given(
     head=st.sampled_from(["", "r", "rt", "rt/", "rt/a", "*"]),
     middle=st.sampled_from(["*", "?", "?*", "[a-z]*", "[!x]*", "*a*", "**"]),
@@ -282,16 +192,6 @@ def test_nothing_is_open_in_a_document_that_nobody_takes() -> None:
         store = granted(permissions=None, signed=broken, defects=(defect(kind, P7S),))(healthy())
         assert "KA304" in codes(store)
         assert open_codes(store) == set()
-
-
-def test_what_is_said_in_a_document_that_nobody_takes_is_not_judged() -> None:
-    broken = signed(P7S, defects=(defect(Kind.NO_TEXT_PLAIN, P7S),))
-    assert becomes(granted(grant("/nobody", default_allow=True), signed=broken)) == ["KA307"]
-
-
-def test_an_unread_identity_names_nobody() -> None:
-    broken = certificates("enclaves/talker/cert.pem", b"-----BEGIN CERTIFICATE-----\nMAA=\n-----END CERTIFICATE-----\n")
-    assert codes(keystore(enclave("/talker", certificate=broken))) == ["KA201"]
 
 
 @pytest.mark.parametrize(("refusing", "severity"), [("fastdds-3.6", Severity.HIGH), ("opendds", Severity.MEDIUM)])

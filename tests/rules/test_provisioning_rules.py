@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import shutil
 import subprocess
@@ -15,11 +14,8 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import (
     BestAvailableEncryption,
     Encoding,
-    NoEncryption,
     PrivateFormat,
-    load_pem_private_key,
 )
-from cryptography.hazmat.primitives.serialization.pkcs12 import serialize_key_and_certificates
 from cryptography.x509.name import _ASN1Type
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -108,11 +104,6 @@ def governance(fleet: Fleet, root: Path) -> None:
     (root / "test").write_bytes(signed_document(GOVERNANCE.replace(b"SIGN", b"NONE"), fleet.permissions))
 
 
-def commented(fleet: Fleet, root: Path) -> None:
-    text = PERMISSIONS.format(name="/talker").replace("rt/chatter", "rt/<!-- -->chatter")
-    (root / "old").write_bytes(signed_document(text.encode(), fleet.permissions))
-
-
 def moved(path: str, start: str = "backup", **left_out: str) -> Change:
     """A further enclave, whose folder lies outside enclaves/; `left_out`: files that do not."""
 
@@ -139,39 +130,22 @@ def effective(root: Path, topic: str) -> str:
     return answers["spec"].accepted
 
 
-def test_an_old_document_gives_its_rights_and_an_expired_one_nothing(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    assert (effective(root, "rt/chatter"), effective(root, "rt/other")) == ("allow", "deny")
-    kept("old", "rt/*")(fleet, root)
-    assert effective(root, "rt/other") == "allow"
-    assert found(root)["KA660"].severity is Severity.HIGH
-    assert (report(root).exit_code, found(root)["KA660"].enclave) == (1, "/talker")
-    kept("old", "rt/*", end="2025")(fleet, root)
-    assert effective(root, "rt/other") == "deny"
-    assert sorted(found(root)) == ["KA662"]
+UNREAD: dict[str, Callable[[bytes], bytes]] = {
+    "a base64 line too short": lambda document: document.replace(b"MII", b"MI\nI", 1),
+    "too large": lambda document: document + b"\n" * 4 * 1024 * 1024,
+    "behind a letter": lambda document: b"Subject: your rights\n\n" + document,
+}
 
 
-def test_can_says_so(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    asked = ("can", root, "/talker", "publish", "/other", "--effective", "--expect", "allow", "--at", INSTANT)
-    assert answer(*asked)[0] == 1
-    kept("enclaves/talker/permissions.p7s.bak", "rt/*")(fleet, root)
-    assert answer(*asked)[0] == 0
-
-
-def test_what_is_unknown_outside_enclaves_leaves_everything_open(fleet: Fleet, tmp_path: Path) -> None:
+@pytest.mark.parametrize("how", UNREAD)
+def test_a_document_outside_enclaves_that_was_not_read_is_no_pass(how: str, fleet: Fleet, tmp_path: Path) -> None:
     root = fleet.robot(tmp_path / "robot")
     assert effective(root, "rt/other") == "deny"
-    commented(fleet, root)
+    (root / "old").write_bytes(UNREAD[how](fleet.document("/talker", "rt/*")))
     assert effective(root, "rt/other") == "unknown"
-    finding = found(root)["KA663"]
-    assert (finding.locations[0].path, finding.locations[0].line) == ("old", 18)
-    assert report(root).exit_code == 4
-    broken = fleet.document("/talker", "rt/*").replace(b"MII", b"MI\nI", 1)
-    (root / "old").write_bytes(broken)
-    assert effective(root, "rt/other") == "unknown"
-    assert report(root).exit_code == 4
-    assert "KA305" in {f.code for f in report(root).findings if f.locations and f.locations[0].path == "old"}
+    told = report(root)
+    assert told.exit_code == 4
+    assert {"KA305", "KA663"} & {each.code for each in told.findings if each.locations[0].path == "old"}
 
 
 def test_an_enclave_s_own_document_in_der_was_not_read(fleet: Fleet, tmp_path: Path) -> None:
@@ -184,35 +158,6 @@ def test_an_enclave_s_own_document_in_der_was_not_read(fleet: Fleet, tmp_path: P
     assert told.unread_foreign == ("enclaves/talker/permissions.p7s",)
 
 
-def test_a_document_too_large_to_be_read_is_no_pass(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    (root / "old").write_bytes(fleet.document("/talker", "rt/*") + b"\n" * 4 * 1024 * 1024)
-    assert effective(root, "rt/other") == "unknown"
-    assert (report(root).exit_code, found(root)["KA663"].locations[0].path) == (4, "old")
-
-
-def test_an_identity_that_signed_is_ka302_and_gives_nothing_where_signers_are_pinned(tmp_path: Path) -> None:
-    fleet = Fleet()
-    fleet.identity = fleet.permissions  # one authority for both roles, as sros2 makes it
-    root = fleet.robot(tmp_path / "robot")
-    intruder = certificate("/intruder", fleet.permissions)
-    (root / "old").write_bytes(fleet.document("/talker", "rt/*", signer=intruder))
-    assert effective(root, "rt/other") == "deny"
-    codes = {f.code: f for f in report(root).findings if f.locations and f.locations[0].path == "old"}
-    assert sorted(codes) == ["KA121", "KA302"]
-    assert codes["KA302"].severity is Severity.CRITICAL
-
-
-def test_two_trust_domains_judge_for_themselves(fleet: Fleet, tmp_path: Path) -> None:
-    """What one authority signed is no forgery because another trust domain refuses it."""
-    root = fleet.robot(tmp_path / "robot")
-    other = Fleet().robot(tmp_path / "other", "/camera")
-    shutil.copytree(other / "enclaves/camera", root / "enclaves/camera")
-    kept("old", "rt/*")(fleet, root)
-    about = {f.code for f in report(root).findings if f.locations and f.locations[0].path == "old"}
-    assert about == {"KA121", "KA660"}
-
-
 # --- identities outside enclaves
 
 
@@ -220,46 +165,6 @@ def beside(root: Path, **options: object) -> dict[str | None, Severity]:
     """The severity of KA668 by file of the identity."""
     findings = [finding for finding in report(root, **options).findings if finding.code == "KA668"]
     return {finding.locations[0].path: finding.severity for finding in findings}
-
-
-def test_an_identity_outside_enclaves_wants_a_key_and_a_right(fleet: Fleet, tmp_path: Path) -> None:
-    for lacking, expected in (
-        ({}, True),
-        ({"key": "key.pem"}, False),
-        ({"right": "permissions.p7s"}, False),
-        ({"certificate": "cert.pem"}, False),
-        ({"one": "governance.p7s", "two": "identity_ca.cert.pem"}, True),  # whoever has the tree has others
-    ):
-        startable = not {"key", "certificate"} & {*lacking}  # KA669
-        place = tmp_path / "-".join(lacking) / "robot"
-        root = fleet.robot(place)
-        moved("/gripper", **lacking)(fleet, root)
-        assert (beside(root) == {"backup/cert.pem": Severity.HIGH}) is expected
-        assert bool(beside(root)) is expected
-        assert report(root).exit_code == (4 if startable else 0)
-
-
-def test_key_certificate_and_right_may_lie_anywhere(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    own = certificate("/gripper", fleet.identity)
-    (root / "notes").write_bytes(b"the old one\n" + own.pem)
-    (root / "enclaves/talker/spare").write_bytes(own.key_pem)
-    assert beside(root) == {}
-    grants = PERMISSIONS.format(name="/talker").replace("</permissions>", "")
-    grants = grants.replace("</dds>", "").rstrip() + PERMISSIONS.format(name="/gripper").split("<permissions>")[1]
-    signed = signed_document(grants.encode(), fleet.permissions)
-    (root / "enclaves/talker/permissions.p7s").write_bytes(signed)
-    assert beside(root) == {"notes": Severity.HIGH}
-
-
-def test_a_key_that_an_enclave_has_is_in_the_tree_too(fleet: Fleet, tmp_path: Path) -> None:
-    """The talker's key, certified under another name."""
-    root = fleet.robot(tmp_path / "robot")
-    talker = load_pem_private_key((root / "enclaves/talker/key.pem").read_bytes(), None)
-    again = certificate("/admin", fleet.identity, key=talker)  # type: ignore[arg-type]
-    (root / "admin").write_bytes(again.pem)
-    (root / "old").write_bytes(fleet.document("/admin", "rt/*"))
-    assert beside(root) == {"admin": Severity.HIGH}
 
 
 def test_whom_nobody_takes_or_who_is_known_already(fleet: Fleet, tmp_path: Path) -> None:
@@ -290,91 +195,8 @@ def test_without_join_access_control_no_grant_is_wanted(fleet: Fleet, tmp_path: 
     assert beside(root) == {"spare": Severity.HIGH}
 
 
-def test_what_is_too_much_to_be_parsed_is_no_pass(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    moved("/gripper")(fleet, root)
-    for number in range(2):
-        (root / f"a{number}").write_bytes(authority("other").pem + b"\n" * (3 * 1024 * 1024 + number))
-    assert report(root).exit_code == 4
-    assert "backup/cert.pem" in {
-        place.path for f in report(root).findings if f.code == "KA668" for place in f.locations
-    }
-
-
-def test_an_identity_that_could_not_be_read_is_no_pass(fleet: Fleet, tmp_path: Path) -> None:
-    """Where peers would let in who has its key, and wherever nobody knows what the file holds."""
-    password = BestAvailableEncryption(b"secret")
-    for name, subject, content, code in (
-        ("key.pem", "/gripper", "key", 4),
-        ("key.pem", "/nobody", "key", 0),
-        ("some.p12", "/nobody", "both", 0),
-    ):
-        root = fleet.robot(tmp_path / (subject + content).strip("/"))
-        (root / "old").write_bytes(fleet.document("/gripper", "rt/*"))
-        made = certificate(subject, fleet.identity)
-        locked = made.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, password)
-        both = serialize_key_and_certificates(None, made.key, made.certificate, None, password)
-        (root / name).write_bytes(locked if content == "key" else both)
-        if content == "key":
-            (root / "spare").write_bytes(made.pem)
-        findings = [finding for finding in report(root).findings if finding.code == "KA668"]
-        assert [finding.severity for finding in findings] == [Severity.HIGH] * (code == 4)
-        assert report(root).exit_code == code
-
-
-def encrypted(der: bytes) -> bytes:
-    """A certificate in PEM that wants a password: OpenSSL reads such (RFC 1421, 4.6.1.1)."""
-    return (
-        b"-----BEGIN CERTIFICATE-----\nProc-Type: 4,ENCRYPTED\nDEK-Info: AES-256-CBC,"
-        + b"00" * 16
-        + b"\n\n"
-        + base64.encodebytes(der)
-        + b"-----END CERTIFICATE-----\n"
-    )
-
-
-def in_der(made: Signed) -> bytes:
-    return made.key.private_bytes(Encoding.DER, PrivateFormat.PKCS8, NoEncryption())
-
-
 def in_pem(made: Signed) -> bytes:
     return made.key_pem
-
-
-def headed(pem: bytes) -> bytes:
-    """With a header that OpenSSL passes over, since it is short (decode_pem2der.c)."""
-    return pem.replace(b"-----\n", b"-----\na: -----\n\n", 1)
-
-
-EMPTY_KEY = b"-----BEGIN PRIVATE KEY----------END PRIVATE KEY-----\n"
-
-
-@pytest.mark.parametrize(
-    ("spare", "key", "code"),
-    [
-        (lambda made: made.pem, lambda made: made.key_pem, 1),
-        (lambda made: made.pem, lambda made: in_der(made) + EMPTY_KEY, 1),
-        (lambda made: made.pem.replace(b"\n-----END", b"\n-A\n-----END"), lambda made: made.key_pem, 1),
-        (lambda made: made.certificate.public_bytes(Encoding.DER), in_der, 1),
-        (lambda made: 2 * made.certificate.public_bytes(Encoding.DER), lambda made: made.key_pem, 1),
-        (lambda made: made.certificate.public_bytes(Encoding.DER) + in_der(made)[:-9], lambda _made: b"", 0),
-        (lambda made: encrypted(made.certificate.public_bytes(Encoding.DER)), lambda made: made.key_pem, 4),
-        (lambda made: made.pem, lambda _made: EMPTY_KEY, 0),
-        (lambda made: headed(made.pem), lambda made: headed(made.key_pem), 1),
-        (lambda made: encrypted(made.certificate.public_bytes(Encoding.DER)).replace(b" 4", b"4"), in_pem, 4),
-        (lambda _made: b"-----BEGIN CERTIFICATE-----\n...\n-----END CERTIFICATE-----\n", lambda made: made.key_pem, 0),
-    ],
-)
-def test_an_identity_that_openssl_reads_counts_however_it_is_written(
-    spare: Callable[[Signed], bytes], key: Callable[[Signed], bytes], code: int, fleet: Fleet, tmp_path: Path
-) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    made = certificate("/gripper", fleet.identity)
-    (root / "old").write_bytes(fleet.document("/gripper", "rt/*"))
-    (root / "a").write_bytes(spare(made))
-    (root / "b").write_bytes(key(made))
-    assert bool(beside(root)) is (code != 0)
-    assert report(root).exit_code == code
 
 
 def test_a_link_out_of_the_keystore_may_be_anything_whatever_its_name(fleet: Fleet, tmp_path: Path) -> None:
@@ -404,15 +226,6 @@ def about(root: Path, path: Path) -> set[str]:
     return {f.code for f in report(root).findings if place in {each.path for each in f.locations}}
 
 
-def test_a_readme_that_quotes_the_first_line_of_a_key_is_none(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    readme = root / "enclaves/talker/README.md"
-    readme.write_text("A key begins with\n-----BEGIN PRIVATE KEY-----\nMIGHAgEA...\n-----END PRIVATE KEY-----\n")
-    assert about(root, readme) == {"KA121"}
-    readme.write_bytes(certificate("/gripper", fleet.identity).key_pem)
-    assert about(root, readme) == {"KA118", "KA121"}
-
-
 def test_a_locked_key_of_an_authority_is_good_practice(fleet: Fleet, tmp_path: Path) -> None:
     root = fleet.robot(tmp_path / "robot")
     locked = fleet.identity.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, BestAvailableEncryption(b"secret"))
@@ -439,13 +252,6 @@ def test_a_keystore_in_a_keystore_is_said_wherever_it_lies(place: str, fleet: Fl
     assert inside(root) == []
 
 
-def test_what_lies_below_enclaves_is_an_enclave_and_no_keystore(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    unpacked("enclaves/robot2")(fleet, root)
-    assert inside(root) == []
-    assert "/robot2/enclaves/talker" in {entry.path for entry in report(root).enclaves}
-
-
 @pytest.mark.parametrize(
     "name",
     ["cert.pem", "key.pem", "identity_ca.cert.pem", "permissions_ca.cert.pem", "governance.p7s", "permissions.p7s"],
@@ -458,25 +264,6 @@ def test_a_folder_is_an_enclave_whichever_file_is_missing(name: str, fleet: Flee
     (root / "backup" / name).unlink()
     assert inside(root) == ["backup"]
     assert report(root).exit_code == (0 if name in ("cert.pem", "key.pem") else 4)
-
-
-def test_what_nobody_can_start_hides_nothing_below_it(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    moved("/gripper", "backup")(fleet, root)
-    moved("/arm", "backup/old/arm")(fleet, root)
-    assert (inside(root), report(root).exit_code) == (["backup"], 4)
-    (root / "backup/key.pem").unlink()
-    assert (inside(root), report(root).exit_code) == (["backup", "backup/old/arm"], 4)
-
-
-@pytest.mark.parametrize("name", ["cert.pem", "key.pem"])
-def test_a_certificate_or_key_alone_is_no_enclave(name: str, fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "robot")
-    moved("/gripper")(fleet, root)
-    for file in (root / "backup").iterdir():
-        if file.name != name:
-            file.unlink()
-    assert inside(root) == []
 
 
 def test_what_the_same_run_audits_leaves_nothing_open(fleet: Fleet, tmp_path: Path) -> None:
@@ -623,16 +410,6 @@ def test_identities_that_could_not_be_read_once_are_no_pass(
     assert answer(*asked)[0] == 4
 
 
-def test_an_enclave_alone_is_compared_under_its_own_name(fleet: Fleet, tmp_path: Path) -> None:
-    enclave = fleet.robot(tmp_path / "one", "/talker") / "enclaves/talker"
-    two = fleet.robot(tmp_path / "two", "/camera")
-    assert shared(enclave, two) == [{}, {}]
-    shutil.copytree(enclave, two / "enclaves/talker")
-    first, second = shared(enclave, two)
-    assert "/talker and /talker in" in first["high"]
-    assert "/talker and /talker in" in second["high"]
-
-
 def test_one_subject_counts_under_one_authority_alone(fleet: Fleet, tmp_path: Path) -> None:
     one, two = fleet.robot(tmp_path / "one"), fleet.robot(tmp_path / "two")
     stranger = Fleet().robot(tmp_path / "stranger")
@@ -711,13 +488,6 @@ def test_a_keystore_named_twice_shares_nothing_with_itself(fleet: Fleet, tmp_pat
     assert shared(one, one / ".", one) == [{}, {}, {}]
 
 
-def test_a_keystore_that_cannot_be_audited_hides_no_other(fleet: Fleet, tmp_path: Path) -> None:
-    one = fleet.robot(tmp_path / "one")
-    (tmp_path / "none").mkdir()
-    code, out = answer("audit", one, tmp_path / "none", "--engine", "native", "-f", "json", "--at", INSTANT)
-    assert (code, len(json.loads(out)["reports"])) == (3, 1)
-
-
 def test_a_fault_with_one_keystore_hides_no_other(
     fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -750,13 +520,3 @@ def test_a_year_is_not_too_long(fleet: Fleet, tmp_path: Path) -> None:
         fleet.document("/talker", "rt/chatter", start="2026", end="2027")
     )
     assert "KA665" not in found(root, deployed=True)
-
-
-def test_a_document_behind_a_letter_is_never_a_pass(fleet: Fleet, tmp_path: Path) -> None:
-    root = fleet.robot(tmp_path / "keys")
-    assert "KA663" not in found(root)
-    (root / "letter").write_bytes(b"Subject: your rights\n\n" + fleet.document("/talker", "rt/*"))
-    told = report(root)
-    assert told.exit_code == 4
-    (finding,) = [each for each in told.findings if each.code == "KA663"]
-    assert finding.message.startswith("letter may give anything to anybody. A signed message stands in it below")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
 from keystore_audit.findings import Finding, Severity
@@ -35,7 +33,6 @@ USUAL = allow(["rt/rosout", "rt/parameter_events", "rr/*Reply"], ["rt/parameter_
 STOCK = ["rt/*", "rq/*Request", "rr/*Reply"]
 SET, SET_REPLY = "rq/arm/set_parametersRequest", "rr/arm/set_parametersReply"
 CHANGE, CHANGE_REPLY = "rq/arm/change_stateRequest", "rr/arm/change_stateReply"
-GET, GET_REPLY = "rq/arm/get_parametersRequest", "rr/arm/get_parametersReply"
 PARTS = ("cancel_goal", "get_result", "send_goal")
 GOALS = [f"rq/move/_action/{part}Request" for part in PARTS]
 RESULTS = [f"rr/move/_action/{part}Reply" for part in PARTS]
@@ -103,25 +100,6 @@ def test_parameters_of_others_by_names_and_by_patterns(calls: list[str], answers
     ]
 
 
-@pytest.mark.parametrize(
-    ("calls", "answers"),
-    [
-        (["rq/b*/set_parametersRequest"], ["rr/arm/*Reply"]),
-        (["rq/arm/get_*Request"], ["rr/arm/set_*Reply"]),
-        (["rq/[!a]*Request"], ["rr/a*Reply"]),
-        (["rt/*"], [SET_REPLY]),
-    ],
-)
-def test_patterns_that_have_no_node_in_common(calls: list[str], answers: list[str]) -> None:
-    assert [f.code for f in spoken(two(allow(calls), allow(answers))) if f.code == "KA632"] == []
-
-
-def test_reading_parameters_weighs_less() -> None:
-    (finding,) = spoken(two(allow([GET], [GET_REPLY]), allow([GET_REPLY], [GET])))
-    assert (finding.code, finding.severity) == ("KA632", Severity.LOW)
-    assert "read parameters of the node /arm" in finding.message
-
-
 def test_a_deny_rule_before_it_takes_the_call_back() -> None:
     denied = allow(["rq/*/set_parameters*"], allows=False)
     owner = allow([SET_REPLY, "rr/leg/*Reply"], [SET, "rq/leg/*Request"])
@@ -130,25 +108,6 @@ def test_a_deny_rule_before_it_takes_the_call_back() -> None:
     only_leg = allow(["rq/arm/*"], allows=False)
     (high,) = (f for f in spoken(two(only_leg, owner, allow(["rq/*Request"]))) if f.code == "KA632")
     assert "set parameters of the node /leg in" in high.message
-
-
-def test_rights_of_another_domain_meet_nobody() -> None:
-    elsewhere = ruled(domains=((5, 5),), publish=[([SET], None)], subscribe=[([SET_REPLY], None)])
-    assert [f.code for f in spoken(two(elsewhere, allow([SET_REPLY], [SET]))) if f.code == "KA632"] == []
-
-
-def test_a_grant_in_another_document_counts() -> None:
-    """The listener's document also grants the talker a call: peers take it (measured)."""
-    given: Any = permissions(
-        "enclaves/listener/permissions.p7s",
-        grant("/listener", allow([SET_REPLY], [SET]), DISCOVERY),
-        grant("/talker", allow([SET], [SET_REPLY])),
-    )
-    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/a"]), DISCOVERY))
-    store = keystore(enclave("/talker", permissions=own), enclave("/listener", permissions=given))
-    (finding,) = (f for f in spoken(store) if f.code == "KA632")
-    assert finding.enclave == "/talker"
-    assert {place.path for place in finding.locations} == {"enclaves/listener/permissions.p7s"}
 
 
 def test_who_answers_by_a_pattern_what_others_list() -> None:
@@ -182,11 +141,6 @@ def test_patterns_that_take_in_actions(topics: Rule, severity: Severity | None) 
     assert [finding.severity for finding in found] == ([severity] if severity else [])
     if severity is Severity.MEDIUM:
         assert "as of /move, which /listener serves" in found[0].message
-
-
-def test_a_deny_rule_keeps_actions_out() -> None:
-    denied = allow(["*/_action/*"], ["*/_action/*"], allows=False)
-    assert [f.code for f in spoken(two(denied, None, allow(["rt/arm/*"], ["rt/arm/*"])))] == []
 
 
 def test_without_discovery_no_node_is_made() -> None:
@@ -232,26 +186,6 @@ def test_patterns_of_plain_dds_make_no_node(pattern: str, is_ros: bool) -> None:
     own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow([pattern], ["Circle"])))
     found = lacking(keystore(enclave("/talker", permissions=own)))
     assert [finding.code for finding in found] == (["KA636"] if is_ros else [])
-
-
-def test_what_some_of_the_usual_is_there_without() -> None:
-    (finding,) = lacking(two(allow(["rt/rosout", "rt/parameter_events"]), USUAL))
-    assert finding.severity is Severity.MEDIUM
-    assert finding.message == (
-        "/talker may not subscribe to /parameter_events, answer for the parameters of any node: "
-        "nodes fail unless they are told to do without."
-    )
-    topics = ["rt/rosout", "rt/parameter_events"]
-    (parameters,) = lacking(two(allow(topics, topics[1:]), USUAL))
-    assert "/talker may not answer for the parameters of any node: " in parameters.message
-    for answers in ("rr/talker/get_parametersReply", "rr/*Reply", "r*"):
-        assert lacking(two(allow([*topics, answers], topics[1:]), USUAL)) == (), answers
-    (none,) = lacking(two(allow(["rt/a"]), USUAL))
-    assert none.severity is Severity.MEDIUM
-    assert none.message == (
-        "/talker may not publish /rosout, publish /parameter_events, subscribe to /parameter_events, answer for the "
-        "parameters of any node: nodes fail unless they are told to do without."
-    )
 
 
 def _node(*services: str) -> Rule:

@@ -14,8 +14,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.smime import Signature
 from keystore_audit.profiles import DEFAULT, VARIANTS, implementations
-from keystore_audit.rules import BY_CODE
-from keystore_audit.rules.subjects import UNPINNED, permissions_uses
+from keystore_audit.rules.subjects import UNPINNED
 from tests.rules.evidence import (
     DAY,
     PERMISSIONS_CA,
@@ -25,15 +24,12 @@ from tests.rules.evidence import (
     becomes,
     certificates,
     codes,
-    context,
     defect,
-    enclave,
     findings,
     first,
     grant,
     healthy,
     judged,
-    keystore,
     open_codes,
     pem,
     permissions,
@@ -48,7 +44,6 @@ CA = first("public/permissions_ca.cert.pem", PERMISSIONS_CA)
 STRANGER = first(P7S, pem("permissionsCA", label="stranger", issuer="permissionsCA", issuer_label="stranger"))
 RENEWED = first(P7S, pem("permissionsCA", label="permissionsCA", issuer="permissionsCA", start=START + DAY))
 IDENTITY = first("enclaves/talker/cert.pem", pem("/talker"))
-GHOST = first(P7S, pem("/ghost", issuer="permissionsCA"))
 
 
 def by(*signatures: Signature, kinds: tuple[Kind, ...] = (), unread: bool = False, **fields: Any) -> Change:
@@ -119,64 +114,6 @@ def test_who_takes_what_an_identity_signed_for_itself() -> None:
         pinned.message
     )
     assert codes(self_signed(healthy())) == ["KA222", "KA302"]
-
-
-def test_where_the_authorities_are_separate_nobody_takes_it() -> None:
-    found = findings("KA302", judged(by(signature(IDENTITY))(healthy())))
-    assert "refused by every known implementation" in found[0].message
-    assert found[0].locations[1].path == "enclaves/talker/cert.pem"
-
-
-def test_a_certificate_of_the_authority_that_no_enclave_has_is_one_of_its_identities() -> None:
-    found = findings("KA302", judged(by(signature(GHOST))(healthy())))
-    assert "a certificate that the permissions CA issued" in found[0].message
-    assert "accepted by" in found[0].message
-    assert len(found[0].locations) == 1  # the certificate is inside the message
-
-
-def test_a_document_that_one_of_its_enclaves_refuses_names_that_one() -> None:
-    other = certificates("enclaves/listener/permissions_ca.cert.pem", pem("otherCA", issuer="otherCA"))
-    by_other = signature(other.certificates[0])
-    store = keystore(
-        enclave("/talker"),
-        enclave(
-            "/listener",
-            permissions_ca=other,
-            permissions=permissions(
-                "enclaves/listener/permissions.p7s",
-                grant("/listener"),
-                signed=signed("enclaves/listener/permissions.p7s", by_other),
-            ),
-        ),
-    )
-    found = findings("KA301", judged(store))
-    assert codes(store) == ["KA223", "KA301"]
-    assert "in /listener" in found[0].message
-    assert "otherCA" in found[0].message
-
-
-@pytest.mark.parametrize(("signer", "narrow"), [(IDENTITY, True), (GHOST, False)])
-def test_what_a_foreign_signature_explains_depends_on_who_takes_it(signer: Certificate, narrow: bool) -> None:
-    store = by(signature(signer))(healthy())
-    use = next(use for use in permissions_uses(store) if use.signed.file.place == P7S)
-    violations = list(BY_CODE["KA302"].check(use, context(store)))
-    explained = violations[0].explains
-    assert explained is not None
-    assert ("no-enclave-grants-itself-rights" not in explained) is narrow
-
-
-def test_a_refused_form_is_not_open_on_account_of_what_cannot_be_read() -> None:
-    both_defects = by(kinds=(Kind.CMS_NOT_DER, Kind.DIGEST_MISMATCH))
-    assert "KA306" in becomes(both_defects)
-    assert open_codes(both_defects(healthy())) == set()
-
-
-def test_without_an_authority_only_what_needs_none_is_said() -> None:
-    gone = absent("public/permissions_ca.cert.pem")
-    no_authority: dict[str, Any] = {"permissions_ca": None, "files": {Role.PERMISSIONS_CA: gone}}
-    assert becomes(talker(**no_authority)) == ["KA101"]
-    broken = permissions(P7S, grant("/talker"), signed=signed(P7S, signature(CA, digest_matches=False)))
-    assert becomes(talker(permissions=broken, **no_authority)) == ["KA101", "KA303"]
 
 
 def test_what_an_unreadable_authority_may_accept_is_open() -> None:

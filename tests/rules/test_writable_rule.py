@@ -80,14 +80,6 @@ def test_who_may_write_it(path: str, mode: int, group: str, severity: str | None
     assert found(store) == ([] if severity is None else [(severity, [path])])
 
 
-def test_what_is_written_with_the_umask_of_ubuntu_is_the_owners(store: Path) -> None:
-    for place in (store, *store.rglob("*")):
-        if not place.is_symlink():
-            given_to(PRIVATE, place)
-            place.chmod(0o775 if place.is_dir() else 0o664)
-    assert found(store) == []
-
-
 def test_where_keystores_are_made_it_weighs_a_step_less(store: Path) -> None:
     """GitLab checks out with umask 0 by default: no pipeline that ships nothing is stopped by that."""
     for path in (CA, PERMISSIONS):
@@ -114,33 +106,6 @@ def test_what_enclaves_have_copies_of_counts_by_each_copy(tmp_path: Path) -> Non
     root = sros2(tmp_path / "k", links=False)
     (root / "enclaves/talker/identity_ca.cert.pem").chmod(0o646)
     assert found(root) == [("high", ["enclaves/talker/identity_ca.cert.pem"])]
-
-
-@pytest.mark.parametrize(("name", "called"), [("key.p11", "1 PKCS #11 address"), ("crl.pem", "1 signed file")])
-def test_what_an_enclave_takes_from_a_token_is_no_signed_file(name: str, called: str, store: Path) -> None:
-    place = store / "enclaves/talker" / name
-    place.write_text("pkcs11:object=talker")
-    place.chmod(0o646)
-    _code, out = answer("audit", "--engine", "native", "-f", "json", "--at", AT, "--deployed", store)
-    (told,) = [each["message"] for each in json.loads(out)["findings"] if each["code"] == "KA119"]
-    assert told.startswith(f"Others than the owner may write {called}: enclaves/talker/{name} (0646); ")
-    assert found(store) == [("medium", [f"enclaves/talker/{name}"])]
-
-
-def test_a_group_that_has_to_write_is_accepted_for_the_whole_tree(store: Path, tmp_path: Path) -> None:
-    """As docs/ci.md says."""
-    for path in (CA, PERMISSIONS):
-        given_to(STRANGERS, store / path)
-        (store / path).chmod(0o664)
-    settings = tmp_path / "accepted.toml"
-    settings.write_text(
-        '[[suppression]]\ncode = "KA119"\nwhere = "*"\nreason = "Group issuers."\nowner = "Ada"\nuntil = 2026-12-24\n'
-    )
-    words = ("audit", "--engine", "native", "-f", "json", "--at", AT, "--deployed", "--settings", settings, store)
-    report = json.loads(answer(*words)[1])
-    told = [each for each in report["findings"] if each["code"] == "KA119"]
-    assert [each["severity"] for each in told] == ["high", "medium"]
-    assert all(each["suppressed"] for each in told)
 
 
 def test_a_folder_that_links_of_run_times_lead_over_counts(store: Path) -> None:
