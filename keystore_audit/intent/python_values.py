@@ -256,8 +256,8 @@ class Expressions:
             elif argument in _PAIRS:
                 children += self._pairs(node, argument, value)
             elif argument == "condition":
-                told = isinstance(value, Element) and value.kind == "condition"
-                attributes |= value.attributes if told else {"if": (Unknown("another condition"),)}
+                known = value.attributes if isinstance(value, Element) and value.kind == "condition" else None
+                attributes |= known or {"if": (Unknown("another condition"),)}
             elif argument in ("arguments", "ros_arguments"):
                 name = "args" if argument == "arguments" and isinstance(value, list) else "ros_args"
                 attributes[name] = bounded((*attributes.get(name, ()), " ", *self._command(value)))
