@@ -11,7 +11,7 @@ from msgspec import Struct, field
 
 from keystore_audit.truth import Truth
 from tests.oracles.vendors.enclave import Answer, Vendor
-from tests.oracles.vendors.ours import Verdict, decide
+from tests.oracles.vendors.ours import Asked, agree, of_all
 from tests.oracles.vendors.recipe import NOW, Recipe
 
 
@@ -22,23 +22,26 @@ class Comparison(Struct, kw_only=True):
     abstained: dict[tuple[str, str], str] = field(default_factory=dict)
     deviating: dict[tuple[str, str], str] = field(default_factory=dict)
 
-    def add(self, recipe: Recipe, vendor: str, verdict: Verdict, answer: Answer) -> None:
+    def add(self, recipe: Recipe, vendor: str, ours: Asked, answer: Answer) -> None:
         """Compare the participant, and the endpoints where one starts."""
-        place = (vendor, recipe.title)
-        if verdict.usable is Truth.UNKNOWN:
-            self.abstained[place] = verdict.reason
+        place, started = (vendor, recipe.title), ours.starts(vendor)
+        usable = started.usable
+        if usable is Truth.UNKNOWN:
+            self.abstained[place] = started.reason
             return
-        if verdict.usable.must != (answer.participant is None):
+        if usable.must != (answer.participant is None):
             theirs = answer.participant or "starts"
-            self.deviating[place] = f"ours: usable is {verdict.usable.value} ({verdict.reason}); theirs: {theirs}"
+            self.deviating[place] = f"ours: usable is {usable.value} ({started.reason}); theirs: {theirs}"
             return
         self.agreed[vendor] += 1
-        listed = zip(recipe.endpoints, verdict.endpoints, verdict.exact, answer.endpoints, strict=verdict.usable.must)
-        for endpoint, ruling, exact, refusal in listed:
-            if ruling is Truth.UNKNOWN:
+        listed = zip(recipe.endpoints, ours.endpoints(vendor), answer.endpoints, strict=usable.must)
+        for endpoint, answers, refusal in listed:
+            rulings = [each.decision for each in answers]
+            if of_all(rulings) is Truth.UNKNOWN:
                 self.abstained[place] = str(endpoint)
-            elif (ruling is Truth.YES) != (refusal is None) and (exact or refusal is None):
-                self.deviating[place] = f"{endpoint}; ours: {ruling.value}; theirs: {refusal or 'created'}"
+            elif not agree(vendor, rulings, refusal is None):
+                said = of_all(rulings).value
+                self.deviating[place] = f"{endpoint}; ours: {said}; theirs: {refusal or 'created'}"
             else:
                 self.agreed[vendor] += 1
 
@@ -55,9 +58,9 @@ def compare(
             name: vendor.ask(enclave, recipe.domain, recipe.endpoints, recipe.time_zone)
             for name, vendor in asked.items()
         }
-        verdicts = decide(keystore, recipe.domain, recipe.endpoints, NOW, recipe.time_zone)
+        ours = Asked(keystore, "/talker", recipe.domain, recipe.endpoints, NOW, recipe.time_zone)
         answers[recipe.title] = {name: answer() for name, answer in theirs.items()}
         for name, answer in answers[recipe.title].items():
-            comparison.add(recipe, name, verdicts[name], answer)
+            comparison.add(recipe, name, ours, answer)
         shutil.rmtree(keystore)
     return answers

@@ -14,13 +14,11 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.keystore.permissions import Operation
-from tests.keystore.documents import allow, deny, ids, topic_rule
-from tests.keystore.documents import criterion as criterion_element
+from tests.keystore.documents import criterion, ids, rule, topic_rule
 from tests.oracles.vendors.enclave import Endpoint
 from tests.oracles.vendors.pairs import Meeting, Side
 from tests.oracles.vendors.pairs_case import other_end
 from tests.oracles.vendors.pairs_material import (
-    CONTROL_TOPICS,
     EVERYTHING,
     FUTURE,
     LONG,
@@ -28,97 +26,33 @@ from tests.oracles.vendors.pairs_material import (
     Authorities,
     Enclave,
     governance,
+    grant,
     permissions,
 )
-from tests.oracles.vendors.pairs_material import grant as grant_element
 
 SUBJECT = "CN=/second"
 ENDPOINTS_OF_A_PAIR = 40
 CAS = Authorities.split()
 IDENTITIES = {name: CAS.issue(f"/{name}") for name in ("first", "second")}
-_ALL_ALLOWED = {name: CAS.sign(permissions(grant_element(f"CN=/{name}", EVERYTHING))) for name in IDENTITIES}
+_ALL_ALLOWED = {name: CAS.sign(permissions(grant(f"CN=/{name}", EVERYTHING))) for name in IDENTITIES}
 
 _EXPRESSIONS = ("*", "a*", "b*", "ab*", "[ab]*", "[!a]*", "?b*", "*1", "a?", "b2")
-_PARTITIONS = ("", "p", "q", "*", "?", "p*", "[pq]")
-_OPERATIONS = ("publish", "subscribe")
-
-
-class Criterion(Struct, frozen=True, kw_only=True):
-    """`partitions` None: no such element."""
-
-    operation: str
-    topics: tuple[str, ...]
-    partitions: tuple[str, ...] | None = None
-
-    def xml(self) -> str:
-        """The element."""
-        return criterion_element(self.operation, *self.topics, partitions=self.partitions)
-
-
-class Rule(Struct, frozen=True, kw_only=True):
-    """`domains`: ranges, both ends included."""
-
-    allow: bool
-    domains: tuple[tuple[int, int], ...]
-    criteria: tuple[Criterion, ...]
-
-    def holds(self, domain: int) -> bool:
-        """Whether the rule is about the domain."""
-        return any(low <= domain <= high for low, high in self.domains)
-
-    def xml(self) -> str:
-        """The element."""
-        made = allow if self.allow else deny
-        return made(*(each.xml() for each in self.criteria), domains=ids(*self.domains))
-
-
-class Grant(Struct, frozen=True, kw_only=True):
-    """`controls`: the first rule allows the controls of the pair."""
-
-    subject: str
-    validity: tuple[str, str]
-    rules: tuple[Rule, ...]
-    allows_by_default: bool
-
-    def xml(self) -> str:
-        """The element."""
-        default = "ALLOW" if self.allows_by_default else "DENY"
-        rules = "".join(rule.xml() for rule in self.rules)
-        return grant_element(self.subject, rules, default=default, validity=self.validity, controls=False)
-
-
-class TopicRule(Struct, frozen=True, kw_only=True):
-    """A rule of the governance, the same on both sides."""
-
-    expression: str
-    read_control: bool
-    write_control: bool
+_PARTITIONS = ("p", "q", "*", "?", "p*", "[pq]")
+_OPERATIONS = ("publish", "subscribe", "relay")
 
 
 class Remote(Struct, frozen=True, kw_only=True):
-    """What the second side presents, and what the governance asks for."""
+    """What the second side presents, and the governance of both."""
 
-    grants: tuple[Grant, ...]
-    topic_rules: tuple[TopicRule, ...]
-    join_control: bool
+    permissions: bytes
+    governance: bytes
     domain: int
     endpoints: tuple[Endpoint, ...]
 
-    def governance(self) -> bytes:
-        """The document of both sides."""
-        rules = (
-            topic_rule(rule.expression, read=rule.read_control, write=rule.write_control) for rule in self.topic_rules
-        )
-        return governance(*rules, join=self.join_control)
-
-    def permissions(self) -> bytes:
-        """The document of the second side."""
-        return permissions(*(grant.xml() for grant in self.grants))
-
     def sides(self, directory: Path) -> tuple[Side, Side]:
         """Both; `directory` gets a keystore of them, in which /second has what it presents, and what it starts with."""
-        governed = CAS.sign(self.governance())
-        documents = {"first": _ALL_ALLOWED["first"], "second": CAS.sign(self.permissions())}
+        governed = CAS.sign(self.governance)
+        documents = {"first": _ALL_ALLOWED["first"], "second": CAS.sign(self.permissions)}
         enclaves = {
             name: Enclave(authorities=CAS, identity=identity, governance=governed, permissions=documents[name])
             for name, identity in IDENTITIES.items()
@@ -163,44 +97,36 @@ def random_remote(seed: int) -> Remote:
         grants.append(_grant(random, SUBJECT))
     if random.random() < 0.3:
         grants.insert(0, _grant(random, "CN=/other"))
-    governed = [TopicRule(expression="*", read_control=random.random() < 0.9, write_control=random.random() < 0.9)]
+    governed = [topic_rule("*", read=random.random() < 0.9, write=random.random() < 0.9)]
     if random.random() < 0.5:
         expression = random.choice(("a*", "[ab]b*"))
-        some = TopicRule(expression=expression, read_control=random.random() < 0.6, write_control=random.random() < 0.6)
-        governed.insert(0, some)
+        governed.insert(0, topic_rule(expression, read=random.random() < 0.6, write=random.random() < 0.6))
     return Remote(
-        grants=tuple(grants),
-        topic_rules=tuple(governed),
-        join_control=random.random() < 0.7,
+        permissions=permissions(*grants),
+        governance=governance(*governed, join=random.random() < 0.7),
         domain=random.choice((0, 0, 1)),
         endpoints=tuple(_endpoint(random, number) for number in range(ENDPOINTS_OF_A_PAIR)),
     )
 
 
-def _grant(random: Random, subject: str, validity: tuple[str, str] = LONG) -> Grant:
+def _grant(random: Random, subject: str, validity: tuple[str, str] = LONG) -> str:
     rules = [_rule(random) for _ in range(random.randint(1, 4))]
-    if random.random() < 0.9:
-        controls = tuple(Criterion(operation=operation, topics=CONTROL_TOPICS) for operation in _OPERATIONS)
-        rules.insert(0, Rule(allow=True, domains=((0, 230),), criteria=controls))
-    return Grant(subject=subject, validity=validity, rules=tuple(rules), allows_by_default=random.random() < 0.3)
+    controls, default = random.random() < 0.9, "ALLOW" if random.random() < 0.3 else "DENY"
+    return grant(subject, *rules, default=default, validity=validity, controls=controls)
 
 
-def _rule(random: Random) -> Rule:
+def _rule(random: Random) -> str:
     low = random.choice((0, 0, 0, 1))
     domains = ((low, low + random.choice((0, 3))), (7, 7))[: random.randint(1, 2)]
-    operations = [random.choice((*_OPERATIONS, *_OPERATIONS, "relay")) for _ in range(random.randint(1, 3))]
+    kinds = [random.choice(("publish", "subscribe", *_OPERATIONS)) for _ in range(random.randint(1, 3))]
     # Fast DDS reads them in any order, the schema wants all of one kind together.
-    operations.sort(key=("publish", "subscribe", "relay").index)
-    criteria = tuple(_criterion(random, operation) for operation in operations)
-    return Rule(allow=random.random() < 0.65, domains=domains, criteria=criteria)
+    criteria = [_criterion(random, kind) for kind in sorted(kinds, key=_OPERATIONS.index)]
+    return rule(*criteria, allow=random.random() < 0.65, domains=ids(*domains))
 
 
-def _criterion(random: Random, operation: str) -> Criterion:
-    return Criterion(
-        operation=operation,
-        topics=tuple(_some(random, _EXPRESSIONS, 1, 2)),
-        partitions=tuple(_some(random, _PARTITIONS[1:], 1, 2)) if random.random() < 0.5 else None,
-    )
+def _criterion(random: Random, kind: str) -> str:
+    topics = _some(random, _EXPRESSIONS, 1, 2)
+    return criterion(kind, *topics, partitions=_some(random, _PARTITIONS, 1, 2) if random.random() < 0.5 else ())
 
 
 def _endpoint(random: Random, number: int) -> Endpoint:

@@ -16,10 +16,10 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.claims.ability import sent, talks
 from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import PrivateKey, certificate
+from tests.oracles.vendors.ours import PROFILES
 from tests.oracles.vendors.pairs import PATIENCE, Pairs, Side
 from tests.oracles.vendors.pairs_case import CAS, PLAIN_FIRST, PLAIN_SECOND
 from tests.oracles.vendors.pairs_material import EVERYTHING, Enclave, grant, permissions
-from tests.oracles.vendors.remote_ours import PROFILES
 
 pytestmark = pytest.mark.xdist_group("vendors-pairs")  # the programs are compiled once
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from datetime import datetime, timezone
 from pathlib import Path
 
 import pytest
 
 from keystore_audit.truth import Truth
+from tests.oracles.vendors.ours import Answers, Asked
 from tests.oracles.vendors.pairs import Pairs
-from tests.oracles.vendors.pairs_case import KEYSTORE
+from tests.oracles.vendors.pairs_case import KEYSTORE, Case
 from tests.oracles.vendors.pairs_measured import CASES, measured, outcomes
-from tests.oracles.vendors.remote_ours import answers
 
 pytestmark = pytest.mark.xdist_group("vendors-pairs")  # the programs are compiled once
 
@@ -44,6 +45,11 @@ ABSTAINING = {"subject with blanks round it", "subject with newlines round it"}
 """Where we do not say what a document means: a subject that implementations read differently."""
 
 
+def said(keystore: Path, case: Case, side: int, vendor: str) -> Answers:
+    asked = Asked(keystore, "/second", case.domains[side], case.endpoints, datetime.now(timezone.utc))
+    return asked.endpoints(vendor)
+
+
 @pytest.mark.parametrize("vendor", ["cyclone", "fastdds"])
 def test_we_call_effective_what_was_accepted(vendor: str, tmp_path: Path) -> None:
     exact = 0
@@ -51,10 +57,10 @@ def test_we_call_effective_what_was_accepted(vendor: str, tmp_path: Path) -> Non
     for number, case in enumerate(case for case in CASES if case.second is not None):
         case.sides(tmp_path / str(number))
         letters = measured()[case.title][vendor]
-        ours = answers(tmp_path / str(number) / KEYSTORE, "/second", case.domains[0], case.endpoints, vendor)
+        ours = said(tmp_path / str(number) / KEYSTORE, case, 0, vendor)
         is_exact = case.peers_agree
-        for endpoint, letter, answer in zip(case.endpoints, letters, ours, strict=False):
-            if answer is None or (case.title in ABSTAINING and answer.effective is Truth.UNKNOWN):
+        for endpoint, letter, (answer, *more) in zip(case.endpoints, letters, ours, strict=False):
+            if more or (case.title in ABSTAINING and answer.effective is Truth.UNKNOWN):
                 continue
             exact += is_exact
             wanted = Truth.YES if letter in "+~" else Truth.NO if is_exact and letter == "." else None
@@ -71,11 +77,11 @@ def test_we_decide_as_an_honest_side_does(vendor: str, tmp_path: Path) -> None:
     for number, case in enumerate(honest):
         case.sides(tmp_path / str(number))
         letters = measured()[case.title][vendor]
-        ours = answers(tmp_path / str(number) / KEYSTORE, "/second", case.domains[1], case.endpoints, vendor)
+        ours = said(tmp_path / str(number) / KEYSTORE, case, 1, vendor)
         # A side that did not start has no letter for each endpoint, and was never asked where the first one did not.
         each = letters if letters not in ("first", "second") else "-" * len(ours) if letters == "second" else ""
-        for endpoint, letter, answer in zip(case.endpoints, each, ours, strict=False):
+        for endpoint, letter, (answer, *more) in zip(case.endpoints, each, ours, strict=False):
             wanted = Truth.NO if letter == "-" else Truth.YES
-            if answer is not None and answer.decision is not wanted:
+            if not more and answer.decision is not wanted:
                 others.append(f"{case.title}: {endpoint}: measured {letters}, decision is {answer.decision.value}")
     assert not others
