@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Collection
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from msgspec.structs import asdict
 
@@ -63,9 +63,18 @@ def told(defects: Collection[Defect], data: bytes, last: int | None = None) -> N
         defect.detail.encode()
 
 
+T = TypeVar("T")
+
+
+def twice(read: Callable[[bytes], T], data: bytes, said: Callable[[T], object] = repr) -> T:
+    """What a reader makes of it, the same each time."""
+    first = read(data)
+    assert said(first) == said(read(data))
+    return first
+
+
 def certificate(data: bytes) -> None:
-    first, again = read_certificates(present(data)), read_certificates(present(data))
-    assert repr(first) == repr(again)
+    first = twice(lambda data: read_certificates(present(data)), data)
     assert first.certificates or first.defects
     told(first.defects, data)
     for each in first.certificates:
@@ -80,15 +89,13 @@ def said_of(file: CrlFile) -> object:
 
 
 def crl(data: bytes) -> None:
-    first, again = read_crl(present(data)), read_crl(present(data))
-    assert said_of(first) == said_of(again)
+    first = twice(lambda data: read_crl(present(data)), data, said_of)
     assert first.revocation_lists or first.defects
     told(first.defects, data)
 
 
 def private_key(data: bytes) -> None:
-    first, again = read_private_key(present(data)), read_private_key(present(data))
-    assert repr(first) == repr(again)
+    first = twice(lambda data: read_private_key(present(data)), data)
     assert first.file.content is None
     assert first.key is not None or first.defects
     assert first.key is None or {defect.kind for defect in first.defects} <= {Kind.SECOND_KEY}
@@ -99,8 +106,7 @@ def private_key(data: bytes) -> None:
 
 
 def pem(data: bytes) -> None:
-    first = read_pem(data)
-    assert repr(first) == repr(read_pem(data))
+    first = twice(read_pem, data)
     assert bool(first.parts) == (b"-----BEGIN" in data)
     assert first.parts or first.texts or not data.strip()
     lines = [part.line for part in first.parts]
@@ -180,8 +186,7 @@ def _is_signed(document: SignedDocument) -> bool:
 
 def smime(data: bytes) -> None:
     """No text is taken for signed but those that the authorities signed, whatever a mutation does."""
-    first, again = _read(data), _read(data)
-    assert (first.content, repr(first)) == (again.content, repr(again))
+    first = twice(_read, data)
     assert first.content is not None or first.defects
     assert first.signatures or first.defects
     told(first.defects, data)
@@ -210,9 +215,9 @@ def xml(data: bytes) -> None:
 def governance(data: bytes) -> None:
     """`data` is the text that is signed."""
     message = HEADER + data + FOOTER
-    first, again = read_governance(present(message), ()), read_governance(present(message), ())
-    assert repr(first.governance) == repr(again.governance)
-    assert first.defects == again.defects
+    first = twice(
+        lambda data: read_governance(present(data), ()), message, lambda read: repr((read.governance, read.defects))
+    )
     told(first.defects, message)
     assert (first.governance is None) == (first.signed.content is None or _opaque(first.defects))
     if first.governance is not None:
@@ -222,9 +227,9 @@ def governance(data: bytes) -> None:
 def permissions(data: bytes) -> None:
     """`data` is the text that is signed."""
     message = HEADER + data + FOOTER
-    first, again = read_permissions(present(message), ()), read_permissions(present(message), ())
-    assert repr(first.permissions) == repr(again.permissions)
-    assert first.defects == again.defects
+    first = twice(
+        lambda data: read_permissions(present(data), ()), message, lambda read: repr((read.permissions, read.defects))
+    )
     told(first.defects, message)
     assert (first.permissions is None) == (first.signed.content is None or _opaque(first.defects))
     if first.permissions is not None:

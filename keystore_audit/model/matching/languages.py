@@ -250,7 +250,7 @@ def _brackets(text: str, place: int) -> tuple[Single, int, str | None]:
 
 # Expressions as OpenDDS reads them: ACE::wild_match, case-sensitive and with brackets.
 #
-# Read in ACE.cpp of ACE_TAO, measured on the library of ACE 7.0.8 by tests/oracles/fnmatch/test_opendds.py; that
+# Read in ACE.cpp of ACE_TAO, measured on the library of ACE 7.0.8 by tests/oracles/fnmatch/test_libraries.py; that
 # OpenDDS
 # calls it so is read in its AccessControlBuiltInImpl.cpp. A backslash escapes outside of brackets. In brackets `!`
 # negates, a first `]` stands for itself, there are no character classes, and the `-` of a range that does not end
