@@ -15,7 +15,7 @@ from cryptography.hazmat.asn1 import TLV, Explicit, GeneralizedTime, Implicit, S
 from msgspec import Struct
 
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.der import children, well_formed
+from keystore_audit.keystore.der import children, first_element, well_formed
 from keystore_audit.keystore.public_key import DIGESTS, Problem, Scheme, digest_problems, read_digest, read_scheme
 
 MAX_SIGNERS: Final = 16
@@ -23,9 +23,6 @@ MAX_SIGNERS: Final = 16
 
 MAX_EMBEDDED: Final = 64
 """Certificates of a message that are read: real ones have at most a chain."""
-
-MAX_ELEMENTS: Final = 10_000
-"""Elements that are looked through for the reason of a failure: the signature of a DDS document has about 100."""
 
 _SIGNED_DATA: Final = x509.ObjectIdentifier("1.2.840.113549.1.7.2")
 _DATA: Final = x509.ObjectIdentifier("1.2.840.113549.1.7.1")
@@ -257,22 +254,9 @@ def _time(value: TLV) -> datetime | None:
 
 
 def _departure_from_der(data: bytes) -> str | None:
-    """The first length that is not DER (X.690, 10.1) in reading order, or bytes behind the outermost element."""
-    if not data.startswith(b"\x30"):
-        return None
-    position, outer_end = 0, len(data)
-    for _ in range(MAX_ELEMENTS):
-        if position + 2 >= len(data):
-            break
-        tag, first = data[position], data[position + 1]
-        size = first & 0x7F if first & 0x80 else 0
-        if first == 0x80:
-            return f"an indefinite length at byte {position} of the signature (BER)"
-        start = position + 2 + size
-        length = int.from_bytes(data[position + 2 : start], "big") if size else first
-        if size and (length < 0x80 or data[position + 2] == 0):
-            return f"a length in more bytes than needed at byte {position} of the signature (BER)"
-        if position == 0:
-            outer_end = start + length
-        position = start if tag & 0x20 else start + length
-    return f"{len(data) - outer_end} bytes behind the signature" if outer_end < len(data) else None
+    """What run times pass over: the form that `openssl -stream` writes, or bytes behind the structure."""
+    if data[:2] == b"\x30\x80":
+        return "an indefinite length (BER)"
+    element = first_element(data)
+    behind = len(data) - len(element) if element is not None else 0
+    return f"{behind} bytes behind the signature" if behind else None

@@ -298,19 +298,14 @@ class Root:
             self._hashed_left -= min(hashed, self._hashed_left)
         else:
             traces = look(content)
-            if (traces.message or traces.certificate or traces.private_key) and traces.sha256 is not None:
+            if any(traces[:3]) and traces.sha256 is not None:
                 self._contents.setdefault(traces.sha256, content)
         return _there(
             found,
             status=Status.TOO_LARGE if too_large else Status.PRESENT,
             detail=too_large,
             content=None if too_large else content,
-            sha256=traces.sha256,
-            holds_private_key=traces.private_key,
-            holds_certificates=traces.certificate,
-            may_be_message=traces.message,
-            concealed=traces.concealed,
-            opaque=traces.unread,
+            **traces._asdict(),
         )
 
     def _list(self, relative: bytes) -> Listing:

@@ -88,18 +88,14 @@ _DIGEST: Final = re.compile(rb"\b[0-9a-fA-F]{40,128}\b")
 
 
 class Traces(NamedTuple):
-    """What a file may hold. `sha256`: of all of it, in hexadecimal; None where it was too large for that.
+    """What a file may hold, as `File` has it. `sha256`: of all of it; None where it was too large for that."""
 
-    `concealed`: how it carries the mark of a message (`traces.concealed`). `unread`: why what is in it was not read,
-    in words that follow its name; "" if it was: as text, message, certificate or key.
-    """
-
-    private_key: bool
-    certificate: bool
-    message: bool
+    holds_private_key: bool
+    holds_certificates: bool
+    may_be_message: bool
     sha256: str | None
     concealed: str = ""
-    unread: str = ""
+    opaque: str = ""
 
 
 def look(content: bytes) -> Traces:
@@ -117,12 +113,12 @@ def look(content: bytes) -> Traces:
         certificate = certificate or isinstance(read_certificate(element, 1, ""), Certificate)
     known = message or (element == content and (key or certificate))
     return Traces(
-        private_key=key,
-        certificate=certificate,
-        message=message or how != "",
+        holds_private_key=key,
+        holds_certificates=certificate,
+        may_be_message=message or how != "",
         sha256=hashlib.sha256(content).hexdigest(),
         concealed=how,
-        unread="" if known else _unread(content),
+        opaque="" if known else _unread(content),
     )
 
 

@@ -59,7 +59,7 @@ def test_keys_are_seen_in_pem_and_der(key: Path) -> None:
         b"key: |\n" + b"".join(b"  " + x for x in forms[1].splitlines(True)),
     ]
     assert [number for number, form in enumerate(forms) if not holds(form)[0]] == []
-    assert [number for number, form in enumerate(forms) if look(form).unread] == [], "all of it was read"
+    assert [number for number, form in enumerate(forms) if look(form).opaque] == [], "all of it was read"
 
 
 def test_certificates_are_seen_in_pem_and_der(certificate: Path, key: Path) -> None:
@@ -85,7 +85,7 @@ def test_other_forms_are_not_searched_for_and_were_not_read(key: Path, certifica
         b"PK\x03\x04" + bytes(90),
         "caf\u00e9".encode("latin-1"),
     ]
-    assert [number for number, form in enumerate(forms) if not look(form).unread] == []
+    assert [number for number, form in enumerate(forms) if not look(form).opaque] == []
     assert [number for number, form in enumerate(forms) if holds(form)[0]] == []
 
 
@@ -99,7 +99,7 @@ def test_plain_text_was_read(key: Path, certificate: Path) -> None:
         openssl("pkey", "-in", key, "-pubout"),
         openssl("x509", "-in", certificate, "-text"),
     ]
-    assert [number for number, form in enumerate(forms) if look(form).unread] == []
+    assert [number for number, form in enumerate(forms) if look(form).opaque] == []
 
 
 PLACEHOLDERS = (
@@ -116,7 +116,12 @@ PLACEHOLDERS = (
 @pytest.mark.parametrize("text", PLACEHOLDERS)
 def test_a_text_that_quotes_a_mark_holds_nothing(text: bytes) -> None:
     traces = look(text)
-    assert (traces.private_key, traces.certificate, traces.concealed, traces.unread) == (False, False, "", "")
+    assert (traces.holds_private_key, traces.holds_certificates, traces.concealed, traces.opaque) == (
+        False,
+        False,
+        "",
+        "",
+    )
 
 
 def test_what_only_looks_like_der_is_none(key: Path) -> None:
@@ -158,7 +163,7 @@ def test_marks_in_a_large_file_are_seen_across_its_pieces(before: int, tmp_path:
     ):
         content = text + mark + b"\n" + bytes(MIB)
         traces, length = searched(tmp_path / "large", content)
-        assert (traces.certificate, traces.message) == expected
+        assert (traces.holds_certificates, traces.may_be_message) == expected
         assert (traces.sha256, length) == (hashlib.sha256(content).hexdigest(), len(content))
 
 
