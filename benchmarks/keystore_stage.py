@@ -25,6 +25,7 @@ from lxml import etree
 from benchmarks.keystores import ROOT, build
 from keystore_audit.keystore.certificate import Certificate, read_certificates
 from keystore_audit.keystore.cms import SignerInfo, read_signed_data
+from keystore_audit.keystore.document import Grammar, validate
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.issuer import issued_by
 from keystore_audit.keystore.keystore import Enclave, read_keystore
@@ -36,7 +37,6 @@ from keystore_audit.keystore.private_key import read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
 from keystore_audit.keystore.xml import read_xml
-from keystore_audit.keystore.xsd import Grammar, validate
 from tests.keystore.builder import authority
 
 ROUNDS = 5

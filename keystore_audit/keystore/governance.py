@@ -11,10 +11,9 @@ from msgspec import Struct
 
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
-from keystore_audit.keystore.document import Document, DomainRange, Text, elements
+from keystore_audit.keystore.document import Document, DomainRange, Grammar, Text, elements
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
-from keystore_audit.keystore.xsd import Grammar
 
 
 class ProtectionKind(str, Enum):

@@ -12,10 +12,9 @@ from msgspec import Struct
 
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
-from keystore_audit.keystore.document import Document, DomainRange, Text, elements, joined
+from keystore_audit.keystore.document import Document, DomainRange, Grammar, Text, elements, joined
 from keystore_audit.keystore.files import File
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
-from keystore_audit.keystore.xsd import Grammar
 
 _FOUR_DIGIT_YEAR: Final = re.compile(r"[0-9]{4}-")
 """xs:dateTime also has years before 1 and beyond 9999, which no implementation reads."""

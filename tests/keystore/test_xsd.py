@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from keystore_audit.keystore.defect import Defect, Kind
+from keystore_audit.keystore.document import MAX_DETAIL, MAX_EXPLAINED_BYTES, Grammar, validate
 from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml
-from keystore_audit.keystore.xsd import MAX_DETAIL, MAX_EXPLAINED_BYTES, Grammar, validate
 from tests.keystore.builder import GOVERNANCE
 from tests.keystore.documents import (
     ARDENT_GOVERNANCE,

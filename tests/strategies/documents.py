@@ -15,7 +15,7 @@ from lxml import etree
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.keystore.xsd import Grammar
+from keystore_audit.keystore.document import Grammar
 
 Draw = st.DrawFn
 

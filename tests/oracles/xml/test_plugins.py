@@ -16,7 +16,7 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.keystore import xsd
+from keystore_audit.keystore import document
 from keystore_audit.keystore.governance import Governance
 from keystore_audit.keystore.permissions import Permissions
 from tests.amount import tried
@@ -160,6 +160,6 @@ def test_no_change_makes_a_plugin_decide_otherwise(plugins: dict[str, Plugin]) -
         asked.append(assert_decided_as_written(plugins, document))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(xsd, "MAX_EXPLAINED_BYTES", 0)  # whether a document is valid, not why
+        patch.setattr(document, "MAX_EXPLAINED_BYTES", 0)  # whether a document is valid, not why
         search()
     assert sum(asked) >= tried(30)

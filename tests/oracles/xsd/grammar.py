@@ -11,7 +11,7 @@ from calendar import monthrange
 from collections.abc import Mapping
 from typing import Final
 
-from keystore_audit.keystore.xsd import Grammar
+from keystore_audit.keystore.document import Grammar
 from tests.strategies.documents import Tree
 
 _BLANKS: Final = " \t\r\n"

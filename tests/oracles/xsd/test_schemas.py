@@ -16,7 +16,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit import toml
-from keystore_audit.keystore.xsd import Grammar
+from keystore_audit.keystore.document import Grammar
 from keystore_audit.resources import schemas
 from tests.amount import tried
 from tests.keystore.builder import GOVERNANCE
