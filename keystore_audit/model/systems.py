@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
-from functools import cached_property
+from functools import cache, cached_property
 
 from msgspec.structs import replace
 
@@ -30,6 +30,7 @@ from keystore_audit.model.formal.system import (
     ParticipantKind,
     System,
     TrustDomainAtom,
+    together,
 )
 from keystore_audit.model.inventory import (
     Document,
@@ -124,20 +125,18 @@ class SystemBuilder:
         issuers = issuers_of(self._keystore, self._certificates)
         return issuers, [identity_doubt(each) is not None for each in self._keystore.enclaves]
 
-    def kinds(self) -> dict[Kind, tuple[str, ...]]:
-        """The names of the profiles that read this keystore alike, under the rows of one of them."""
-        unmanaged = [folder for _number, _files, folder in self._unmanaged.holders]
-        about = self._accesses, self.channels, self.instants, self._at, self._meets
-        return self._views.kinds(self._profiles, LoneEndpoints(self._keystore, *about, unmanaged))
-
     def systems(self) -> tuple[System, ...]:
         """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
-        systems: list[System] = []
-        for kind, names in self.kinds().items():
-            systems.append(self.build(kind, profiles=names, may=True))
-            if systems[-1].has_doubt:
-                systems.append(self.build(kind, profiles=names, may=False))
-        return tuple(systems)
+        unmanaged = [folder for _number, _files, folder in self._unmanaged.holders]
+        about = self._accesses, self.channels, self.instants, self._at, self._meets
+        lone = LoneEndpoints(self._keystore, *about, unmanaged)
+        rows = ((each, Kind(each.trust, self._accesses.row(each.access), lone.of(each))) for each in self._profiles)
+        readings = cache(self._readings)
+        return together(replace(each, profiles=(by.name,)) for by, kind in rows for each in readings(kind))
+
+    def _readings(self, kind: Kind) -> tuple[System, ...]:
+        may = self.build(kind, profiles=(), may=True)
+        return (may, self.build(kind, profiles=(), may=False)) if may.has_doubt else (may,)
 
     def build(self, kind: Kind, *, profiles: tuple[str, ...], may: bool) -> System:
         """The system as implementations of this kind read it."""

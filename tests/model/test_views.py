@@ -78,12 +78,11 @@ def test_no_document_gives_an_occasion_for_a_difference() -> None:
 def test_what_one_system_stands_for_is_equal(store: Path) -> None:
     about = toml.loads(store.with_suffix(".toml").read_text(encoding="utf-8"))
     builder, alone = builder_of(store, datetime.fromisoformat(about["at"].replace("Z", "+00:00")))
-    kinds = builder.kinds()
-    assert sorted(name for names in kinds.values() for name in names) == sorted(VARIANTS)
-    for kind, names in kinds.items():
-        shared = builder.build(kind, profiles=(), may=True)
-        for name in names:
-            assert builder.build(alone(name), profiles=(), may=True) == shared, name
+    systems = [system for system in builder.systems() if system.may]
+    assert sorted(name for system in systems for name in system.profiles) == sorted(VARIANTS)
+    for system in systems:
+        for name in system.profiles:
+            assert builder.build(alone(name), profiles=system.profiles, may=True) == system, name
 
 
 def test_whoever_pins_takes_the_first_of_a_number_by_its_key(tmp_path: Path) -> None:
@@ -133,7 +132,7 @@ def test_kinds_are_told_apart() -> None:
 
     def kinds(name: str) -> set[frozenset[str]]:
         store = next((SAMPLES / "rules").glob(f"{name}*")) / "bad" if name.startswith("KA") else SAMPLES / name
-        return {frozenset(names) for names in builder_of(store, at)[0].kinds().values()}
+        return {frozenset(system.profiles) for system in builder_of(store, at)[0].systems()}
 
     unpinned = frozenset({"fastdds-2.6.4", "fastdds-2.9", "cyclonedds-0.10"})
     assert kinds("healthy/turtlesim") == {unpinned, frozenset(VARIANTS) - unpinned}

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
-from keystore_audit.assumptions import Assumption
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -15,9 +14,9 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import TrustDomainAtom
 from keystore_audit.model.inventory import Document, TrustFiles, permissions_cas, trust_files
 from keystore_audit.model.participants.doubt import may_say_anything
-from keystore_audit.model.participants.lone_endpoints import Alone, LoneEndpoints
+from keystore_audit.model.participants.lone_endpoints import Alone
 from keystore_audit.model.subjects.comparison import matching
-from keystore_audit.model.trust.revocation import ends_of_lists, list_dates, list_unread, revoked
+from keystore_audit.model.trust.revocation import ends_of_lists, list_dates, revoked
 from keystore_audit.model.trust.verdicts import (
     authorities_read,
     envelope,
@@ -92,32 +91,6 @@ class Views:
         self._permissions_cas = permissions_cas(keystore)
         self._told: dict[tuple[str, bool], int] = {}
         self._named: dict[SubjectComparison, dict[str, frozenset[int]]] = {}
-
-    def kinds(self, profiles: Sequence[Profile], lone: LoneEndpoints) -> dict[Kind, tuple[str, ...]]:
-        """The names of the profiles that read this keystore alike, under the rows of one of them."""
-        found: dict[object, tuple[Kind, list[str]]] = {}
-        for profile in profiles:
-            access = self._accesses.row(profile.access)
-            kind = Kind(profile.trust, access, lone.of(profile))
-            found.setdefault(self._reading(kind), (kind, []))[1].append(profile.name)
-        return {kind: tuple(names) for kind, names in found.values()}
-
-    def _reading(self, kind: Kind) -> object:
-        """Everything about this keystore that depends on the implementation: equal where it is read alike."""
-        trust = kind.trust
-        return (
-            kind.access,
-            kind.alone,
-            trust.pins_signer,
-            trust.trusts_declarations and Assumption.TRUTHFUL_ANNOUNCEMENTS not in self._accesses.assumed,
-            tuple(self.authorities(enclave, trust) for enclave in self._trust_domains),
-            tuple(list_unread(enclave, trust) is not None for enclave in self._trust_domains),
-            tuple(tuple(self._later(enclave, trust)) for enclave in self._trust_domains),
-            tuple(self.told(enclave, trust) for enclave in self._trust_domains),
-            tuple(self.names(trust).items()),
-            self.opaque(kind),
-            () if trust.pins_signer else tuple(self.signers(document, trust) for document in self._documents),
-        )
 
     def authorities(self, enclave: Enclave, trust: Trust) -> tuple[frozenset[int], frozenset[int], frozenset[int]]:
         """Identity CAs that vouch, whoever counts for a permissions CA, and what is revoked."""
