@@ -201,7 +201,8 @@ def _file_doubt(enclave: Enclave, role: Role) -> Doubt | None:
         Role.PERMISSIONS_CA: enclave.permissions_ca,
     }.get(role)
     defect = first_opaque(read.defects) if read is not None else None
-    return None if defect is None else _doubt(enclave.path, defect.path, defect.detail, defect.line)
+    line = defect.line if defect is not None and role is not Role.KEY else None  # a private key is doubted whole
+    return None if defect is None else _doubt(enclave.path, defect.path, defect.detail, line)
 
 
 def _doubt(enclave: str | None, path: str, reason: str, line: int | None = None) -> Doubt:
