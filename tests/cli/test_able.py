@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, properties, rule, signed_keystore
+from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, properties, rule
 from tests.keystore.builder import GOVERNANCE, authority, certificate, crl, write_enclave
 
 ENCLAVES = {
@@ -71,15 +70,6 @@ def test_one_that_cannot_be_read_leaves_it_open(tmp_path: Path) -> None:
     assert asked(root, 'from = "/button/left", to = "/motor"')["status"] == "holds"
 
 
-def test_one_that_may_be_behind_a_link_leaves_it_open(tmp_path: Path) -> None:
-    """Where a pattern may name it."""
-    root = keystore(tmp_path / "keys", ENCLAVES)
-    assert asked(root, 'from = "/button/*t", to = "/motor"')["status"] == "holds"
-    (root / "enclaves/button/last").symlink_to(tmp_path)
-    assert asked(root, 'from = "/button/*t", to = "/motor"')["status"] == "unknown"
-    assert asked(root, 'from = ["/button/left", "/button/right"], to = "/motor"')["status"] == "holds"
-
-
 def test_too_many_pairs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("keystore_audit.model.claims.ability.MAX_PAIRS", 3)
     settings = tmp_path / "keystore-audit.toml"
@@ -100,32 +90,6 @@ def test_what_could_not_be_read_cuts_nothing_off_for_certain(tmp_path: Path, nam
     assert asked(root, able)["status"] == "unknown"
     (root / "enclaves/motor/key.pem").unlink()
     assert asked(root, able)["status"] == "violated"
-
-
-def test_what_is_accepted_is_what_is_cut_off_for_certain(tmp_path: Path) -> None:
-    """It is the same finding whether a pair that may be cut off can be read or not, and is about all that is read."""
-    able = 'from = ["/button/left", "/button/broken"], to = "/motor"'
-    root = keystore(tmp_path / "keys", ENCLAVES)
-    settings = tmp_path / "keystore-audit.toml"
-
-    def found() -> tuple[int, str, str]:
-        assert asked(root, able)["status"] == "violated"
-        every = ("--engine", "native", "--at", AT, "--profile", "jazzy", "--settings", settings, "-f", "json")
-        code, text = answer("audit", root, *every)
-        finding = next(each for each in json.loads(text)["findings"] if each["code"] == "KA740")
-        return code, finding["fingerprint"], finding["meaning"]
-
-    code, same, read = found()
-    assert code == 1
-    left = root / "enclaves/button/left/key.pem"
-    key = left.read_bytes()
-    left.write_bytes(b"#" * 5_000_000)
-    assert found()[:2] == (4, same)
-    left.unlink()
-    assert found()[:2] == (1, same)
-    assert found()[2] != read
-    left.write_bytes(key)
-    assert found() == (1, same, read)
 
 
 @pytest.mark.parametrize(("size", "status"), [(0, "holds"), (5_000_000, "unknown")])
@@ -153,20 +117,6 @@ def test_whether_one_starts_where_another_may_be_is_unknown_with_its_key(tmp_pat
             file.write_bytes(b"#" * 5_000_000)
     settings = '[[property]]\nname = "apart"\nnever_share_domain = ["/e", "/f"]\n'
     assert properties(root, settings, "--profile", "fastdds-3.6")["apart"]["status"] == status
-
-
-def test_who_starts_under_one_implementation_alone_is_told_of_that_one(tmp_path: Path) -> None:
-    """Cyclone DDS takes no keys on P-384; the documents say the same to all."""
-    identity, permissions = authority("identityCA"), authority("permissionsCA")
-    for path, key in (("/button", None), ("/motor", ec.generate_private_key(ec.SECP384R1()))):
-        document = document_of(grant_of(path, rule(("rt/stop",), ("rt/stop",))))
-        own = certificate(path, identity, key=key)
-        write_enclave(tmp_path / "keys/enclaves" / path[1:], own, document, identity, permissions, GOVERNANCE)
-    settings = '[[property]]\nname = "stop"\nable = { from = "/button", to = "/motor" }\n'
-    found = properties(tmp_path / "keys", settings)["stop"]["profiles"]
-    violated = {name for name, each in found.items() if each["status"] == "violated"}
-    assert violated == {"cyclonedds-0.10", "cyclonedds-11"}
-    assert {found[name]["status"] for name in found.keys() - violated} == {"holds"}
 
 
 SAME, OTHER = authority("identityCA", serial=8), authority("otherCA")
@@ -203,17 +153,3 @@ def test_one_whom_the_other_does_not_take_is_cut_off(
     assert {name: each["status"] for name, each in found.items()} == {
         name: "violated" if name in violated else "holds" for name in found
     }
-
-
-def test_whom_one_implementation_alone_takes_a_grant_for_is_told_of_that_one(tmp_path: Path) -> None:
-    """To Cyclone DDS a grant of `CN=/arm/hand` is one of `CN=/arm` too, whom a grant names and who is not here."""
-    grants = {"/arm/hand": ("/arm/hand", rule(("rt/x",))), "/leg": ("/arm", rule(("rt/y",)))}
-    documents = {enclave: document_of(grant_of(path, text)) for enclave, (path, text) in grants.items()}
-    root = signed_keystore(tmp_path / "keys", documents)
-    settings = '[[property]]\nname = "x"\nonly_publish = { topic = "/x", enclaves = "/arm/hand" }\n'
-    found = properties(root, settings)["x"]["profiles"]
-    assert {name for name, each in found.items() if each["status"] == "violated"} == {
-        "cyclonedds-0.10",
-        "cyclonedds-11",
-    }
-    assert {each["status"] for each in found.values()} == {"holds", "violated"}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Callable
 from datetime import datetime, timezone
 from functools import lru_cache
 from io import StringIO
@@ -21,7 +20,6 @@ from hypothesis import strategies as st
 from keystore_audit import toml
 from keystore_audit.access import Access
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.cli.program import run
 from keystore_audit.errors import EXIT_INCOMPLETE
 from keystore_audit.keystore.permissions import Operation
 from keystore_audit.model.question import Question
@@ -207,22 +205,6 @@ def test_who_does_not_start_is_said(tmp_path: Path) -> None:
     assert matrix(store)["/x"] == ["pub", "-"]
 
 
-def test_differences_come_first() -> None:
-    _code, out = answer("access", SAMPLES / "rules/KA509-default-allow/bad", "--at", AT)
-    different, others = out.index("Different under spec, cyclonedds-0.10, cyclonedds-11"), out.index("Under all others")
-    assert different < others
-    assert "may also subscribe and relay /chatter" in " ".join(out[different:others].split())
-
-
-def test_what_differs_is_said_where_only_the_reasons_do() -> None:
-    """Under one implementation the signer has to be the CA, under another one that it vouches for."""
-    _code, out = answer("access", SAMPLES / "rules/KA301-signer-not-permissions-ca/bad", "--at", AT)
-    lines = out.splitlines()
-    below = [lines[number + 1] for number, line in enumerate(lines) if line.startswith("Different under ")]
-    assert below
-    assert all(line.startswith("  /talker: does not start (") for line in below), out
-
-
 def test_what_peers_accept_elsewhere_is_said_in_place_of_what_stands_below(tmp_path: Path) -> None:
     """Whoever holds an identity of the one CA signs itself anything under Cyclone DDS 0.10, and nothing elsewhere."""
     store = tmp_path / "k"
@@ -232,45 +214,6 @@ def test_what_peers_accept_elsewhere_is_said_in_place_of_what_stands_below(tmp_p
     flat = " ".join(out.split())
     assert "What is said of peers below does not hold here, but this: Should its own checks be skipped" in flat
     assert flat.count("from every enclave: publish, subscribe, relay every topic.") == 1
-
-
-def test_what_peers_accept_besides_is_said() -> None:
-    _code, out = answer("access", SAMPLES / "stock/talker_listener", "--at", AT)
-    flat = " ".join(out.split())
-    assert "peers accept besides from every enclave: publish, subscribe, relay every topic." in flat
-
-
-def test_the_domain(tmp_path: Path) -> None:
-    store = keystore(tmp_path / "k", {"/a": CALL})
-    assert json.loads(answer("access", store, "-f", "json")[1])["domain"] == 0
-    code, out = answer("access", store, "-f", "json", "--domain", "9")
-    document = json.loads(out)
-    assert (code, document["domain"]) == (0, 9)
-    assert set(listed(document).values()) == {("deny", "deny")}
-    protection = [each for group in document["groups"] for row in group["protection"] for each in row]
-    assert {each["governed"] for each in protection} == {False}
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (["--format", "xml"], "text, json, csv"),
-        (["--domain", "233"], "232"),
-        (["--profile", "humbl"], "Did you mean humble?"),
-        (["--time-zone", "Nowhere/None"], "Nowhere/None"),
-        (["more"], "more"),
-    ],
-)
-def test_wrong_usage(args: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["access", str(SAMPLES / "healthy/turtlesim"), *args]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert words in err
-
-
-def test_no_keystore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["access", str(tmp_path / "none")]) == 3
-    assert "does not exist" in capsys.readouterr().err
 
 
 def test_hostile_names(tmp_path: Path) -> None:
@@ -288,15 +231,6 @@ def test_hostile_names(tmp_path: Path) -> None:
     assert {*topics} <= {named["topic"] for named in json.loads(document)["names"]}
 
 
-def test_what_cannot_be_told_is_no_denial() -> None:
-    code, out = answer("access", SAMPLES / "unknown/unreadable_enclave", "--at", AT)
-    assert code == 4
-    assert "[1] /listener: UNKNOWN (" in out
-    told = "cannot be told whether peers accept from every enclave: publish, subscribe, relay every topic."
-    assert told in " ".join(out.split())
-    assert matrix(SAMPLES / "unknown/unreadable_enclave")["/chatter"] == ["?", "pub"]
-
-
 def test_names_that_a_process_reads_in_its_locale_are_unknown(tmp_path: Path) -> None:
     """Whether `?` takes a character or an octet, Fast DDS and Cyclone DDS leave to others."""
     store = keystore(tmp_path / "k", {"/talker": (rule(("rt/?", "rt/\u00e9")),)})
@@ -310,12 +244,6 @@ def test_names_that_a_process_reads_in_its_locale_are_unknown(tmp_path: Path) ->
     decisions = json.loads(document)["decisions"]
     assert code == 4
     assert {profile: (each["decision"], each["effective"]) for profile, each in decisions.items()} == rulings
-
-
-def test_without_a_terminal_text_has_80_columns(keystore_audit: Callable[..., Any]) -> None:
-    done = keystore_audit("access", SAMPLES / "healthy/turtlesim", "--at", AT, env={"COLUMNS": "200"})
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert max(map(len, done.stdout.decode().splitlines())) <= 80
 
 
 TOPIC = st.sampled_from(["rt/a", "rt/b", "rt/*", "rt/a*", "rt/[!a]", "x", "*", "rq/sRequest", "rr/sReply"])

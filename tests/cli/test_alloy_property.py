@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from junitparser import Error, JUnitXml
 
 from keystore_audit.engine.alloy import install
 from keystore_audit.engine.alloy.process import AnalyzerProcess
@@ -97,21 +96,6 @@ def test_without_alloy_it_is_open(report: Reported) -> None:
     assert "`--engine both`" in advice  # nothing is unread here
 
 
-def test_a_case_of_junit_tells_of_its_own_property(run: Audit) -> None:
-    code, text = run(GOOD, "--engine", "native", "-f", "junit")
-    assert code == 4
-    errors = {
-        case.name: error.message
-        for suite in JUnitXml.fromstring(text.encode())
-        for case in suite
-        for error in case.result
-        if case.classname == "KA906" and isinstance(error, Error)
-    }
-    assert sorted(errors) == ["chatter-only-the-talker-speaks", "chatter-somebody-listens"]
-    assert "No enclave but the talker's" in errors["chatter-only-the-talker-speaks"]
-    assert "another enclave listen" in errors["chatter-somebody-listens"]
-
-
 @pytest.mark.alloy
 @pytest.mark.xdist_group("alloy")
 @pytest.mark.parametrize(
@@ -132,13 +116,6 @@ def test_a_mistake_in_the_file_is_a_usage_error_with_its_place(
     complaint = capsys.readouterr().err
     assert said in complaint
     assert str(tmp_path) in complaint
-
-
-def test_a_file_that_is_not_there_is_a_usage_error(
-    run: Audit, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(GOOD, file=tmp_path / "nothing.als")[0] == 2
-    assert "there is no such file" in capsys.readouterr().err
 
 
 def test_a_file_in_the_keystore_is_refused(run: Audit, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -202,17 +179,6 @@ def test_what_could_not_be_read_leaves_it_open(sample: str, why: str, report: Re
     assert all(why in message for message in told)
     advice = {each["fix"]["steps"][0]["text"] for each in found["findings"] if each["code"] == "KA906"}
     assert all("what the other findings call unread" in each for each in advice)
-
-
-def test_a_misspelt_topic_beside_another_of_one_name_is_an_error(
-    run: Audit, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    file = tmp_path / "chatter.als"
-    names = "//@ topic Chatter = /chatter\n//@ topic Chatter = /chater\n"
-    file.write_text(f"open keystore_audit\n{names}run SomebodyListens {{ some Chatter }} for 0\n")
-    assert run(GOOD, "--engine", "native", file=file)[0] == 2
-    complaint = capsys.readouterr().err
-    assert "no permissions document grants anything on the DDS topic 'rt/chater'" in complaint
 
 
 @pytest.mark.alloy

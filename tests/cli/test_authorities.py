@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from keystore_audit import api
 from tests.cli.conftest import Run
 
 SAMPLES = Path(__file__).parents[2] / "sample_keystores"
@@ -96,18 +95,6 @@ def test_what_declares_nothing_is_refused(value: str, said: str, keystore_audit:
     assert said in " ".join(str(report["said"]).split())
 
 
-@pytest.mark.parametrize(
-    "text",
-    ['[authorities]\nidentity = "AB"\n', "[authorities]\nidentity = []\n", '[authorities]\nroot = "x"\n'],
-)
-def test_settings_that_declare_nothing_are_refused(text: str, keystore_audit: Run, tmp_path: Path) -> None:
-    file = tmp_path / "s.toml"
-    file.write_text(text)
-    code, report = audited(keystore_audit, GOOD, "--settings", file)
-    assert code == 2
-    assert f"{file}:" in "".join(str(report["said"]).split())
-
-
 def test_what_v_prints_declares_what_was_found(keystore_audit: Run, tmp_path: Path) -> None:
     text = keystore_audit("audit", GOOD, "--engine", "native", "--at", AT, "-v").stdout.decode()
     assert "nobody declared them" in " ".join(text.split())
@@ -125,27 +112,6 @@ def test_what_v_prints_declares_what_was_found(keystore_audit: Run, tmp_path: Pa
     page = keystore_audit("audit", GOOD, "--engine", "native", "--at", AT, "-f", "html").stdout.decode()
     assert all(key in page for key in KEYS.values())
     assert "--settings keystore-audit.toml" in page
-
-
-def test_fleets_have_one_declaration(keystore_audit: Run, settings: Path) -> None:
-    done = keystore_audit("audit", GOOD, BAD, "--engine", "native", "--at", AT, "-f", "json", "--settings", settings)
-    one, other = json.loads(done.stdout)["reports"]
-    assert (codes(one), codes(other)) == ([], ["KA223", "KA223"])
-    assert one["authorities"]["identity"]["declared"] == [f"sha256:{KEYS['identity']}"]
-
-
-def test_python_declares_it_too(settings: Path) -> None:
-    files = {f"expect_{role}_ca": [f"sha256:{key}"] for role, key in KEYS.items()}
-    for given in ({"settings": settings}, files):
-        report = api.audit(GOOD, engine="native", **given)
-        assert report.authorities_declared
-        assert not api.audit(GOOD, engine="native").authorities_declared
-        found = {each.code for each in api.audit(BAD, engine="native", **given).findings}
-        assert found - {"KA108"} == {"KA223", "KA230", "KA636"}  # KA108: by the modes of a checkout
-    with pytest.raises(api.UsageError, match="is no fingerprint"):
-        api.audit(GOOD, expect_identity_ca=["sha256:"])
-    with pytest.raises(api.UsageError, match="Expected `array`, got `str`"):
-        api.audit(GOOD, expect_identity_ca="sha256:")
 
 
 @pytest.mark.parametrize("content", [None, b"-----BEGIN CERTIFICATE-----\nAAAA\n-----END CERTIFICATE-----\n"])

@@ -110,16 +110,6 @@ def test_wrong_calls_write_nothing(
     assert not file.exists()
 
 
-@pytest.mark.parametrize("missing", ["--reason", "--owner", "--until", "-o"])
-def test_reason_owner_and_end_are_asked_for(
-    stock: Path, tmp_path: Path, missing: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["-o", str(tmp_path / "accepted.toml"), *WHY]
-    at = words.index(missing)
-    assert answer("baseline", "create", stock, *NATIVE, *words[:at], *words[at + 2 :])[0] == 2
-    assert f"Missing option '{missing}'" in capsys.readouterr().err
-
-
 def test_nothing_is_written_into_the_keystore(stock: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "way").symlink_to(stock)
     for path in (stock / "accepted.toml", tmp_path / "way" / "accepted.toml"):
@@ -162,13 +152,6 @@ def test_words_of_people_and_names_of_keystores_steer_no_file(
     entries = text.count("\n[[accepted]]\n")
     assert f"{entries} findings accepted" in said
     assert answer("baseline", "prune", file, stock, *NATIVE) == (code, "")
-
-
-def test_several_keystores_have_no_baseline_together(
-    stock: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert answer("audit", stock, tmp_path, "--baseline", tmp_path / "x.toml") == (2, "")
-    assert "--baseline is of one keystore" in capsys.readouterr().err
 
 
 def test_the_profiles_of_an_audit_that_asked_few_are_the_limit(stock: Path, tmp_path: Path) -> None:

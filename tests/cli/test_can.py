@@ -14,20 +14,14 @@ from hypothesis import strategies as st
 
 from keystore_audit.cli.program import run
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model import question as questions
 from keystore_audit.model.names import dds_channels
-from keystore_audit.model.question import Answer, Question
-from keystore_audit.profiles import DEFAULT
-from keystore_audit.truth import Truth
 from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, rule, signed_keystore
 from tests.keystore.builder import GOVERNANCE
 from tests.schemas import schema
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 TURTLESIM = SAMPLES / "healthy/turtlesim"
-ACTIONS = SAMPLES / "healthy/service_action"
 UNREADABLE = SAMPLES / "unknown/unreadable_enclave"
-DEFAULT_ALLOW = SAMPLES / "rules/KA509-default-allow/bad"
 
 ALLOW, DENY, PARTLY, UNKNOWN = "allow", "deny", "partly", "unknown"
 ANSWER_KEYS = ["enclave", "operation", "name", "dds_names", "domain", "partition", "decisions", "at", "assumptions"]
@@ -47,61 +41,6 @@ def decisions(*args: str | Path) -> tuple[int, dict[str, Any]]:
         assert list(each) == (DECISION_KEYS if len(names) == 1 else [*DECISION_KEYS, "halves"])
         assert [half["dds_name"] for half in each.get("halves", [])] == (names if len(names) > 1 else [])
     return code, document
-
-
-@pytest.mark.parametrize(
-    ("store", "words", "code", "decision", "effective", "line"),
-    [
-        (TURTLESIM, "/random publish /low_priority", 0, ALLOW, ALLOW, 35),
-        (TURTLESIM, "/random publish /high_priority", 1, DENY, DENY, 74),
-        (TURTLESIM, "/random relay /low_priority", 1, DENY, DENY, 74),
-        (TURTLESIM, "/random publish rt/low_priority --kind dds", 0, ALLOW, ALLOW, 35),
-        (TURTLESIM, "/random publish rt/low_priority --kind dds --partition p", 1, DENY, DENY, 74),
-        (ACTIONS, "/add_two_ints/client request /add_two_ints", 0, ALLOW, ALLOW, 23),
-        (ACTIONS, "/add_two_ints/client reply /add_two_ints", 1, DENY, DENY, 75),
-        (ACTIONS, "/fibonacci/client call /fibonacci", 0, ALLOW, ALLOW, 23),
-        (ACTIONS, "/fibonacci/server execute /fibonacci", 0, ALLOW, ALLOW, 29),
-        (UNREADABLE, "/listener subscribe /chatter", 4, UNKNOWN, UNKNOWN, None),
-        (UNREADABLE, "/talker publish /chatter", 0, ALLOW, ALLOW, 23),
-    ],
-)
-def test_answers_on_which_all_implementations_agree(
-    store: Path, words: str, code: int, decision: str, effective: str, line: int | None
-) -> None:
-    found, document = decisions(store, *words.split())
-    assert found == code
-    assert list(document["decisions"]) == list(DEFAULT)
-    for each in document["decisions"].values():
-        assert (each["decision"], each["effective"], each["line"]) == (decision, effective, line)
-        assert each["usable"] is (None if decision == UNKNOWN else True)
-
-
-def test_each_profile_answers_for_itself() -> None:
-    code, document = decisions(DEFAULT_ALLOW, "/talker", "subscribe", "/chatter")
-    assert code == 1
-    assert {name: each["decision"] for name, each in document["decisions"].items()} == {
-        name: DENY if name.startswith("fastdds") else ALLOW for name in DEFAULT
-    }
-    for profile, expected in (("spec", 0), ("cyclonedds", 0), ("fastdds", 1)):
-        assert decisions(DEFAULT_ALLOW, "/talker", "subscribe", "/chatter", "--profile", profile)[0] == expected
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ("/random publish /low_priority --expect allow", 0),
-        ("/random publish /low_priority --expect deny", 1),
-        ("/random publish /high_priority --expect deny", 0),
-        ("/random publish /high_priority --expect allow", 1),
-    ],
-)
-def test_expect(words: str, expected: int) -> None:
-    assert decisions(TURTLESIM, *words.split())[0] == expected
-
-
-@pytest.mark.parametrize("expected", [ALLOW, DENY])
-def test_nothing_unknown_is_expected(expected: str) -> None:
-    assert decisions(UNREADABLE, "/listener", "publish", "/chatter", "--expect", expected)[0] == 4
 
 
 ASKS = (rule(publish=("rq/addRequest",)),)
@@ -198,11 +137,6 @@ def test_what_peers_refuse_is_said_to_rest_on_what_attackers_announce(
     assert ("authorities certified nothing beyond this list" in said) == (topic == "/x")
 
 
-def test_what_is_unknown_of_a_service_is_no_denial() -> None:
-    for expected in (ALLOW, DENY):
-        assert decisions(UNREADABLE, "/listener", "request", "/add", "--expect", expected)[0] == 4
-
-
 @pytest.mark.parametrize(
     ("governed", "code", "says"),
     [
@@ -246,24 +180,6 @@ def test_the_domains_are_those_of_the_enclave_s_own_governance(tmp_path: Path) -
     assert answer("can", store, "/other", "publish", "/x", "--at", AT, "--expect", "deny")[0] == 1
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        ("/random publish /low_priority", "Line 35 (rt/low_priority) allows it in domain 0"),
-        ("/random publish /zzz/abc", ""),  # no line allows it anywhere
-        ("/random publish /high_priority", ""),
-        ("/random publish rt/chatter --kind dds", ""),  # by this name the model calls all of an ungoverned domain
-    ],
-)
-def test_a_line_that_allows_it_elsewhere_lists_that_name(words: str, says: str) -> None:
-    """In an ungoverned domain one channel stands for every name: what is said of lines is said of the name asked."""
-    _code, document = decisions(TURTLESIM, *words.split(), "--domain", "7", "--profile", "fastdds-3.6")
-    (only,) = document["decisions"].values()
-    reason, _, more = only["reason"].partition(". ")
-    assert reason == "no topic rule of the governance covers the topic in this domain, so it cannot be created"
-    assert more == says
-
-
 def test_a_line_that_allows_it_comes_not_later_than_the_governance(tmp_path: Path) -> None:
     """Where the governance decides, no rule of the grant is asked, first or later."""
     governance = GOVERNANCE.replace(b"<topic_expression>*<", b"<topic_expression>rt/b<")
@@ -291,40 +207,6 @@ def test_a_line_that_allows_it_in_another_partition(listed: str, domain: int, sa
     assert only["reason"].partition(". ")[2] == says
 
 
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (["/random", "publish"], ["Name ENCLAVE, OPERATION and NAME"]),
-        (["/rando", "publish", "/x"], ["/rando", "Did you mean /random?", "/keyboard, /multiplexer"]),
-        (["random", "publish", "/x"], ["Did you mean /random?"]),
-        (["/random", "publis", "/x"], ["'publish'?", "publish, subscribe, relay, request"]),
-        (["/random", "request", "/x", "--kind", "dds"], ["publish, subscribe, relay"]),
-        (["/random", "publish", "x"], ["fully qualified", "--kind dds"]),
-        (["/random", "publish", ""], ["NAME is empty"]),
-        (["/random", "publish", "", "--kind", "dds"], ["NAME is empty"]),
-        (["/random", "publish", "/x", "--profile", "humbl"], ["Did you mean humble?", "cyclonedds-0.10"]),
-        (["/random", "publish", "/x", "--domain", "233"], ["232"]),
-        (["/random", "publish", "/x", "--expect", "unknown"], ["allow, deny"]),
-        (["/random", "publish", "/x", "--time-zone", "Europe/Berlinn"], ["Europe/Berlin"]),
-        (["/random", "publish", "/x", "--batch", __file__], ["--batch"]),
-        (["--batch", __file__, "--expect", "allow"], ["--expect"]),
-        (["--batch", __file__, "--kind", "ros"], ["--kind ros"]),
-        (["--batch", __file__, "-f", "text"], ["--format text"]),
-        (["--batch", "/no/such/file"], ["/no/such/file"]),
-    ],
-)
-def test_wrong_usage(args: list[str], words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["can", str(TURTLESIM), *args]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert [word for word in words if word not in err] == []
-
-
-def test_no_keystore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["can", str(tmp_path / "none"), "/a", "publish", "/b"]) == 3
-    assert "does not exist" in capsys.readouterr().err
-
-
 def test_the_enclaves_of_a_fleet_do_not_hide_the_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     store = tmp_path / "k"
     shutil.copytree(TURTLESIM, store, symlinks=True)
@@ -349,14 +231,6 @@ def test_hostile_names_steer_no_terminal(tmp_path: Path) -> None:
     _code, document = decisions(store, *words)
     assert document["name"] == "rt/\\udcff\u202e\x07"
     json.dumps(document, ensure_ascii=False).encode()  # no lone surrogate is left
-
-
-def test_text_folds_equal_answers_and_shows_differences_first() -> None:
-    code, out = answer("can", DEFAULT_ALLOW, "/talker", "subscribe", "/chatter", "--at", AT)
-    assert code == 1
-    first, second = out.index("\nALLOW    spec, cyclonedds-0.10, cyclonedds-11\n"), out.index("\nDENY     fastdds-2.6")
-    assert first < second
-    assert max(map(len, out.splitlines())) <= 80
 
 
 def test_text_of_the_sample_of_the_manual(repository: Path) -> None:
@@ -396,20 +270,6 @@ def test_batch_answers_every_line_in_order(tmp_path: Path) -> None:
     assert [(line["domain"], line["partition"]) for line in answered] == [(0, ""), (0, "p"), (7, "")]
 
 
-@pytest.mark.parametrize(
-    ("store", "content", "code"),
-    [
-        (TURTLESIM, b"", 0),
-        (TURTLESIM, b"/random\tpublish\trt/high_priority\n", 0),
-        (UNREADABLE, b"/talker\tpublish\trt/chatter\n", 0),
-        (UNREADABLE, b"/listener\tpublish\trt/chatter\n", 4),
-    ],
-)
-def test_batch_judges_nothing(store: Path, content: bytes, code: int, tmp_path: Path) -> None:
-    (tmp_path / "queries").write_bytes(content)
-    assert answer("can", store, "--batch", tmp_path / "queries", "--at", AT)[0] == code
-
-
 def test_batch_from_standard_input(process: Callable[..., Any]) -> None:
     done = process("can", TURTLESIM, "--batch", "-", "--domain", "7", input=b"/random\tpublish\trt/x\n")
     assert (done.returncode, json.loads(done.stdout)["domain"]) == (0, 7)
@@ -439,22 +299,6 @@ def test_batch_answers_are_those_of_single_questions(
     for (enclave, operation, name, domain, partition), line in zip(queries, each, strict=True):
         words = [enclave, operation.value, "--kind", "dds", "--domain", str(domain), f"--partition={partition}"]
         assert decisions(TURTLESIM, *words, "--", name)[1] == line
-
-
-SINGLE = st.sampled_from([Truth.YES, Truth.NO, Truth.UNKNOWN])
-
-
-@given(st.lists(st.tuples(SINGLE, SINGLE), min_size=1, max_size=9))
-def test_a_whole_is_what_its_halves_are(rulings: list[tuple[Truth, Truth]]) -> None:
-    asked = [Question(enclave="/e", operation=Operation.PUBLISH, topic=str(n)) for n in range(len(rulings))]
-    given_ = [
-        Answer(usable=Truth.YES, decision=decision, effective=effective, reason=f"r{n}", location=None)
-        for n, (decision, effective) in enumerate(rulings)
-    ]
-    whole = questions.joint(asked, given_)
-    for of, found in ((0, whole.decided), (1, whole.accepted)):
-        assert found == together({questions.WORDS[each[of]] for each in rulings})
-    assert [(half.decision, half.effective) for half in whole.halves] == (rulings if len(rulings) > 1 else [])
 
 
 def together(rulings: set[str]) -> str:
@@ -522,10 +366,3 @@ def test_a_document_in_which_another_one_stands(tmp_path: Path) -> None:
     code, document = decisions(store, "/random", "publish", "/low_priority", "--profile", "fastdds-2.9")
     [decision] = document["decisions"].values()
     assert (code, decision["decision"], decision["effective"]) == (0, ALLOW, UNKNOWN)
-
-
-@pytest.mark.parametrize(("profile", "told"), [("cyclonedds-11", True), ("fastdds-3.6", False)])
-def test_what_an_attacker_is_assumed_to_announce_is_in_json(profile: str, told: bool) -> None:
-    _code, document = decisions(TURTLESIM, "/random", "publish", "/high_priority", "--profile", profile)
-    names = {each["name"] for each in document["assumptions"]}
-    assert names == {"nothing-else-certified", *(["truthful-announcements"] if told else [])}

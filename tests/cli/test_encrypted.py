@@ -82,22 +82,6 @@ def inside(root: Path, governance: bytes, *enclaves: str) -> dict[str, str]:
     return {name: each["counterexample"]["text"] for name, each in told.items() if each["status"] == "violated"}
 
 
-def test_that_nobody_asks_for_a_grant_entitles_nobody_to_read(tmp_path: Path) -> None:
-    assert inside(tmp_path / "asked", GOVERNANCE, "/other") == {}
-    told = inside(tmp_path / "unasked", UNASKED, "/other")
-    assert set(told) == {*VENDORS}
-    assert all(text.startswith("/other, which may not, can read ") for text in told.values())
-    assert all(text.endswith(": enable_read_access_control is false.") for text in told.values())
-
-
-def test_the_example_is_in_the_partition_where_nodes_are(tmp_path: Path) -> None:
-    """A grant is about the default partition; where nobody asks for one, its holder reads in all of them."""
-    enclaves = {"/a": (plain((), ("rt/x",)),), "/b": (plain((), ("rt/y",)),)}
-    keystore(tmp_path / "keys", enclaves, governance=UNASKED)
-    told = properties(tmp_path / "keys", SETTINGS, "--profile", PROFILE)["inside"]["profiles"][PROFILE]
-    assert told["counterexample"]["text"].startswith("/b, which may not, can read /x (topic) in domain 0: ")
-
-
 @pytest.mark.parametrize(
     ("governance", "why"),
     [(UNASKED, "enable_read_access_control is false"), (PAYLOADS_OPEN, "data_protection_kind NONE")],

@@ -74,18 +74,6 @@ def test_without_one(assumption: Assumption, code: int, prop: str, status: str) 
     assert assumption.value not in assumptions
 
 
-def test_what_is_announced_is_told_as_what_it_is() -> None:
-    done = run_at(HEALTHY, *AUDIT, "--no-assume", "truthful-announcements")
-    assert " ".join(done.stdout.split()).count("no file here changes that") == 2
-    assert "with the keys that it holds" not in " ".join(done.stdout.split())
-
-
-def test_one_that_there_is_not_is_answered_with_the_nearest() -> None:
-    done = run_at(HEALTHY, *AUDIT, "--no-assume", "truthful-announcement")
-    assert done.returncode == 2
-    assert "Did you mean 'truthful-announcements'?" in " ".join(done.stderr.split())
-
-
 def test_settings_say_who_takes_it_upon_himself(tmp_path: Path) -> None:
     settings = tmp_path / "s.toml"
     said = '[[assumption]]\nname = "nothing-else-certified"\nowner = "Ada"\nreason = "We keep a log."\n'

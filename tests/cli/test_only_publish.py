@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, properties, rule, signed_keystore
+from tests.cli.keystores import document_of, grant_of, keystore, properties, rule, signed_keystore
 from tests.keystore.builder import GOVERNANCE, authority, certificate, crl, write_enclave
 
 SETTINGS = """single_writer = ["/x"]
@@ -46,16 +46,6 @@ def test_a_grant_for_a_subject_that_no_enclave_has_counts(tmp_path: Path, ghost:
         step = told["steps"][0]
         assert step["path"] == "enclaves/talker/permissions.p7s"
         assert f"{step['path']}:{step['line']}" in told["text"]
-
-
-def test_who_is_elsewhere_has_no_certificate_that_is_shown_or_counted(tmp_path: Path) -> None:
-    """The page ended in a fault: the subject of the grant was taken for a certificate of the keystore."""
-    root = built(tmp_path / "keys", ghost=rule(("rt/x",)))
-    settings = tmp_path / "keystore-audit.toml"
-    settings.write_text(SETTINGS, "utf-8")
-    asking = ("audit", root, "--engine", "native", "--at", AT, *PROFILE, "--settings", settings, "-f")
-    assert answer(*asking, "html")[0] == 1
-    assert " 4 certificates" in answer(*asking, "text", "-v")[1]
 
 
 def test_a_grant_after_one_for_the_same_subject_does_not_count(tmp_path: Path) -> None:
@@ -130,22 +120,6 @@ def test_who_joins_by_a_grant_that_is_over_publishes_where_nobody_asks_for_one(
     assert properties(root, SETTINGS, "--profile", profile)["only-talker"]["status"] == status
 
 
-def test_an_outsider_that_only_forges_is_said_beside_and_violates_nothing(tmp_path: Path) -> None:
-    closed = OPEN.replace(b"<allow_unauthenticated_participants>true", b"<allow_unauthenticated_participants>false")
-    answers = found(built(tmp_path / "keys", governance=closed))
-    assert {each["status"] for each in answers.values()} == {"holds"}
-    assert {tuple(each["forgers"]) for each in answers.values()} == {("/listener", "anybody on the network")}
-
-
-@pytest.mark.parametrize("form", ["text", "html", "markdown", "junit"])
-def test_who_could_forge_is_said_where_the_property_holds(tmp_path: Path, form: str) -> None:
-    root = built(tmp_path / "keys")
-    assert found(root)["only-talker"]["forgers"] == ["/listener"]
-    words = ("--engine", "native", "--at", AT, *PROFILE, "--settings", tmp_path / "keystore-audit.toml", "-f", form)
-    text = " ".join(answer("audit", root, *words, *(["-v"] if form == "text" else []))[1].replace("\\", "").split())
-    assert text.count("Could pass for a permitted publisher: /listener, with the keys they hold.") == 2
-
-
 def unread(root: Path, who: str, file: str, *others: str) -> Path:
     """A keystore in which one file of an enclave is too large to be read. `others`: who publishes beside the talker."""
     enclaves = {path: (rule(("rt/x",)),) for path in ("/talker", *others)}
@@ -176,12 +150,6 @@ def test_what_another_is_granted_is_proof_whoever_was_not_read(tmp_path: Path, w
     assert told.startswith("/third may publish" if by_path else "Whoever is CN=/third, which is no enclave that could")
 
 
-def test_of_two_publishers_that_were_not_read_nobody_knows_that_they_are_two(tmp_path: Path) -> None:
-    root = unread(tmp_path / "keys", "talker", "cert.pem", "/third")
-    (root / "enclaves/third/cert.pem").write_bytes(b"#" * 5_000_000)
-    assert {each["status"] for each in found(root).values()} == {"unknown"}
-
-
 def test_whom_an_unread_document_names_is_no_certificate_that_happens_to_be_there(tmp_path: Path) -> None:
     """The text named the identity CA, and said that it had a grant."""
     root = unread(tmp_path / "keys", "talker", "governance.p7s")
@@ -206,14 +174,6 @@ def test_who_has_a_longer_name_than_an_enclave_is_not_that_enclave(
         assert every[name]["status"] == status
         told = every[name]["profiles"][profile]["counterexample"]
         assert told is None or told["text"].startswith("Whoever is CN=/talker/arm, which is no enclave of this")
-
-
-@pytest.mark.parametrize("spelling", ["CN=/talker", 'CN="/talker"', "CN=/talker,"])
-def test_an_enclave_that_a_grant_names_in_other_words_is_nobody_else(tmp_path: Path, spelling: str) -> None:
-    talker = grant_of("/talker", rule(("rt/x",))).replace("CN=/talker", spelling)
-    root = signed_keystore(tmp_path / "keys", {"/talker": document_of(talker)})
-    every = properties(root, SETTINGS, "--profile", "fastdds-3.6")
-    assert every["only-talker"]["status"] == "holds"
 
 
 def with_ghost(root: Path, *, taken: bool = True, revoked: bool = False, publisher: str = "/talker") -> Path:
@@ -260,19 +220,6 @@ def test_an_enclave_that_peers_refuse_is_not_who_the_grant_names(
     assert told.startswith("Whoever is CN=/ghost beside /ghost, whose certificate peers refuse, may publish /x")
     statuses = {name: every[name]["status"] for name in ("only-talker", "single-writer-x", "ghost-too")}
     assert statuses == {"only-talker": "violated", "single-writer-x": "violated", "ghost-too": "holds"}
-
-
-def test_an_enclave_that_peers_take_is_who_the_grant_names(tmp_path: Path) -> None:
-    every = properties(with_ghost(tmp_path / "keys"), BOTH, *PROFILE)
-    told = every["only-talker"]["profiles"]["cyclonedds-11"]["counterexample"]["text"]
-    assert told.startswith("/ghost may publish /x")
-    assert every["ghost-too"]["status"] == "holds"
-
-
-def test_the_one_writer_may_be_who_is_refused_here(tmp_path: Path) -> None:
-    """Whoever has its subject is one, wherever it runs."""
-    root = with_ghost(tmp_path / "keys", taken=False, publisher="/ghost")
-    assert properties(root, BOTH, *PROFILE)["single-writer-x"]["status"] == "holds"
 
 
 @pytest.mark.parametrize(
@@ -327,11 +274,3 @@ def test_who_is_named_by_parts_may_be_here_and_the_first_grant_decides(tmp_path:
     shared = signed_keystore(tmp_path / "more", {"/talker/arm": document_of(first, arm)})
     asked = properties(shared, settings, *PROFILE)["only-talker"]
     assert asked["also_named"] == {}
-
-
-def test_the_report_says_whom_grants_name_besides(tmp_path: Path) -> None:
-    root = built(tmp_path / "keys")
-    (tmp_path / "keystore-audit.toml").write_text(SETTINGS, "utf-8")
-    words = ("--engine", "native", "--at", AT, *PROFILE, "--settings", tmp_path / "keystore-audit.toml", "-v")
-    text = " ".join(answer("audit", root, *words)[1].split())
-    assert text.count("lets shorter subjects publish too, where there are such: CN=/ by the grant of CN=/talker.") == 2

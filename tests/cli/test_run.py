@@ -62,11 +62,6 @@ class TestExitCodes:
         assert b"No report was written to" in done.stderr
         assert not report.exists()
 
-    def test_3_with_a_hint_where_a_command_may_be_meant(self, keystore_audit: Any, tmp_path: Path) -> None:
-        done = keystore_audit("ruels", cwd=tmp_path)
-        assert done.returncode == 3
-        assert b"Did you mean the command 'rules'?" in done.stderr
-
     @pytest.mark.parametrize("fail_on", ["high", "never"])
     def test_4_something_undecided_whatever_the_gate(
         self, keystore_audit: Any, healthy: Path, tmp_path: Path, fail_on: str

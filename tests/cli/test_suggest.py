@@ -9,21 +9,9 @@ from pathlib import Path
 import pytest
 from lxml import etree
 
-from keystore_audit.cli.program import run
 from keystore_audit.intent.intent import Action, IntendedRight
 from keystore_audit.intent.policy import read_policy
-from keystore_audit.model.intended.observed_needs import usual_rights
 from tests.cli.keystores import AT, answer, keystore, rule, signed_keystore
-
-WIRING = {
-    ("/multiplexer", Action.SUBSCRIBE, "/high_priority"),
-    ("/multiplexer", Action.SUBSCRIBE, "/low_priority"),
-    ("/multiplexer", Action.PUBLISH, "/move_turtle"),
-    ("/turtlesim", Action.SUBSCRIBE, "/move_turtle"),
-    ("/keyboard", Action.PUBLISH, "/high_priority"),
-    ("/random", Action.PUBLISH, "/low_priority"),
-}
-"""What moves the turtle (tools/samples/healthy.py)."""
 
 MARK = "<!-- usual: every node has these, whatever it is for -->"
 
@@ -56,10 +44,6 @@ def meant(text: str, directory: Path) -> set[tuple[str, Action, str]]:
     return {(right.enclave, right.action, right.name) for right in rights(text, directory) if right.allow}
 
 
-def of(*names: str, enclave: str = "/talker", action: Action = Action.PUBLISH) -> set[tuple[str, Action, str]]:
-    return {(enclave, action, name) for name in names}
-
-
 def written(path: Path, text: str) -> Path:
     path.write_text(text)
     return path
@@ -75,42 +59,6 @@ def talking(directory: Path, *rules: str) -> Path:
 
 
 # TurtleSim
-
-
-SOURCES = (
-    ("--graph", "graphs/turtlesim.graph.json"),
-    ("--launch", "launch/turtlesim.launch.xml"),
-    ("--launch", "launch/turtlesim.launch.yaml"),
-    ("--launch", "launch/turtlesim.launch.py"),
-    ("--policy", "policies/turtlesim.policy.xml"),
-)
-
-
-@pytest.mark.parametrize(("option", "name"), SOURCES, ids=[name for _option, name in SOURCES])
-def test_the_turtlesim_gets_its_wiring_and_the_usual_names_marked(
-    option: str, name: str, samples: Path, tmp_path: Path
-) -> None:
-    text = suggested(samples / "healthy/turtlesim", option, samples / name)
-    usual = {(node, action, name) for node, _a, _n in WIRING for action, name, _usual in usual_rights(node)}
-    found = meant(text, tmp_path)
-    assert found - usual == WIRING
-    assert {each for each in found & usual if each[2] == "/rosout"} == {
-        (node, Action.PUBLISH, "/rosout") for node, _a, _n in WIRING
-    }
-    assert_marked(text, usual)
-    assert meant(suggested(samples / "healthy/turtlesim", option, samples / name, "--no-usual"), tmp_path) == WIRING
-
-
-def assert_marked(text: str, usual: set[tuple[str, Action, str]]) -> None:
-    """Behind the comment are the usual names alone, and before it none of them."""
-    names = {name for _enclave, _action, name in usual}
-    for profile in etree.fromstring(text.encode()).iter("profile"):
-        behind = False
-        for child in profile:
-            if child.tag is etree.Comment:
-                behind = True
-                continue
-            assert {entry.text in names for entry in child} == {behind}
 
 
 @pytest.mark.parametrize("story", ["turtlesim", "vehicle"])
@@ -172,92 +120,13 @@ def test_what_is_suggested_for_a_sample_is_what_its_nodes_need(
     assert "KA65" not in report, report
 
 
-def test_twice_gives_the_same_bytes(samples: Path) -> None:
-    args = (samples / "healthy/vehicle", "--launch", samples / "launch/vehicle.launch.xml")
-    assert suggested(*args) == suggested(*args)
-
-
 # Launch files
-
-
-def launched(directory: Path, body: str) -> Path:
-    return written(directory / "a.launch.xml", f"<launch>{body}</launch>")
-
-
-NODE = '<node pkg="p" exec="e" name="talker" ros_args="--enclave /talker">{}</node>'
-
-
-def test_a_name_that_the_keystore_does_not_list_is_left_out_and_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    root = talking(tmp_path)
-    file = launched(tmp_path, NODE.format('<remap from="out" to="/chatter"/><remap from="in" to="/scan"/>'))
-    text = suggested(root, "--launch", file, "--no-usual", code=4)
-    assert meant(text, tmp_path) == of("/chatter")
-    err = capsys.readouterr().err
-    assert "/talker uses /scan, and neither the file nor the keystore says how." in err
-    assert "Something may be missing" in err
-
-
-def test_a_wildcard_says_nothing_of_what_a_node_does(tmp_path: Path) -> None:
-    root = talking(tmp_path, rule(("rt/*",), ("rt/*",)))
-    text = suggested(
-        root, "--launch", launched(tmp_path, NODE.format('<remap from="a" to="/b"/>')), "--no-usual", code=4
-    )
-    assert meant(text, tmp_path) == set()
-
-
-def test_what_cannot_be_worked_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    body = NODE.format('<remap from="out" to="/chatter"/>') + '<include file="$(find-pkg-share other)/x.launch.xml"/>'
-    assert meant(suggested(talking(tmp_path), "--launch", launched(tmp_path, body), code=4), tmp_path) >= of(
-        "/chatter", "/rosout"
-    )
-    assert "a.launch.xml:1: " in capsys.readouterr().err
-
-
-def test_an_argument_has_the_value_that_is_given(tmp_path: Path) -> None:
-    body = '<arg name="to" default="/other"/>' + NODE.format('<remap from="out" to="$(var to)"/>')
-    args = (talking(tmp_path), "--launch", launched(tmp_path, body), "--no-usual")
-    assert meant(suggested(*args, "--launch-argument", "to:=/chatter"), tmp_path) == of("/chatter")
-    assert meant(suggested(*args, code=4), tmp_path) == set()
 
 
 # Policies
 
 
 ALLOW = '<topics publish="ALLOW"><topic>/a</topic><topic>/b</topic></topics>'
-
-
-def test_what_a_policy_denies_is_taken_out(tmp_path: Path) -> None:
-    deny = '<topics publish="DENY"><topic>/b</topic></topics><topics subscribe="DENY"><topic>/a</topic></topics>'
-    text = suggested(talking(tmp_path), "--policy", policy(tmp_path, ALLOW + deny))
-    assert meant(text, tmp_path) == of("/a")
-    assert "DENY" not in text
-
-
-def test_what_an_expression_denies_is_taken_out(tmp_path: Path) -> None:
-    deny = '<topics publish="DENY"><topic>/[b-z]*</topic></topics>'
-    assert meant(suggested(talking(tmp_path), "--policy", policy(tmp_path, ALLOW + deny)), tmp_path) == of("/a")
-
-
-def test_wildcards_stay_with_the_denials_beside_them_and_are_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    wide = '<topics publish="ALLOW"><topic>/arm/*</topic></topics><topics publish="DENY"><topic>/arm/x</topic></topics>'
-    text = suggested(talking(tmp_path), "--policy", policy(tmp_path, wide))
-    assert meant(text, tmp_path) == of("/arm/*")
-    assert [right.name for right in rights(text, tmp_path) if not right.allow] == ["/arm/x"]
-    assert "/arm/* is an expression of the policy and is kept: what it allows is unbounded." in capsys.readouterr().err
-
-
-def test_a_denial_that_takes_part_of_a_service_stays(tmp_path: Path) -> None:
-    """Denying the action's feedback as a topic leaves its services: no policy says that without a denial."""
-    lists = (
-        '<actions call="ALLOW"><action>/drive</action></actions>'
-        '<topics subscribe="DENY"><topic>/drive/_action/feedback</topic></topics>'
-    )
-    found = rights(suggested(talking(tmp_path), "--policy", policy(tmp_path, lists)), tmp_path)
-    assert {(right.action, right.allow) for right in found} == {(Action.CALL, True), (Action.SUBSCRIBE, False)}
 
 
 def test_a_policy_means_the_same_as_what_is_suggested_of_it(tmp_path: Path) -> None:
@@ -329,17 +198,6 @@ def test_several_enclaves_are_written_below_a_directory_and_never_into_the_keyst
     assert answer(*args, "--enclave", "/c")[1] == (tmp_path / "out/c/permissions.xml").read_text()
 
 
-def test_an_enclave_without_a_certificate_gets_a_policy_and_no_permissions(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    graph = written(tmp_path / "g.json", GRAPH.format("ghost", '"publishers": [{"topic": "/chatter"}]'))
-    root = talking(tmp_path)
-    assert meant(suggested(root, "--graph", graph, "--no-usual"), tmp_path) == of("/chatter", enclave="/ghost")
-    assert "The keystore has no enclave /ghost." in capsys.readouterr().err
-    suggested(root, "--graph", graph, "--as", "permissions", code=2)
-    assert "There is no enclave '/ghost'" in capsys.readouterr().err
-
-
 def test_a_policy_is_written_to_a_file_outside_of_the_keystore(tmp_path: Path) -> None:
     root, graph = talking(tmp_path), written(tmp_path / "g.json", GRAPH.format("talker", '"publishers": []'))
     assert suggested(root, "--graph", graph, "-o", tmp_path / "new.xml") == ""
@@ -350,36 +208,3 @@ def test_a_policy_is_written_to_a_file_outside_of_the_keystore(tmp_path: Path) -
 
 
 # Usage
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        ((), "Name what the nodes do: --graph, --launch or --policy."),
-        (("--graph", "nowhere.json"), "nowhere.json: there is no such file."),
-        (("--policy-include", ".", "--graph", "x"), "name one with --policy"),
-        (("--as", "permission", "--graph", "x"), "Did you mean 'permissions'?"),
-        (("--launch-argument", "a=b", "--graph", "x"), "'a=b' is not NAME:=VALUE"),
-    ],
-)
-def test_wrong_usage(args: tuple[str, ...], words: str, samples: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["suggest", str(samples / "healthy/talker_listener"), *args]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert words in err
-
-
-def test_an_unknown_enclave_is_said_with_the_nearest(samples: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    args = ("--graph", str(samples / "graphs/turtlesim.graph.json"), "--enclave", "/keybord")
-    assert run(["suggest", str(samples / "healthy/turtlesim"), *args]) == 2
-    assert "Did you mean '/keyboard'?" in capsys.readouterr().err
-
-
-def test_where_there_is_no_keystore_nothing_is_suggested(samples: Path, tmp_path: Path) -> None:
-    assert run(["suggest", str(tmp_path), "--graph", str(samples / "graphs/turtlesim.graph.json")]) == 3
-
-
-def test_graphs_are_about_one_keystore(samples: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    roots = [str(samples / "healthy" / name) for name in ("turtlesim", "vehicle")]
-    assert run(["audit", *roots, "--graph", str(samples / "graphs/turtlesim.graph.json")]) == 2
-    assert "name one KEYSTORE" in capsys.readouterr().err
