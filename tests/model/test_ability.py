@@ -90,16 +90,6 @@ def test_it_lasts_until_something_ends(ending: Store, tmp_path: Path) -> None:
     assert holds(STORE, tmp_path / "nothing", until=AFTER)
 
 
-@pytest.mark.parametrize(
-    ("profile", "blanks", "expected"),
-    [("fastdds-2.9", 59_000, True), ("fastdds-2.9", 62_000, False), ("cyclonedds-0.10", 62_000, True)],
-)
-def test_permissions_that_fit_in_no_handshake(profile: str, blanks: int, expected: bool, tmp_path: Path) -> None:
-    """Fast DDS sends certificate and permissions in one message of 64 kB (measured on 2.9.1), Cyclone DDS in parts."""
-    padded = LISTENER.permissions.replace("</permissions>", " " * blanks + "</permissions>")
-    assert holds(STORE.member("/f", permissions=padded), tmp_path / "k", profiles=(profile,)) is expected
-
-
 def test_a_key_that_signs_no_digest(tmp_path: Path) -> None:
     """Fast DDS starts with it, and never talks (measured on 2.9.1)."""
     kinds = {"ec": ec.generate_private_key(ec.SECP384R1()), "edwards": ed25519.Ed25519PrivateKey.generate()}

@@ -8,11 +8,9 @@ from functools import cache
 from itertools import product
 from typing import Any
 
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.permissions import Operation
@@ -237,13 +235,3 @@ def test_thousands_of_expressions_with_many_wildcards_come_to_an_end() -> None:
     own = permissions("h.p7s", grant("/talker", *rules))
     found = of(keystore(enclave("/talker", permissions=own)), "spec")["h.p7s"]
     assert AnomalyKind.NOT_WORKED_OUT in {each.kind for each in found}
-
-
-def test_effort_is_counted() -> None:
-    effort = Effort(states=100, pairs=3)
-    effort.compare(3)
-    with pytest.raises(BudgetExceeded, match="pairs"):
-        effort.compare(1)
-    name_classes(["a*b*", "*c*d"], Matcher.POSIX, effort)
-    with pytest.raises(BudgetExceeded, match="wildcards"):
-        name_classes(["a*b*", "*c*d"], Matcher.POSIX, effort)

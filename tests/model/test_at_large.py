@@ -15,7 +15,7 @@ from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
-from keystore_audit.flow import FlowQuestion, find_blast_radius, find_flow
+from keystore_audit.flow import FlowQuestion, find_flow
 from keystore_audit.keystore import unmanaged
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
@@ -198,29 +198,6 @@ def test_a_name_for_everybody_is_one_for_it_too(tmp_path: Path) -> None:
             (atom,) = system.places
             assert atom.enclaves is not None
             assert (len(atom.enclaves), atom.unread) == (3 + more, False)
-
-
-def test_what_is_lost_with_a_key_that_was_certified_twice(tmp_path: Path) -> None:
-    radii = []
-    for number, files in enumerate(({}, HELD)):
-        (answer,) = find_blast_radius(
-            written(tmp_path / str(number), files), "/talker", Circumstances(profiles=resolve(()), at=AT)
-        ).keys
-        radii.append({each.radius for each in answer.alone.values()})
-    ((without,), (with_it,)) = radii
-    assert (without.read, without.passes_for) == (0, frozenset())
-    assert with_it.read
-    assert with_it.passes_for == {"CN=/listener (public/x_ca.cert.pem, no enclave)"}
-    assert with_it.reached == without.reached == {"/listener"}
-
-
-def test_it_is_in_both_readings(tmp_path: Path) -> None:
-    """Something else could not be read: what follows from the identity is certain all the same."""
-    root = written(tmp_path, HELD)
-    (root / "enclaves/away").symlink_to("/", target_is_directory=True)
-    systems = understood(root)
-    assert {system.may for system in systems} == {True, False}
-    assert all(len(added(system)) == 1 for system in systems)
 
 
 def test_one_whose_subject_cannot_be_told_may_be_anybody(tmp_path: Path) -> None:

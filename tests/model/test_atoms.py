@@ -67,70 +67,9 @@ def test_ros_classes_are_those_that_ros_names_lie_in(seed: int) -> None:
             assert classes[members].ros, (texts, name)
 
 
-@pytest.mark.parametrize(
-    ("text", "ros"),
-    [
-        ("rt/?", True),
-        ("rt/", False),
-        ("rt/1*", False),
-        ("rt/a/", False),
-        ("rt/*//*", False),
-        ("rq/Request*", True),  # rq/RequestRequest
-        ("rq/Request", False),
-        ("rq/?Request", True),
-        ("rq/[0-9]Request", False),
-        ("rq/*/Request", False),
-        ("rq/*Reply", False),
-        ("rr/*Reply", True),
-        ("rq/ReRequest?", False),
-        ("rq/aRReques?", True),
-        ("rr/aRepRepl?", True),
-        ("rq/aRequest*Request", True),
-        ("rs/a", True),
-        ("ros_discovery_inf?", True),
-        ("ros_discovery_info?", False),
-        ("chatter", False),
-        ("/chatter", False),
-        ("r[!tqrs]/*", False),
-        ("r[!tqr]/*", True),
-        ("*é", False),
-        ("?*.?*", False),
-    ],
-)
-def test_ros_is_decided_exactly(text: str, ros: bool) -> None:
-    assert by_members([text])[(text,)].ros is ros
-
-
 def test_expression_that_matches_nothing_is_in_no_class() -> None:
     for text in ("", "[z-a]", "a\\", "a\0b"):
         assert set(by_members([text])) == {()}
-
-
-def test_witnesses_are_the_shortest_and_most_readable() -> None:
-    assert by_members(["*"])[("*",)].witness == "rt/a"
-    assert by_members(["rt/*", "*_tf"])[("rt/*", "*_tf")].witness == "rt/_tf"
-    assert by_members(["x?"])[("x?",)].witness == "xa"
-    assert by_members(["[!-~]"])[("[!-~]",)].witness == "a"
-    assert by_members(["[éà]", "[\x01-\x1f]"])[("[éà]",)].witness == "à"
-
-
-def test_preferred_names_replace_witnesses_of_their_class() -> None:
-    texts = ["rt/*", "rt/chatter", "x*"]
-    classes = by_members(texts, prefer=["rt/scan", "rt/odom/filtered", "rt/chatter", "rt/no.ros", "xyz", "", "q\0"])
-    assert classes[("rt/*",)].witness == "rt/scan"
-    assert classes[("rt/*", "rt/chatter")].witness == "rt/chatter"
-    assert classes[("x*",)].witness == "xyz"
-    assert classes[()].witness == by_members(texts)[()].witness
-    # No dds-only name stands for a class that has a ROS name.
-    assert by_members(["rt/*"], prefer=["rt/no.ros"])[("rt/*",)].witness == "rt/a"
-
-
-def test_characters_beyond_ascii_and_surrogates_take_part() -> None:
-    classes = by_members(["rt/é", "rt/[à-ü]", "\U0001f600*", "[\ud800-\udfff]"])
-    assert classes[("rt/é", "rt/[à-ü]")].witness == "rt/é"
-    assert classes[("rt/[à-ü]",)].witness == "rt/à"
-    assert classes[("\U0001f600*",)].witness == "\U0001f600"
-    assert ("[\ud800-\udfff]",) in classes
 
 
 FAMILIES = [

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange
-from keystore_audit.model.domains import contains, covered, describe, domain_classes, elementary
+from keystore_audit.model.domains import contains, covered, domain_classes, elementary
 
 BOUND = st.none() | st.integers(0, 300)
 RANGES = st.lists(st.tuples(BOUND, BOUND), max_size=5)
@@ -55,14 +55,3 @@ def test_domain_classes_are_the_coarsest(lists: list[list[tuple[int | None, int 
         == len({s for _n, s in signatures.values()})
         == len({n for n, _s in signatures.values()})
     )
-
-
-def test_an_absent_bound_is_open_under_spec() -> None:
-    assert covered(typed([(5, None)])) == ((5, MAX_DOMAIN),)
-    assert covered(typed([(None, 5)])) == ((0, 5),)
-    assert covered(typed([(7, 3)])) == ()
-
-
-def test_describe() -> None:
-    assert describe([(0, 0), (3, 5)]) == "0, 3-5"
-    assert describe([]) == "none"

@@ -9,16 +9,13 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action, IntendedRight
 from keystore_audit.intent.policy import Policy, Profiles, read_policy
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import Status
-from keystore_audit.keystore.layout import LayoutKind, Role
-from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.intended.drift_rights import MAX_RIGHTS
+from keystore_audit.keystore.layout import Role
 from tests.amount import tried
 from tests.model.drifting import Listed, allowed, compared, listed_in, matches, only, policy_of, sole, store
 from tests.rules.divergent import ruled
@@ -31,7 +28,6 @@ from tests.rules.evidence import (
     governance,
     grant,
     keystore,
-    laid_out,
     permissions,
     text,
 )
@@ -96,41 +92,6 @@ def differs(policy: Policy, path: str, changed: Sequence[Listed]) -> tuple[set[t
     return sole(compared(policy, store({path: changed}), "spec"))
 
 
-@pytest.mark.parametrize(("file", "documents"), PAIRS)
-def test_what_means_the_same_is_no_drift(file: Path, documents: list[Path]) -> None:
-    policy, rules = read_policy(file), rules_of(documents)
-    for path, (first, *others) in rules.items():
-        half = len(first.publish) // 2
-        backwards = first._replace(publish=first.publish[::-1], subscribe=first.subscribe[::-1])
-        twice = first._replace(publish=first.publish * 2)
-        split = [
-            first._replace(publish=first.publish[:half]),
-            first._replace(publish=first.publish[half:], subscribe=()),
-        ]
-        late = Listed(False, first.publish, first.subscribe)
-        nobody = Listed(False, ("rt/nobody/does",), ())
-        for same in (
-            [backwards],
-            [twice],
-            split,
-            [DISCOVERY, first],
-            [first, DISCOVERY],
-            [first, late],
-            [nobody, first],
-        ):
-            assert differs(policy, path, [*same, *others]) == (set(), set())
-
-
-@pytest.mark.parametrize(("file", "documents"), PAIRS)
-def test_another_order_is_found_where_it_means_something_else(file: Path, documents: list[Path]) -> None:
-    policy, rules = read_policy(file), rules_of(documents)
-    for path, (first, *others) in rules.items():
-        topic = first.publish[0]
-        denying = Listed(False, (topic,), ())
-        assert differs(policy, path, [denying, first, *others]) == ({("publish", topic)}, set())
-        assert differs(policy, path, [first, denying, *others]) == (set(), set())
-
-
 def test_a_denial_behind_what_it_takes_from_is_found_whether_or_not_the_rules_are_the_policys(tmp_path: Path) -> None:
     but_secrets = (
         '<topics publish="DENY"><topic>secret</topic></topics><topics publish="ALLOW"><topic>*</topic></topics>'
@@ -148,7 +109,6 @@ NAMES = (
     *("rt/a", "rt/b", "rt/c", "rt/aa", "rt/ab", "rt/ba", "rt/bb", "rt/aaa", "rt/baa", "rt/", "a", "ba", "b"),
     *("rq/sRequest", "rq/tRequest", "rq/a", "rr/sReply", "rr/tReply"),
 )
-ROS_NAMES = ("/a", "/b", "/aa", "/a*", "/*", "/?", "a", "~a")
 texts = st.lists(st.sampled_from(EXPRESSIONS), max_size=3).map(tuple)
 some_rules = st.lists(st.builds(Listed, st.booleans(), texts, texts), max_size=4)
 some_rights = st.lists(
@@ -280,38 +240,6 @@ CHATTER = (
 )
 
 
-def test_lines_of_both_sides(tmp_path: Path) -> None:
-    policy = policy_of(tmp_path, CHATTER.replace("<topics", "\n<topics").replace("<topic>", "\n\n<topic>"))
-    each = only(compared(policy, store({"/talker": [Listed(True, ("rt/map",), ())]})))
-    (lacking,), (exceeding,) = each.lacking.rights, each.exceeding.rights
-    assert lacking.right is not None
-    assert (lacking.right.name, lacking.right.location.line, lacking.right.location.beside) == ("/chatter", 4, True)
-    assert (lacking.keystore.path, lacking.keystore.line) == ("enclaves/talker/permissions.p7s", 50)
-    assert (exceeding.right, exceeding.keystore.line) == (None, 45)
-    assert (lacking.endless, exceeding.endless) == (False, False)
-    assert each.policy.line == 1
-
-
-def test_infinitely_many_names_are_told_from_one(tmp_path: Path) -> None:
-    wide = only(compared(policy_of(tmp_path, CHATTER), store({"/talker": [Listed(True, ("rt/c*",), ())]})))
-    assert [(right.topic, right.endless) for right in wide.exceeding.rights] == [("rt/c", True)]
-    narrow = policy_of(tmp_path, CHATTER.replace(">chatter<", ">chatter*<"))
-    lacking = only(compared(narrow, store({"/talker": [Listed(True, ("rt/chatter",), ())]}))).lacking.rights
-    assert [right.endless for right in lacking] == [True]
-    denied = only(
-        compared(policy_of(tmp_path, CHATTER), store({"/talker": [Listed(False, ("rt/x",), ())]}, default_allow=True))
-    )
-    assert any(right.endless for right in denied.exceeding.rights)
-    assert {right.keystore.line for right in denied.exceeding.rights} == {50}
-
-
-def test_a_right_in_another_partition_is_none_in_the_default_one(tmp_path: Path) -> None:
-    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", ruled(publish=[(["rt/chatter"], ["lab"])])))
-    each = only(compared(policy_of(tmp_path, CHATTER), keystore(enclave("/talker", permissions=own))))
-    assert [(right.topic, right.partition) for right in each.lacking.rights] == [("rt/chatter", "")]
-    assert [(right.topic, right.partition) for right in each.exceeding.rights] == [("rt/chatter", "lab")]
-
-
 def test_domains_that_governance_and_grant_have_in_common(tmp_path: Path) -> None:
     rules = [allow(["rt/chatter"], domains=[(0, 0), (7, 7)]), allow(["rt/map"], domains=[(7, 7)])]
     own = permissions("enclaves/talker/permissions.p7s", grant("/talker", *rules))
@@ -323,17 +251,6 @@ def test_domains_that_governance_and_grant_have_in_common(tmp_path: Path) -> Non
     lacks = only(compared(policy, keystore(enclave("/talker", permissions=own)), domain=3))
     assert [(right.topic, right.domain) for right in lacks.lacking.rights] == [("rt/chatter", 3)]
     assert compared(policy, keystore(enclave("/talker", permissions=own)), domain=0).enclaves == ()
-
-
-def test_implementations_that_read_an_expression_otherwise_are_named(tmp_path: Path) -> None:
-    policy = policy_of(tmp_path, CHATTER.replace(">chatter<", ">arm_[!s]<"))
-    held = store({"/talker": [Listed(True, ("rt/arm_[^s]",), ())]})
-    names = ("spec", "fastdds-3.6", "cyclonedds-0.10")
-    each = only(compared(policy, held, *names))
-    spoken = {name for right in (*each.lacking.rights, *each.exceeding.rights) for name in right.profiles or names}
-    for name in names:
-        assert (compared(policy, held, name).enclaves != ()) == (name in spoken)
-    assert any(right.profiles for right in (*each.lacking.rights, *each.exceeding.rights))
 
 
 def test_what_another_document_concedes(tmp_path: Path) -> None:
@@ -375,65 +292,3 @@ def test_what_cannot_be_read_is_undecided(tmp_path: Path) -> None:
     for held in (enclave("/talker", permissions=ambiguous), enclave("/talker", permissions=None, files=unread)):
         found = compared(policy_of(tmp_path, CHATTER), keystore(held, enclave("/listener")))
         assert (found.enclaves, [doubt.enclave for doubt in found.undecided]) == ((), ["/talker"])
-
-
-def test_of_several_reasons_that_of_the_first_profile_is_told(tmp_path: Path) -> None:
-    """Whatever order a set of implementations has."""
-    policy = policy_of(tmp_path, CHATTER)
-    held = store({"/talker": [Listed(True, ("rt/[[=a][b",), ())]})
-    for profiles, said in ((("spec", "opendds"), "[= in brackets"), (("opendds", "spec"), "OpenDDS reads on")):
-        (doubt,) = compared(policy, held, *profiles).undecided
-        assert said in doubt.reason
-
-
-def test_an_expression_that_means_nothing_is_undecided(tmp_path: Path) -> None:
-    policy = policy_of(tmp_path, CHATTER.replace(">chatter<", ">arm_[!<"))
-    held = store({"/talker": [Listed(True, ("rt/chatter",), ())]})
-    assert compared(policy, held, "spec").undecided == ()
-    (doubt,) = compared(policy, held, "spec", "opendds").undecided
-    assert doubt.location.path.endswith("a.policy.xml")
-
-
-def test_enclaves_on_one_side_alone(tmp_path: Path) -> None:
-    policy = policy_of(tmp_path, CHATTER)
-    elsewhere = keystore(enclave("/listener"))
-    found = compared(policy, elsewhere)
-    assert [each.enclave for each in found.missing] == ["/talker"]
-    assert [each.path for each in found.unnamed] == ["/listener"]
-    assert compared(policy, laid_out(kind=LayoutKind.ENCLAVE)(elsewhere)).missing == ()
-
-
-def test_without_permissions_nothing_is_compared(tmp_path: Path) -> None:
-    found = compared(policy_of(tmp_path, CHATTER), keystore(enclave("/talker", permissions=None)))
-    assert found.unenforced
-    assert found.enclaves == ()
-
-
-def test_only_the_first_profiles_count(tmp_path: Path) -> None:
-    policy = policy_of(tmp_path, CHATTER + CHATTER.replace("chatter", "map").replace("talker", "mapper"))
-    found = compared(policy, store({"/talker": [Listed(True, ("rt/chatter",), ())]}))
-    assert found.enclaves == ()
-    assert [[node.name for node in each.nodes] for each in found.lost] == [["/mapper"]]
-
-
-def test_relaying_is_beyond_any_policy(tmp_path: Path) -> None:
-    rules = (allow(["rt/chatter"]), ruled(relay=[(["rt/chatter"], None)]))
-    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", *rules))
-    each = only(compared(policy_of(tmp_path, CHATTER), keystore(enclave("/talker", permissions=own)), "spec"))
-    assert [(right.operation, right.topic) for right in each.exceeding.rights] == [(Operation.RELAY, "rt/chatter")]
-
-
-def test_many_rights_are_counted_and_not_all_told(tmp_path: Path) -> None:
-    held = store(
-        {"/talker": [Listed(True, ("rt/chatter", *(f"rt/n{number}" for number in range(MAX_RIGHTS + 7))), ())]}
-    )
-    each = only(compared(policy_of(tmp_path, CHATTER), held))
-    assert (len(each.exceeding.rights), each.exceeding.more) == (MAX_RIGHTS, 7)
-
-
-def test_a_copy_of_the_enclaves_own_document_is_not_told_twice(tmp_path: Path) -> None:
-    own = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/chatter", "rt/map"])))
-    copy = permissions("enclaves/listener/permissions.p7s", grant("/talker", allow(["rt/chatter", "rt/map"])))
-    copy = replace(copy, signed=replace(copy.signed, file=replace(copy.signed.file, sha256=own.signed.file.sha256)))
-    held = keystore(enclave("/talker", permissions=own), enclave("/listener", permissions=copy))
-    assert only(compared(policy_of(tmp_path, CHATTER), held)).own

@@ -11,7 +11,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from keystore_audit.model.matching.expression import parse
-from keystore_audit.model.matching.tokens import ANY_CHARACTER, NO_CHARACTER, STAR, CharSet
 from keystore_audit.profiles import Matcher
 from tests.steps import steps
 
@@ -74,17 +73,6 @@ def test_malformed_text_is_said_and_read_as_in_libc(
             assert pattern.matches(name) == libc_fnmatch(text, name, matcher), name
 
 
-def test_backslash_is_read_by_the_matcher() -> None:
-    assert parse(r"a\*", Matcher.POSIX).literal == "a*"
-    assert parse(r"a\*", Matcher.POSIX_NOESCAPE).tokens == ("a", "\\", STAR)
-    assert parse("a\\", Matcher.POSIX_NOESCAPE).literal == "a\\"
-    trailing = parse("a\\", Matcher.POSIX)
-    assert trailing.literal is None
-    assert trailing.malformed is not None
-    assert not trailing.matches("a\\")
-    assert not trailing.matches("a")
-
-
 @pytest.mark.parametrize("name", ["alnum", "alpha", "blank", "cntrl", "digit", "graph", "lower", "print", "punct"])
 def test_character_class_holds_what_it_holds_in_the_c_locale(libc_fnmatch: Fnmatch, name: str) -> None:
     for text in (f"[[:{name}:]]", f"[![:{name}:]]"):
@@ -95,36 +83,6 @@ def test_character_class_holds_what_it_holds_in_the_c_locale(libc_fnmatch: Fnmat
 @pytest.mark.parametrize("name", ["space", "upper", "xdigit"])
 def test_other_character_classes_too(libc_fnmatch: Fnmatch, name: str) -> None:
     test_character_class_holds_what_it_holds_in_the_c_locale(libc_fnmatch, name)
-
-
-def test_literal_is_the_one_name_it_matches() -> None:
-    assert parse("rt/chatter", Matcher.POSIX).literal == "rt/chatter"
-    assert parse("rt/[c]hatter", Matcher.POSIX).literal == "rt/chatter"
-    assert parse("", Matcher.POSIX).literal == ""
-    assert parse("", Matcher.POSIX).matches("")
-    assert parse("rt/*", Matcher.POSIX).literal is None
-    assert parse("[", Matcher.POSIX).literal == "["
-
-
-def test_tokens_are_a_normal_form() -> None:
-    assert parse("a*?**?[b]", Matcher.POSIX).tokens == ("a", ANY_CHARACTER, ANY_CHARACTER, STAR, "b")
-    assert parse("[a-bb-d!]", Matcher.POSIX).tokens == (CharSet(((33, 33), (97, 100))),)
-    assert parse("[d!cab]", Matcher.POSIX).pieces == parse("[a-bb-d!]", Matcher.POSIX).pieces
-    assert parse("[!]", Matcher.POSIX).tokens == ("[", "!", "]")
-
-
-def test_nul_is_in_no_name() -> None:
-    pattern = parse("a\0b", Matcher.POSIX)
-    assert pattern.malformed is not None
-    assert NO_CHARACTER in pattern.tokens
-    assert not pattern.matches("a\0b")
-
-
-def test_prefix_begins_every_match() -> None:
-    assert parse("rt/a?b*", Matcher.POSIX).prefix == "rt/a"
-    assert parse("*a", Matcher.POSIX).prefix == ""
-    assert parse("rt/b*", Matcher.POSIX).prefix == "rt/b"
-    assert parse("rt/b", Matcher.POSIX).prefix == "rt/b"
 
 
 @given(text=st.text(max_size=30), matcher=matchers, name=st.text(max_size=10))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterable, Mapping
-from itertools import combinations
 
 import pytest
 
@@ -263,34 +262,8 @@ def test_lattices_are_partial_orders(lattice: Lattice) -> None:
                     assert lattice.flows(one, third)
 
 
-def test_directions() -> None:
-    levels, sets = LATTICES[0], LATTICES[2]
-    assert levels.flows("public", "secret")
-    assert not levels.flows("secret", "public")
-    assert levels.turned.flows("secret", "public")
-    assert sets.flows("a", "both")
-    assert not any(sets.flows(one, other) for one, other in [("a", "b"), ("both", "a"), ("a", "none")])
-    order = LATTICES[3]
-    assert order.flows("public", "left")
-    assert not any(order.flows(one, other) for one, other in combinations(("left", "right", "apart"), 2))
-
-
 @pytest.mark.parametrize("below", [{"a": ("a",)}, {"a": ("b",), "b": ("c",), "c": ("a",), "d": ("a",)}])
 def test_an_order_in_a_circle_is_none(below: dict[str, tuple[str, ...]]) -> None:
     with pytest.raises(CyclicOrder) as caught:
         ordered(below)
     assert set(caught.value.labels) == set(below) - {"d"}
-
-
-def test_claims_of_labels() -> None:
-    given = labelling(
-        LATTICES[0],
-        (
-            Labelled(label="secret", enclaves=("/arm/*",), topics=("rt/map*",), place="x:1:1"),
-            Labelled(label="public", enclaves=("/screen",), place="x:2:1"),
-        ),
-        Attacker.RELAYS,
-        Declassifier(enclaves=("/gate",), taken="secret", given="public", place="x:3:1"),
-    )
-    assert set(given.pairs()) == {("secret", "public")}
-    assert {claim.through for claim in given.claims()} == {("/gate",)}

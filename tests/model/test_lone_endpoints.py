@@ -49,13 +49,6 @@ def alone(permissions: str, root: Path, profile: str) -> tuple[set[tuple[str, st
     return named(enclave.reads_alone, peer_authorised.may_read), named(enclave.writes_alone, peer_authorised.may_write)
 
 
-def test_equal_sets_are_kept_once(tmp_path: Path) -> None:
-    """There may be 255,000 channels, and as many sets of them as implementations and operations."""
-    *_, systems = random_case(0, tmp_path)
-    sets = [each for s in systems.values() for each in (s.enclaves[0].reads_alone, s.enclaves[0].writes_alone) if each]
-    assert len({id(each) for each in sets}) == len({*sets}) < len(sets)
-
-
 @pytest.mark.parametrize(("relayed", "expected"), [("rt/a", {("rt/a", "")}), ("rt/b", set())])
 def test_what_a_relay_takes_from_peers_alone(relayed: str, expected: set[tuple[str, str]], tmp_path: Path) -> None:
     """Fast DDS: to peers, a rule that lists a topic for relaying in some partitions denies it in all others."""

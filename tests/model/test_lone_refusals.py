@@ -41,23 +41,6 @@ def test_fast_dds_applies_a_denial_of_another_domain(operation: str, tmp_path: P
     assert not holds(store(0), tmp_path / "zero", profiles=CYCLONE)
 
 
-@pytest.mark.parametrize(("topic", "kept"), [("rt/a", False), ("rt/b", True)])
-def test_fast_dds_stops_at_a_rule_of_another_domain_with_another_partition(
-    topic: str, kept: bool, tmp_path: Path
-) -> None:
-    elsewhere = rule(criterion("publish", topic, partitions=("p",)), domains="<id>9</id>")
-    store = STOCK.member("/e", permissions=rules("publish", elsewhere))
-    assert holds(store, tmp_path / "fast", profiles=FAST) is kept
-    assert holds(store, tmp_path / "cyclone", profiles=CYCLONE)
-
-
-@pytest.mark.parametrize(("operation", "kept"), [("relay", False), ("subscribe", True)])
-def test_a_relay_gives_its_own_readers_nothing(operation: str, kept: bool, tmp_path: Path) -> None:
-    """To peers it is a right to read, on Fast DDS."""
-    relaying = permissions(grant("/f", rule(criterion(operation, "rt/a"))))
-    assert holds(STOCK.member("/f", permissions=relaying), tmp_path / "k", profiles=FAST) is kept
-
-
 def test_a_denial_of_a_grant_that_begins_later(tmp_path: Path) -> None:
     """What is refused is, from then on: no claim of ability until a later date is kept by it."""
     denied = rule(criterion("publish", "rt/a"), domains="<id>9</id>", allow=False)

@@ -9,13 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
-from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import is_ros_name
 from keystore_audit.model.names import (
-    AMBIENT_TOPICS,
     PARAMETER_SERVICES,
     RosKind,
-    RosName,
     dds_channels,
     parse_dds_name,
     ros_name,
@@ -50,19 +47,6 @@ full_names = st.lists(tokens, min_size=1, max_size=4).map(lambda path: "".join(f
 )
 def test_ros_name_reads_as_users_of_ros_say_it(dds: str, expected: str) -> None:
     assert ros_name(dds) == expected
-
-
-@pytest.mark.parametrize(
-    "dds",
-    [
-        *("", "chatter", "/chatter", "rt", "rt/", "rt/chatter/", "rt//chatter", "rt/1chatter", "rt/chat ter"),
-        *("rt/chätter", "rt/*", "rt/chatter\n", "rt/a\0", "rx/chatter", "rs/", "RT/a", "r/a", "ros_discovery_info2"),
-        *("rq/add", "rr/addRequest", "rq/Request", "rq/add/Request", "rq/1Request"),
-    ],
-)
-def test_other_dds_names_stay_in_quotes(dds: str) -> None:
-    assert parse_dds_name(dds) is None
-    assert ros_name(dds) == f'"{dds}"'
 
 
 @given(name=st.text("/ab_1é \n-", max_size=8))
@@ -113,22 +97,6 @@ def test_every_right_has_the_channels_of_the_table() -> None:
     assert channels("reply") == {"publish": {"rr/fReply"}, "subscribe": {"rq/fRequest"}}
     assert channels("call") == {"publish": requests, "subscribe": replies | topics}
     assert channels("execute") == {"publish": replies | topics, "subscribe": requests}
-
-
-@pytest.mark.parametrize(("operation", "name"), [("publish", "chatter"), ("call", "/"), ("read", "/chatter")])
-def test_wrong_calls_are_usage_errors(operation: str, name: str) -> None:
-    with pytest.raises(UsageError, match="expected"):
-        dds_channels(operation, name)
-
-
-def test_enclave_paths_but_the_roots_are_full_names() -> None:
-    assert is_ros_name("/talker_listener/talker")
-    assert not is_ros_name("/")
-
-
-def test_ambient_topics_are_ros_names_of_their_own() -> None:
-    assert set(AMBIENT_TOPICS) == {"rt/rosout", "rt/parameter_events", "ros_discovery_info"}
-    assert all(parse_dds_name(name) for name in AMBIENT_TOPICS)
 
 
 Rights = dict[str, set[tuple[str, str]]]
@@ -189,7 +157,3 @@ def test_parameter_services_are_those_that_a_stock_node_offers(repository: Path)
     names = [parse_dds_name(dds) for operation, dds in rights if operation == "publish"]
     services = {name.name for name in names if name is not None and name.kind is RosKind.SERVICE}
     assert services == {*(f"/admin/{service}" for service in PARAMETER_SERVICES), "/add_two_ints"}
-
-
-def test_name_reads_as_itself() -> None:
-    assert str(RosName(kind=RosKind.ACTION, name="/fib", part="feedback")) == "/fib (action feedback)"

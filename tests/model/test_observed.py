@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,11 +13,11 @@ from keystore_audit.intent.intent import Action, IntendedRight, Intent
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.keystore.permissions import Operation, Rule
-from keystore_audit.model.intended.observed_needs import EnclavePolicy, least_policy, needs, usual_channels
+from keystore_audit.model.intended.observed_needs import EnclavePolicy, least_policy, usual_channels
 from keystore_audit.model.names import dds_channels, dds_expressions
 from tests.amount import tried
 from tests.rules.evidence import allow, domain_rule, enclave, governance, grant, keystore, permissions
-from tests.rules.observed import DISCOVERY, does, graph, log, observed
+from tests.rules.observed import does, graph, log, observed
 
 NAMES = ("/a", "/b", "/a/c", "/b/c")
 DOMAINS = ((0, 0), (5, 5))
@@ -165,25 +164,3 @@ def sros2_allows(entries: Sequence[tuple[Action, str, bool]], operation: Operati
         if each is operation and fnmatchcase(topic, expression)
     }
     return matching == {True}
-
-
-def test_a_right_is_needed_once_and_where_it_is_said_first() -> None:
-    one, other = graph(log("/talker"), does("/talker", "publish", "/a", line=4)), seen([(Action.PUBLISH, "/a")])
-    found = [need for need in needs((one, other)) if need.name == "/a"]
-    assert [(need.location.line, need.usual) for need in found] == [(4, False)]
-
-
-def test_grants_in_no_domain_of_the_governance_are_neither_missing_nor_used() -> None:
-    found = observed(store([allow(["rt/a"], domains=((7, 7),))]), seen([]), names=("spec",))
-    assert (found.missing, found.excess) == ((), ())
-
-
-def test_discovery_stays_out_of_what_is_in_excess() -> None:
-    file = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/rosout"]), DISCOVERY))
-    assert observed(keystore(enclave("/talker", permissions=file)), seen([])).excess == ()
-
-
-@pytest.mark.parametrize(("expression", "beyond"), [("rt/cloc[k]", None), ("rt/cloc[kl]", "rt/clocl")])
-def test_usual_names_are_told_apart_from_others_that_an_expression_allows(expression: str, beyond: str | None) -> None:
-    found = observed(store([allow([], [expression], domains=DOMAINS)]), seen([(Action.PUBLISH, "/a")])).excess
-    assert [each.wide.topic for each in found if each.wide] == ([beyond] if beyond else [])

@@ -22,7 +22,7 @@ from keystore_audit.model.formal.flow import Flows, Search
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.question import Question
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.tables.overview import MAX_VIEWS, Dated, Overview, overview
+from keystore_audit.model.tables.overview import MAX_VIEWS, Overview, overview
 from keystore_audit.profiles import VARIANTS, resolve
 from keystore_audit.truth import Truth
 from tests.cli.keystores import keystore, rule
@@ -188,58 +188,3 @@ class TestAllowances:
             assert lines == ([of_rule(answer.location, answer.reason)] if allowed else [])
             told += len(lines)
         assert told > 20
-
-
-class TestCertificates:
-    def test_one_authority_for_both_roles(self) -> None:
-        issued = sample("stock/talker_listener")[1].issuance
-        (root,) = [each for each in issued.certificates if each.is_root]
-        assert (root.identity_ca_of, root.permissions_ca_of) == (2, 2)
-        assert [issued.certificates[n].identity_of for n in root.issued] == [
-            ("/listener",),
-            ("/talker",),
-        ]
-        assert root.signed == (
-            "enclaves/governance.p7s",
-            "enclaves/listener/permissions.p7s",
-            "enclaves/talker/permissions.p7s",
-        )
-        assert issued.unsigned == ()
-
-    def test_a_revoked_identity_is_marked(self) -> None:
-        issued = overview_of(SAMPLES / "rules/KA212-identity-revoked/bad")[1].issuance
-        assert [each.identity_of for each in issued.certificates if each.revoked] != []
-
-    def test_an_identity_that_signed_is_shown_as_the_signer(self) -> None:
-        issued = overview_of(SAMPLES / "rules/KA302-signed-by-an-identity/bad", ("spec",))[1].issuance
-        (signer,) = [each for each in issued.certificates if each.signed and not each.permissions_ca_of]
-        assert (signer.identity_of, signer.signed) == (("/talker",), ("enclaves/talker/permissions.p7s",))
-
-    def test_of_what_could_not_be_read_no_signer_is_told(self) -> None:
-        issued = overview_of(SAMPLES / "unknown/ambiguous_enclave")[1].issuance
-        assert (issued.unsigned, issued.unread) == ((), ("enclaves/listener/permissions.p7s",))
-
-    def test_a_document_that_nobody_signed_is_named(self) -> None:
-        issued = overview_of(SAMPLES / "rules/KA303-signature-invalid/bad", ("spec",))[1].issuance
-        assert issued.unsigned == ("enclaves/talker/permissions.p7s",)
-
-
-class TestPeriods:
-    def test_equal_dates_are_one_period(self) -> None:
-        periods = sample("flows/vehicle_healthy")[1].periods
-        assert [(each.kind, len(each.names)) for each in periods] == [
-            (Dated.AUTHORITY, 2),
-            (Dated.IDENTITY, 5),
-            (Dated.GRANT, 5),
-        ]
-
-    def test_what_ends_first_comes_first(self) -> None:
-        grants = [each for each in sample("flows/vehicle_expiring_grant")[1].periods if each.kind is Dated.GRANT]
-        assert [each.end for each in grants if each.end] == sorted(each.end for each in grants if each.end)
-        assert grants[0].names == ("enclaves/infotainment/permissions.p7s",)
-
-    def test_a_revocation_list_ends_with_its_next_update(self) -> None:
-        periods = overview_of(SAMPLES / "rules/KA214-crl-stale/bad")[1].periods
-        (revoked,) = (each for each in periods if each.kind is Dated.REVOCATIONS)
-        assert revoked.start == datetime(2026, 10, 1, tzinfo=timezone.utc)
-        assert revoked.end == datetime(2026, 11, 1, tzinfo=timezone.utc)

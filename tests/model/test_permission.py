@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
 from datetime import datetime, timedelta, timezone
 
 import pytest
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.permissions import Operation
-from keystore_audit.model.formal.bit_sets import bits, members
+from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import ChannelAtom, DomainAtom, GrantAtom, RuleAtom, System
 from tests.amount import tried
@@ -108,24 +107,3 @@ def test_chosen_is_the_first_grant_in_force_of_each_document(seed: int) -> None:
                 ]
                 expected += named[:1]
             assert permissions.chosen(certificate, documents) == expected
-
-
-def test_a_moment_between_two_instants_is_after_the_first() -> None:
-    permissions = Permissions(small_system(1), moment=3)
-    assert permissions.in_force(0, 2)
-    assert not permissions.in_force(0, 1)
-    assert not permissions.in_force(2, 3)
-
-
-@pytest.mark.parametrize(
-    "numbers", [[], [0, 3, 64, 1000], range(9_000), range(10, 9_000), [3, 8_000], range(0, 300_000, 1_001)]
-)
-def test_bits_and_members_are_inverse(numbers: Sequence[int]) -> None:
-    assert list(members(bits(numbers))) == [*numbers]
-    assert bits(numbers) == sum(1 << number for number in numbers)
-
-
-def test_bits_of_one_set_are_made_once() -> None:
-    """Regions of 255,000 channels are asked about by each system and each governance."""
-    numbers = frozenset(range(100))
-    assert bits(numbers) is bits(numbers)

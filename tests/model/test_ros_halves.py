@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Any
 
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -16,14 +15,14 @@ from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.matching.expression import parse
-from keystore_audit.model.names import dds_channels, is_ros_dds_name
+from keystore_audit.model.names import dds_channels
 from keystore_audit.model.ros.halves import Half, halves
 from keystore_audit.model.ros.holders import is_surely_whole
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import VARIANTS, Matcher
 from tests.amount import tried
 from tests.rules.divergent import ruled
-from tests.rules.evidence import AT, allow, domain_rule, enclave, governance, grant, keystore, permissions, topic_rule
+from tests.rules.evidence import AT, domain_rule, enclave, governance, grant, keystore, permissions, topic_rule
 
 NAMES = tuple(f"/{name}" for name in ("a", "b", "ab", "R", "_action/send_goal"))
 ROLES = ("request", "reply", "call", "execute")
@@ -134,57 +133,3 @@ def test_a_half_is_found_iff_some_name_is_half(rules: Any, default: bool, loose:
             assert any(half.role == role for half in result), (role, name, has, lacks)
     if any(is_surely_whole(each, rewinds=True) for each in store.enclaves[0].permissions.permissions.grants):  # type: ignore[union-attr]
         assert result == ()
-
-
-def whole(role: str, name: str) -> Rule:
-    """The rule that allows all of it."""
-    channels = dds_channels(role, name)
-    return allow(*([topic for each, topic in channels if each is way] for way in WAYS))
-
-
-@pytest.mark.parametrize("role", ROLES)
-def test_each_channel_that_is_missing_makes_a_half(role: str) -> None:
-    channels = dds_channels(role, "/arm/move")
-    assert all(is_ros_dds_name(topic) for _operation, topic in channels)
-    assert found(own(whole(role, "/arm/move"))) == ()
-    for missing in channels:
-        left = [each for each in channels if each != missing]
-        rule = allow(*([t for each, t in left if each is way] for way in WAYS))
-        (half,) = found(own(rule))
-        assert (half.role, half.name, half.lacks, half.several) == (role, "/arm/move", (missing,), False)
-        assert half.profiles == ()
-        assert half.location.line == 45
-
-
-def test_who_only_watches_an_action_has_no_half_of_it() -> None:
-    watching = allow([], ["rt/arm/move/_action/status", "rt/arm/move/_action/feedback"])
-    assert found(own(watching)) == ()
-    assert [half.role for half in found(own(allow(["rt/arm/move/_action/status"])))] == ["execute"]
-
-
-def test_a_pattern_and_a_name() -> None:
-    """Every service may be asked, one may answer: the witness is another one."""
-    (half,) = found(own(allow(["rq/arm/*Request"], ["rr/arm/addReply"])), "spec")
-    assert found(own(allow(["rt/chatter"], ["*"])), "spec") == (), "who records everything"
-    assert (half.role, half.several) == ("request", True)
-    assert half.name.startswith("/arm/")
-    assert half.name != "/arm/add"
-    assert half.lacks == ((Operation.SUBSCRIBE, f"rr{half.name}Reply"),)
-
-
-def test_what_sros2_writes_is_whole() -> None:
-    stock = ["rq/*Request", "rr/*Reply", "rt/*"]
-    parts = ("cancel_goal", "get_result", "send_goal")
-    stock += [f"rq/*/_action/{part}Request" for part in parts] + [f"rr/*/_action/{part}Reply" for part in parts]
-    stock += ["rt/*/_action/feedback", "rt/*/_action/status"]
-    rule = allow(stock, stock)
-    assert is_surely_whole(grant("/talker", rule), rewinds=True)
-    assert found(own(rule)) == ()
-    assert found(own(rule), "cyclonedds-0.10") == ()
-
-
-def test_only_under_some_profiles() -> None:
-    """A deny rule for publishing blocks the topic on Cyclone DDS 0.10, and so the reply is lost there alone."""
-    denied = allow(["rr/addReply"], allows=False)
-    (half,) = found(own(denied, whole("request", "/add")))
-    assert (half.role, half.profiles) == ("request", ("cyclonedds-0.10",))

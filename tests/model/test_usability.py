@@ -58,10 +58,6 @@ def instants(keystore: Keystore, accesses: AccessViews) -> list[datetime]:
     return shuffled[:40]
 
 
-def test_there_are_stores_to_ask() -> None:
-    assert len(STORES) > 40
-
-
 @pytest.mark.parametrize("store", STORES, ids=lambda path: f"{path.parent.name}/{path.name}")
 def test_an_answer_kept_for_another_instant_is_that_of_the_instant(store: Path) -> None:
     keystore = read_keystore(store)
