@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
-from cryptography.x509.oid import ExtendedKeyUsageOID
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Severity
@@ -105,3 +105,13 @@ def test_whoever_has_the_key_of_the_permissions_ca_needs_none_under_any_profile(
     files = {"backup/cert.pem": made.pem, "backup/key.pem": made.key_pem}
     for profile in ("spec", "cyclonedds-0.10", "fastdds-3.6"):
         assert beside(written(tmp_path / profile, files), profile) == [Severity.HIGH]
+
+
+def test_a_subject_without_end_is_cut(tmp_path: Path) -> None:
+    units = (x509.NameAttribute(NameOID.ORGANIZATIONAL_UNIT_NAME, f"{number:064}") for number in range(200))
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "/admin"), *units])
+    root = written(tmp_path, {"public/x_ca.cert.pem": identity(name, "/talker").pem})
+    for words in (("audit", root, "--engine", "native"), ("flow", root, "--from-compromised", "/talker")):
+        _code, output = answer(*words, "--at", "2026-11-21T12:00:00Z")
+        assert "no enclave)" in " ".join(output.split())
+        assert "0100" not in output, "what stands in its middle"

@@ -6,6 +6,10 @@ from datetime import timedelta
 from typing import Any
 
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import dsa
+from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec.structs import replace
 
 from keystore_audit.findings import Act, Severity
@@ -14,6 +18,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
 from keystore_audit.model.question import Usability
 from keystore_audit.profiles import VARIANTS
+from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.certificate import weak_signature_algorithm
 from keystore_audit.rules.subjects import certificate_uses
 from keystore_audit.truth import Truth
@@ -22,6 +27,7 @@ from tests.rules.evidence import (
     DAY,
     END,
     IDENTITY_CA,
+    START,
     Change,
     allow,
     becomes,
@@ -38,8 +44,10 @@ from tests.rules.evidence import (
     healthy,
     joined,
     judged,
+    key,
     keystore,
     meaning,
+    name,
     open_codes,
     pem,
     permissions,
@@ -98,6 +106,17 @@ SERIAL = first(CERT, pem("/talker")).serial
 BROKEN = b"-----BEGIN CERTIFICATE-----\nMAA=\n-----END CERTIFICATE-----\n"
 
 
+def test_what_an_expired_certificate_explains_depends_on_its_role() -> None:
+    use = both(
+        permissions_ca=certificates(
+            "public/permissions_ca.cert.pem", pem("permissionsCA", issuer="permissionsCA", end=AT - DAY)
+        )
+    )
+    rule = BY_CODE["KA203"]
+    violations = [v for subject in subjects(use(healthy())) for v in rule.check(subject, context())]
+    assert [v.explains for v in violations] == [frozenset({"documents-signed-by-the-permissions-ca"})]
+
+
 def subjects(store: Keystore) -> list[Any]:
     return list(certificate_uses(store))
 
@@ -115,6 +134,35 @@ def test_the_end_of_a_certificate_to_the_second(seconds: int, expected: list[str
     assert [code for code in codes(store) if code != "KA513"] == expected
 
 
+def test_an_issuer_behind_another_authority_is_found_by_some_alone() -> None:
+    store = both(identity_ca=certificates(CA, pem("oldCA", issuer="oldCA"), IDENTITY_CA))(healthy())
+    for finding in findings("KA226", judged(store)):
+        assert "of public/identity_ca.cert.pem the first certificate alone is read" in finding.message
+        assert finding.profiles == ("cyclonedds-0.10", "cyclonedds-11", "opendds")
+    twins = certificates(CA, pem("identityCA", label="twin", issuer="identityCA", issuer_label="twin"), IDENTITY_CA)
+    of_one_name = findings("KA226", judged(both(identity_ca=twins)(healthy())))
+    assert all("fastdds-3.6" in finding.profiles for finding in of_one_name)
+    assert "is another authority's; no other is tried" in of_one_name[0].message
+    assert findings("KA226", judged(both(identity_ca=certificates(CA, IDENTITY_CA))(healthy()))) == ()
+
+
+def by_dsa(subject: str, public: Any, authority: dsa.DSAPrivateKey, *, ca: bool) -> bytes:
+    """A certificate with a signature that the reader cannot verify, though OpenSSL can."""
+    builder = x509.CertificateBuilder().subject_name(name(subject)).issuer_name(name("identityCA"))
+    builder = builder.public_key(public).serial_number(7).not_valid_before(START).not_valid_after(END)
+    builder = builder.add_extension(x509.BasicConstraints(ca=ca, path_length=None), critical=True)
+    return builder.sign(authority, hashes.SHA256()).public_bytes(Encoding.PEM)
+
+
+def test_a_signature_that_cannot_be_verified_leaves_it_open() -> None:
+    authority = dsa.generate_private_key(1024)
+    ca = certificates(CA, by_dsa("identityCA", authority.public_key(), authority, ca=True))
+    content = by_dsa("/talker", key("/talker").public_key(), authority, ca=False)
+    store = keystore(enclave("/talker", identity_ca=ca, certificate=certificates(CERT, content)))
+    assert open_codes(store) == {"KA207"}
+    assert "cannot be verified here" in findings("KA207", judged(store))[0].message
+
+
 @pytest.mark.parametrize(
     ("profiles", "severity"),
     [(("spec", "fastdds-3.6"), Severity.INFO), (("spec", "cyclonedds-0.10"), Severity.HIGH)],
@@ -128,6 +176,13 @@ def test_one_authority_matters_more_where_the_signer_is_not_pinned(
     assert "where the signer is not pinned, an enclave can sign itself any right" in found[0].message
 
 
+def test_a_private_key_that_lies_in_a_second_enclave_is_shared_too() -> None:
+    store = keystore(enclave("/talker"), enclave("/listener", key=private_key("enclaves/listener/key.pem", "/talker")))
+    assert codes(store) == ["KA209", "KA219"]
+    (found,) = (each for each in judged(store).findings if each.code == "KA219")
+    assert found.message == ("The key file of /listener holds the private key of /talker: whoever has it is /talker.")
+
+
 def test_ardent_writes_names_without_a_slash() -> None:
     bare = talker(
         certificate=certificates(CERT, pem("talker", label="/talker", ca=False)),
@@ -139,6 +194,14 @@ def test_ardent_writes_names_without_a_slash() -> None:
 
 
 # Revocation
+
+
+def test_a_list_that_another_key_signed_revokes_nothing() -> None:
+    assert becomes(both(crl=crl(CRL, SERIAL, label="stranger"))) == ["KA213"]
+
+
+def test_a_list_from_the_future_is_refused_like_a_stale_one() -> None:
+    assert becomes(both(crl=crl(CRL, this_update=AT + DAY))) == ["KA214"]
 
 
 def test_only_what_the_first_list_leaves_out_is_without_effect() -> None:
@@ -158,6 +221,13 @@ def test_a_delta_is_taken_for_a_complete_list() -> None:
 def test_an_entry_of_another_issuer_is_without_effect() -> None:
     assert becomes(both(crl=crl(CRL, SERIAL, revoked_of="identityCA"))) == ["KA212"]
     assert becomes(both(crl=crl(CRL, SERIAL, revoked_of="another"))) == ["KA229"]
+
+
+def test_lists_in_an_authoritys_file_count_for_fast_dds_alone() -> None:
+    revoking = crl(CRL, SERIAL).revocation_lists[0].parsed.public_bytes(Encoding.PEM)
+    store = both(identity_ca=certificates(CA, IDENTITY_CA + revoking))(healthy())
+    assert codes(store) == ["KA202", "KA212"]
+    assert all(name.startswith("fastdds") for name in findings("KA212", judged(store))[0].profiles)
 
 
 # Algorithms

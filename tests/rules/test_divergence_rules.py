@@ -9,7 +9,7 @@ from keystore_audit.model.meaning import Divergence
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge
-from tests.rules.divergent import OWN, P7S, Domains, chosen, compared, ruled, talking, views
+from tests.rules.divergent import OWN, P7S, Domains, chosen, compared, ruled, spoken, talking, views
 from tests.rules.evidence import (
     AT,
     allow,
@@ -17,11 +17,18 @@ from tests.rules.evidence import (
     domain_rule,
     governance,
     meaning,
+    text,
 )
 
 BOTH: Domains = ((0, 0), (5, 5))
 TWO_DOMAINS = governance(domain_rule(domains=BOTH))
 JOINED = governance(domain_rule(enable_join_access_control=False))
+
+
+def test_midnight_at_24_is_no_date_to_fast_dds() -> None:
+    (finding,) = spoken(talking(not_after=text("2090-01-01T24:00:00", 41)), "spec", "fastdds-3.6")
+    assert (finding.code, finding.severity) == ("KA612", Severity.HIGH)
+    assert "starts under DDS-Security 1.1, and not under Fast DDS 3.6" in finding.message
 
 
 def test_what_other_rules_say_is_not_said_again() -> None:

@@ -19,6 +19,7 @@ from tests.rules.evidence import allow, context, defect, enclave, grant, keystor
 POLICIES = Path(__file__).resolve().parents[2] / "sample_keystores/policies"
 P7S = "enclaves/talker/permissions.p7s"
 TALKER = "talker"
+BOTH = "talker_and_listener"
 
 
 def granted(*rules: Any, **more: Any) -> Keystore:
@@ -28,6 +29,10 @@ def granted(*rules: Any, **more: Any) -> Keystore:
 
 CHATTER = allow(["rt/chatter"])
 UNCLEAR = permissions(P7S, permissions=None, defects=(defect(Kind.XML_AMBIGUOUS, P7S),))
+LISTENER = enclave(
+    "/listener",
+    permissions=permissions("enclaves/listener/permissions.p7s", grant("/listener", allow([], ["rt/chatter"]))),
+)
 
 
 def policy(name: str) -> Policy:
@@ -67,6 +72,19 @@ def test_what_goes_beyond_the_policy(rules: list[Any], words: str) -> None:
     assert (finding.code, finding.severity) == ("KA641", Severity.HIGH)
     assert words in finding.message
     assert finding.locations[-1].path.endswith("talker.policy.xml")
+
+
+def test_a_default_that_allows_goes_beyond_any_policy() -> None:
+    (finding,) = spoken(granted(CHATTER, default_allow=True), TALKER, "spec")
+    assert (finding.code, finding.severity, finding.locations[0].line) == ("KA641", Severity.HIGH, 50)
+
+
+def test_no_grant_and_no_permissions_are_told_apart() -> None:
+    other = permissions(P7S, grant("/somebody", CHATTER))
+    (finding,) = spoken(keystore(enclave("/talker", permissions=other)), TALKER)
+    assert finding.message.endswith("its permissions hold no grant for it.")
+    found = spoken(keystore(enclave("/talker", permissions=None), LISTENER), BOTH)
+    assert [each.message.rpartition(", and ")[2] for each in found] == ["it has no permissions."]
 
 
 def test_implementations_that_differ_are_told_apart() -> None:

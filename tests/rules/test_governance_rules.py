@@ -48,6 +48,11 @@ def kinds(rtps: ProtectionKind, metadata: ProtectionKind, data: ProtectionKind, 
     return governed(domain_rule(topic, rtps_protection_kind=rtps, **more))
 
 
+def test_signing_hides_nothing_in_discovery() -> None:
+    signed = ProtectionKind.SIGN_WITH_ORIGIN_AUTHENTICATION
+    assert becomes(kinds(signed, ENCRYPT, ENCRYPT, discovery_protection_kind=SIGN)) == ["KA408", "KA409"]
+
+
 @pytest.mark.parametrize(
     ("expression", "told"),
     [
@@ -96,6 +101,14 @@ def test_what_the_kinds_say_together(rtps: ProtectionKind, metadata: ProtectionK
     assert ("KA411" in found) is (metadata is NONE and not outsider_forges)
     assert ("KA415" in found) is (metadata.encrypts and not data.encrypts)
     assert {"KA407", "KA408"} & found == ({"KA407"} if rtps is NONE else set() if rtps.encrypts else {"KA408"})
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "says"), [(3, None, "domain 3 alone"), (None, 5, "no <min>"), (None, None, "no bounds")]
+)
+def test_what_an_open_range_means_to_whom(low: int | None, high: int | None, says: str) -> None:
+    found = findings("KA419", judged(governed(domain_rule(domains=[(low, high), (0, 0)]))(healthy())))
+    assert says in found[0].message
 
 
 @pytest.mark.parametrize(("highest", "profiles"), [(230, None), (232, ("cyclonedds-0.10", "cyclonedds-11")), (233, ())])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import pytest
 from msgspec.structs import replace
 
@@ -11,6 +14,8 @@ from keystore_audit.keystore.foreign import DeclaredFiles, Foreign
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.question import Usability
 from keystore_audit.truth import Truth
+from tests.cli.keystores import AT, answer, rule
+from tests.cli.keystores import keystore as built
 from tests.rules.evidence import (
     Change,
     absent,
@@ -43,6 +48,12 @@ def without_permissions(status: Status) -> Change:
 
 def key_with(**more: object) -> Change:
     return talker(key=private_key(KEY, "/talker", **more))
+
+
+def test_ardents_one_authority_is_missing_once() -> None:
+    gone = absent("talker/ca.cert.pem")
+    change = talker(identity_ca=None, permissions_ca=None, files={Role.IDENTITY_CA: gone, Role.PERMISSIONS_CA: gone})
+    assert len(findings("KA101", judged(change(healthy())))) == 1
 
 
 def test_a_revocation_list_may_be_missing_but_not_a_dangling_link() -> None:
@@ -196,3 +207,23 @@ def test_the_last_net_catches_nothing_else(usability: Usability, change: Change 
     store = change(healthy()) if change is not None else healthy()
     seen = judged(store, meaning=meaning(usability={("enclaves/talker", "spec"): usability}))
     assert findings("KA117", seen) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "broken"),
+    [
+        ("permissions_ca.cert.pem", "KA703"),
+        ("identity_ca.cert.pem", "KA702"),
+    ],
+)
+def test_a_file_that_is_not_there_is_why_a_property_is_violated(name: str, broken: str, tmp_path: Path) -> None:
+    """What to fix first is the link, not the signature or the identity that nothing is left to judge by."""
+    store = built(tmp_path / "k", {"/c": (rule(publish=("rt/a",)),)})
+    place = store / "enclaves/c" / name
+    place.unlink()
+    place.symlink_to("nowhere")
+    _code, out = answer("audit", "--engine", "native", "-f", "json", "--at", AT, store)
+    found = {finding["code"]: finding for finding in json.loads(out)["findings"]}
+    assert found["KA102"]["fingerprint"] in found[broken]["explained_by"]
+    _code, out = answer("audit", "--engine", "native", "--at", AT, store)
+    assert out.index("KA102") < out.index(broken)

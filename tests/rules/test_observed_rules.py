@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.keystore.files import Status
-from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.decision import Decision, LocalRights
 from tests.rules.divergent import ruled
 from tests.rules.evidence import (
@@ -21,6 +21,7 @@ from tests.rules.evidence import (
     grant,
     healthy,
     keystore,
+    laid_out,
     permissions,
 )
 from tests.rules.observed import (
@@ -33,6 +34,7 @@ from tests.rules.observed import (
     node,
     spoken,
     uses,
+    usual_rules,
     variable,
 )
 
@@ -109,6 +111,13 @@ def test_a_reason_is_asked_for_once_a_finding(monkeypatch: pytest.MonkeyPatch) -
     assert len(asked) == 1
 
 
+def test_discovery_is_needed_always() -> None:
+    own = permissions(P7S, grant("/talker", CHATTER, *usual_rules("/talker")))
+    (finding,) = spoken(keystore(enclave("/talker", permissions=own)), TALKS)
+    assert (finding.code, finding.severity) == ("KA650", Severity.HIGH)
+    assert "publishes and subscribes to ros_discovery_info" in finding.message
+
+
 def test_denied_in_one_of_two_domains_is_medium_and_names_it() -> None:
     two = governance(domain_rule(domains=((0, 0), (5, 5))))
     both = [(0, 0), (5, 5)]
@@ -122,6 +131,17 @@ def test_denied_in_one_of_two_domains_is_medium_and_names_it() -> None:
     assert spoken(store, TALKS, names=("spec",), domain=5)[0].severity is Severity.HIGH
 
 
+def test_an_enclave_that_does_not_start_is_another_rules_matter() -> None:
+    store = granted(allow(["rt/map"]), not_after=place_date())
+    assert spoken(store, TALKS) == ()
+
+
+def place_date() -> object:
+    from tests.rules.evidence import text
+
+    return text("2021-01-01T00:00:00", 41)
+
+
 def test_what_cannot_be_read_leaves_the_audit_incomplete() -> None:
     files = {Role.PERMISSIONS: absent(P7S, Status.TOO_LARGE, "it is larger than 4 MB")}
     store = keystore(enclave("/talker", permissions=None, files=files))
@@ -131,6 +151,14 @@ def test_what_cannot_be_read_leaves_the_audit_incomplete() -> None:
 
 
 # Excess
+
+
+@pytest.mark.parametrize("rule", [allow(["rt/*"]), allow([], ["rt/arm_?*"])])
+def test_a_wildcard_has_no_end(rule: object) -> None:
+    (finding,) = spoken(granted(CHATTER, rule), TALKS)
+    assert finding.code == "KA651"
+    assert "is not bounded by 'robot.graph.json'" in finding.message or "is not bounded by robot" in finding.message
+    assert "and infinitely many more." in finding.message
 
 
 @pytest.mark.parametrize(
@@ -175,3 +203,14 @@ def test_one_more_node_in_an_unknown_enclave_is_another_finding() -> None:
     one, two, swapped = (spoken(healthy(), launch(nodes=each)) for each in (nodes[:1], nodes, nodes[::-1]))
     assert {each.code for each in (*one, *two, *swapped)} == {"KA652"}
     assert one[0].fingerprint != two[0].fingerprint == swapped[0].fingerprint
+
+
+def test_before_foxy_the_enclave_is_the_node() -> None:
+    flat = laid_out(kind=LayoutKind.FLAT)(granted(CHATTER))
+    assert spoken(flat, graph(log("/"), nodes=(node("/", "/talker"),))) != ()
+    assert "KA652" not in codes(spoken(flat, launch(nodes=(node("/", "/talker"),))))
+
+
+def test_the_folder_of_one_enclave_says_nothing_of_others() -> None:
+    one = laid_out(kind=LayoutKind.ENCLAVE)(granted(CHATTER))
+    assert spoken(one, graph(*TALKS.rights, log("/somewhere"))) == ()

@@ -110,6 +110,12 @@ def test_a_grant_may_end_with_its_certificate_in_any_zone(zone: str) -> None:
     assert becomes(dated(end="2100-01-01T00:00:00-01:00")) == ["KA513", "KA613"]
 
 
+def test_a_date_that_no_two_read_alike_leaves_it_open() -> None:
+    store = dated(end="99999-01-01T00:00:00")(healthy())
+    assert codes(store) == ["KA502"]
+    assert open_codes(store) == {"KA502"}
+
+
 def test_a_default_of_allow_is_for_those_who_read_it() -> None:
     found = findings("KA509", judged(granted(grant("/talker", default_allow=True))(healthy())))
     assert found[0].locations[0].line == 50

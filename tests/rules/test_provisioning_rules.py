@@ -16,6 +16,7 @@ from cryptography.hazmat.primitives.serialization import (
     Encoding,
     PrivateFormat,
 )
+from cryptography.hazmat.primitives.serialization.pkcs12 import serialize_key_and_certificates
 from cryptography.x509.name import _ASN1Type
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -197,6 +198,27 @@ def test_without_join_access_control_no_grant_is_wanted(fleet: Fleet, tmp_path: 
 
 def in_pem(made: Signed) -> bytes:
     return made.key_pem
+
+
+def test_an_identity_that_could_not_be_read_is_no_pass(fleet: Fleet, tmp_path: Path) -> None:
+    """Where peers would let in who has its key, and wherever nobody knows what the file holds."""
+    password = BestAvailableEncryption(b"secret")
+    for name, subject, content, code in (
+        ("key.pem", "/gripper", "key", 4),
+        ("key.pem", "/nobody", "key", 0),
+        ("some.p12", "/nobody", "both", 0),
+    ):
+        root = fleet.robot(tmp_path / (subject + content).strip("/"))
+        (root / "old").write_bytes(fleet.document("/gripper", "rt/*"))
+        made = certificate(subject, fleet.identity)
+        locked = made.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, password)
+        both = serialize_key_and_certificates(None, made.key, made.certificate, None, password)
+        (root / name).write_bytes(locked if content == "key" else both)
+        if content == "key":
+            (root / "spare").write_bytes(made.pem)
+        findings = [finding for finding in report(root).findings if finding.code == "KA668"]
+        assert [finding.severity for finding in findings] == [Severity.HIGH] * (code == 4)
+        assert report(root).exit_code == code
 
 
 def test_a_link_out_of_the_keystore_may_be_anything_whatever_its_name(fleet: Fleet, tmp_path: Path) -> None:

@@ -143,6 +143,11 @@ def test_patterns_that_take_in_actions(topics: Rule, severity: Severity | None) 
         assert "as of /move, which /listener serves" in found[0].message
 
 
+def test_a_deny_rule_keeps_actions_out() -> None:
+    denied = allow(["*/_action/*"], ["*/_action/*"], allows=False)
+    assert [f.code for f in spoken(two(denied, None, allow(["rt/arm/*"], ["rt/arm/*"])))] == []
+
+
 def test_without_discovery_no_node_is_made() -> None:
     def store(*rules: Rule) -> Keystore:
         own = permissions("enclaves/talker/permissions.p7s", grant("/talker", *rules))

@@ -44,6 +44,7 @@ CA = first("public/permissions_ca.cert.pem", PERMISSIONS_CA)
 STRANGER = first(P7S, pem("permissionsCA", label="stranger", issuer="permissionsCA", issuer_label="stranger"))
 RENEWED = first(P7S, pem("permissionsCA", label="permissionsCA", issuer="permissionsCA", start=START + DAY))
 IDENTITY = first("enclaves/talker/cert.pem", pem("/talker"))
+GHOST = first(P7S, pem("/ghost", issuer="permissionsCA"))
 
 
 def by(*signatures: Signature, kinds: tuple[Kind, ...] = (), unread: bool = False, **fields: Any) -> Change:
@@ -114,6 +115,13 @@ def test_who_takes_what_an_identity_signed_for_itself() -> None:
         pinned.message
     )
     assert codes(self_signed(healthy())) == ["KA222", "KA302"]
+
+
+def test_a_certificate_of_the_authority_that_no_enclave_has_is_one_of_its_identities() -> None:
+    found = findings("KA302", judged(by(signature(GHOST))(healthy())))
+    assert "a certificate that the permissions CA issued" in found[0].message
+    assert "accepted by" in found[0].message
+    assert len(found[0].locations) == 1  # the certificate is inside the message
 
 
 def test_what_an_unreadable_authority_may_accept_is_open() -> None:
