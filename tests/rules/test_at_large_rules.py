@@ -13,6 +13,7 @@ from keystore_audit.findings import Finding, Severity
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report.content import Report
+from tests.cli.keystores import answer
 from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule
 from tests.model.comparing import AT, Member, Store, authority
 from tests.model.test_at_large import HELD, LYING_ABOUT, NOBODYS, STORE, Files, identity, written
