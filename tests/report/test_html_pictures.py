@@ -67,16 +67,6 @@ class TestTimeline:
         flagged = tree.xpath("//svg//line[@class='until']")
         assert len(flagged) == (1 if until is not None and until > at else 0)
 
-    def test_the_first_end_is_seen_beside_one_in_a_thousand_years(self) -> None:
-        day = timezone.utc
-        at, until = datetime(2026, 1, 1, tzinfo=day), datetime(2026, 1, 31, tzinfo=day)
-        soon = Period(kind=Dated.GRANT, start=datetime(2020, 1, 1, tzinfo=day), end=until, names=("a",))
-        far = Period(kind=Dated.GRANT, start=soon.start, end=datetime(3026, 1, 1, tzinfo=day), names=("b",))
-        drawn = drawn_dates([soon, far], at, until)
-        tree = lxml.html.fragment_fromstring(drawn, create_parent=True)
-        now = float(tree.xpath("//line[@class='at']")[0].get("x1"))
-        assert float(tree.xpath("//line[@class='until']")[0].get("x1")) > now + 15
-
 
 def table(names: list[str]) -> AccessTable:
     named = tuple(Named(topic=each, partition="", ros=False, several=False, expressions=()) for each in names)

@@ -19,7 +19,6 @@ from keystore_audit.report import junit, markdown, sarif, text
 from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_MEDIUM, MAX_MINOR
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.rules import RULES
-from tests.report.sarif_schema import sarif_schema
 
 MakeReport = Callable[..., Report]
 
@@ -59,22 +58,6 @@ def test_sarif_stays_below_its_size_and_says_what_is_left_out(
     assert [r["partialFingerprints"]["keystoreAudit/v1"] for r in run["results"][:50]] == [
         finding.fingerprint for finding in report.findings[:50]
     ]
-
-
-def test_runs_share_the_room(make_report: MakeReport, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sarif, "MAX_COMPRESSED", 2_000_000)
-    reports = [many(make_report(), 2_000, seed) for seed in (1, 2, 3)]
-    text, runs = logged(*reports)
-    assert len(gzip.compress(text.encode(), 6, mtime=0)) < 2_000_000
-    assert all(0 < len(run["results"]) < 2_000 for run in runs)
-
-
-def test_what_compresses_is_not_cut_before_it_has_to(make_report: MakeReport) -> None:
-    report = make_report()
-    alike = replace(report, findings=report.findings[:1] * 25_001)
-    _text, (run,) = logged(alike)
-    assert len(run["results"]) == 25_000
-    assert "1 more findings are left out" in notes(run)
 
 
 def test_text_shows_the_worst_causes_of_a_code_and_counts_the_others(make_report: MakeReport) -> None:
@@ -165,15 +148,6 @@ def test_what_is_of_the_whole_keystore_is_told_in_full(make_report: MakeReport) 
     assert "more of" not in shown
 
 
-def test_more_runs_than_a_service_takes_are_said_in_each(make_report: MakeReport) -> None:
-    _text, runs = logged(*[make_report()] * 21)
-    assert len(runs) == 21
-    assert all("This log has 21 runs, and code scanning services take 20" in notes(run) for run in runs)
-    assert all(len(run["results"]) == len(make_report().findings) for run in runs)
-    _text, (first, *_rest) = logged(*[make_report()] * 20)
-    assert "runs" not in notes(first)
-
-
 def test_long_ways_are_cut_and_said(make_report: MakeReport) -> None:
     report = make_report()
     step = Step(enclave="/a", channel="domain 0, topic rt/a", witness="rt/a", path="enclaves/a/permissions.p7s", line=3)
@@ -239,24 +213,8 @@ def test_markdown_tells_the_worst_of_many_keystores(make_report: MakeReport) -> 
     assert "keystores are told in the full report alone." in text
 
 
-@pytest.mark.parametrize("count", [10, 11])
-def test_ten_findings_are_open_and_the_rest_is_folded(count: int, make_report: MakeReport) -> None:
-    report = make_report()
-    (first, *_rest) = report.findings
-    several = tuple(replace(first, message=f"{n}.", fingerprint=f"{n}") for n in range(count))
-    text = markdown.render([replace(report, findings=several)], Severity.INFO)
-    assert ("More findings" in text) is (count > 10)
-    assert text.count("KA302") >= count
-
-
 def test_junit_of_many_cases_keeps_those_that_matter(make_report: MakeReport, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(junit, "MAX_CASES", 2)
     text = junit.render([make_report()])
     assert 'name="cases that passed and are left out" value="1"' in text
     assert text.count("<failure") == 2  # of the rule, and of the verdict
-
-
-def test_a_log_that_was_cut_is_valid(make_report: MakeReport) -> None:
-    text, (run,) = logged(many(make_report(), 40))
-    run["tool"]["driver"]["rules"] = []
-    sarif_schema().validate({**json.loads(text), "runs": [run]})

@@ -60,17 +60,6 @@ def test_it_is_an_error_in_sarif(make_report: MakeReport) -> None:
     assert run["tool"]["driver"]["rules"][run["results"][0]["ruleIndex"]]["id"] == "KA901"
 
 
-def test_it_comes_first_in_markdown_and_in_the_title_of_a_page(make_report: MakeReport) -> None:
-    assert rendered("markdown", make_report, GONE).startswith("## keystore-audit: INCOMPLETE")
-    assert "<title>INCOMPLETE: 1 of 2 without a report" in rendered("html", make_report, GONE)
-
-
-def test_many_are_counted_in_markdown(make_report: MakeReport) -> None:
-    text = rendered("markdown", make_report, *[replace(GONE, path="x" * 4_000)] * 5_000)
-    assert len(text) <= 65_536
-    assert "and 4990 more" in text
-
-
 @pytest.mark.parametrize("kind", [kind for kind in FORMATS if kind not in ATTESTATIONS])
 @given(name=st.text(st.characters(), max_size=20) | st.sampled_from(["]]><x/>", "\x1b]0;x\x07", "\udcff", "</script>"]))
 def test_its_name_steers_nothing(kind: str, name: str, make_report: MakeReport) -> None:

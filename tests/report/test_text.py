@@ -17,8 +17,6 @@ from keystore_audit.findings import Finding, Location, Outcome, Result, Severity
 from keystore_audit.model.question import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus, ProfileResult, PropertyResult
-from keystore_audit.report import html as html_page
-from keystore_audit.report import markdown
 from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_PLACES
 from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.text import PLAIN, View, render, render_several
@@ -217,20 +215,6 @@ def test_colour_is_never_the_only_sign(make_report: MakeReport) -> None:
         assert word in plain
 
 
-def test_safe_until_is_about_new_sessions_and_says_so(make_report: MakeReport) -> None:
-    """Design, section 3: some implementations never end running sessions, which is said with it."""
-    until, never = make_report(), make_report(safe_until=None)
-    for form in (
-        full,
-        lambda report: markdown.render([report], Severity.INFO),
-        lambda report: html_page.render([report]),
-    ):
-        assert "ends none when a grant ends" in flat(form(until))
-        assert "ends none when a grant ends" not in flat(form(never))
-        ended = make_report(safe_until_why="no grant in force names CN=/a,O=Robots Ltd.")
-        assert "Ltd. Sessions" in flat(form(ended)).replace("\\", "")
-
-
 def test_a_thousand_findings_keep_their_order(make_report: MakeReport) -> None:
     report = make_report()
     finding: Finding = report.findings[2]
@@ -279,25 +263,3 @@ def test_what_decides_has_a_line_to_type_and_its_own_message_in_full(make_report
     assert "explain KA205" not in text, "medium findings fail no gate here"
     assert flat(text).count("word") == 60
     assert "explain KA205" in render(replace(report, findings=(expires,), fail_on=Severity.MEDIUM))
-
-
-@pytest.mark.parametrize(
-    ("example", "told"),
-    [
-        ("The identity of /b could not be read.", "e.g. the identity of /b"),
-        ("A participant joins.", "e.g. a participant joins."),
-        ("Fast DDS takes it.", "e.g. Fast DDS takes it."),
-        ("CN=/a can sign.", "e.g. CN=/a can sign."),
-        ("/talker can sign.", "e.g. /talker can sign."),
-    ],
-)
-def test_an_example_goes_on_in_the_sentence(make_report: MakeReport, example: str, told: str) -> None:
-    report = make_report()
-    signed, grants_itself, *_rest = report.findings
-    consequence = replace(grants_itself, name="of-no-property", message=example)
-    text = " ".join(full(replace(report, findings=(signed, consequence))).split())
-    assert f"is violated, {told}" in text
-    alone = replace(grants_itself, message=example, explained_by=())
-    text = flat(full(replace(report, findings=(alone,))))
-    assert f"{alone.name} E{told[1:]}" in text, "there may be more of it"
-    assert f"{signed.name} {signed.message}" in flat(full(replace(report, findings=(signed,))))
