@@ -22,6 +22,7 @@ from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.certificate import weak_signature_algorithm
 from keystore_audit.rules.subjects import certificate_uses
 from keystore_audit.truth import Truth
+from tests.keystore.builder import key, name
 from tests.rules.evidence import (
     AT,
     DAY,
