@@ -16,13 +16,13 @@ from typing import Any
 
 import pytest
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.x509.oid import NameOID
 
 from keystore_audit.findings import FixKind
 from keystore_audit.rules import RULES
 from tests.cli.keystores import answer
+from tests.keystore.builder import Signed, certificate
 from tools.samples.store import copy_with_modes
 
 STAGE = ".keystore-audit.new"
@@ -167,17 +167,9 @@ def identity(key: str = "EC -pkeyopt ec_paramgen_curve:prime256v1", days: int = 
         authority = serialization.load_pem_private_key((root / "private/ca.key.pem").read_bytes(), None)
         assert isinstance(authority, ec.EllipticCurvePrivateKey)
         until = datetime.now(timezone.utc) + timedelta(days=days)
-        made = (
-            x509.CertificateBuilder()
-            .subject_name(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "/talker")]))
-            .issuer_name(x509.load_pem_x509_certificate((root / "public/ca.cert.pem").read_bytes()).subject)
-            .public_key(own.public_key())  # type: ignore[arg-type]
-            .serial_number(x509.random_serial_number())
-            .not_valid_before(until - timedelta(days=100))
-            .not_valid_after(until)
-            .sign(authority, hashes.SHA256())
-        )
-        (root / TALKER / "cert.pem").write_bytes(made.public_bytes(serialization.Encoding.PEM))
+        ca = Signed(authority, x509.load_pem_x509_certificate((root / "public/ca.cert.pem").read_bytes()))
+        made = certificate("/talker", ca, key=own, ca=None, start=until - timedelta(days=100), end=until)  # type: ignore[arg-type]
+        (root / TALKER / "cert.pem").write_bytes(made.pem)
 
     return issue
 

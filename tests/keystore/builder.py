@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
@@ -159,8 +160,12 @@ def certificate(
     for extension, critical in extensions:
         builder = builder.add_extension(extension, critical)
     signing = issuer.key if issuer is not None else key
+    return Signed(key, builder.sign(signing, _digest(signing, digest)))
+
+
+def _digest(signing: PrivateKey, chosen: hashes.HashAlgorithm | None = None) -> Any:
     edwards = isinstance(signing, ed25519.Ed25519PrivateKey | ed448.Ed448PrivateKey)
-    return Signed(key, builder.sign(signing, None if edwards else digest or hashes.SHA256()))
+    return None if edwards else chosen or hashes.SHA256()
 
 
 def issued_by_openssl(subject: str, issuer: Signed, directory: Path, *options: str) -> Signed:
@@ -180,16 +185,24 @@ def authority(subject: str | x509.Name = "sros2CA", **others: object) -> Signed:
     return certificate(subject, ca=True, **others)  # type: ignore[arg-type]
 
 
+def entry(serial: int, *extensions: Extension) -> x509.RevokedCertificate:
+    """Of a revocation list."""
+    builder = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(START)
+    for extension, critical in extensions:
+        builder = builder.add_extension(extension, critical)
+    return builder.build()
+
+
 def crl(
     issuer: Signed,
-    revoked: Sequence[int | tuple[int, x509.ExtensionType]] = (),
+    revoked: Sequence[int | x509.RevokedCertificate] = (),
     *,
     start: datetime = START,
     end: datetime | None = END,
     days: int = 0,
     extensions: Sequence[Extension] = (),
 ) -> x509.CertificateRevocationList:
-    """A list of serial numbers, each perhaps with what its entry says, from so many `days` behind `start` on."""
+    """A list of serial numbers or whole entries, from so many `days` behind `start` on."""
     builder = (
         x509.CertificateRevocationListBuilder()
         .issuer_name(issuer.certificate.subject)
@@ -199,12 +212,8 @@ def crl(
     for extension, critical in extensions:
         builder = builder.add_extension(extension, critical)
     for each in revoked:
-        serial, *said = each if isinstance(each, tuple) else (each,)
-        entry = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(START)
-        for extension in said:
-            entry = entry.add_extension(extension, critical=isinstance(extension, x509.CertificateIssuer))
-        builder = builder.add_revoked_certificate(entry.build())
-    return builder.sign(issuer.key, hashes.SHA256())  # type: ignore[arg-type]
+        builder = builder.add_revoked_certificate(entry(each) if isinstance(each, int) else each)
+    return builder.sign(issuer.key, _digest(issuer.key))
 
 
 def signed_document(

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ed25519, rsa
 from cryptography.hazmat.primitives.serialization import Encoding
 from hypothesis import given, settings
@@ -20,7 +19,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.issuer import crl_signed_by
 from keystore_audit.truth import Truth
 from tests.keystore import libcrypto
-from tests.keystore.builder import END, START, Signed, authority, certificate, crl, evidence, present
+from tests.keystore.builder import START, Signed, authority, certificate, crl, entry, evidence, present
 from tests.keystore.test_certificate import MUTATIONS, mutated, pem
 
 CA = authority()
@@ -111,9 +110,7 @@ def test_a_list_is_encoded_once_whoever_may_have_signed_it() -> None:
 def test_ed25519_and_unknown_algorithms() -> None:
     key = ed25519.Ed25519PrivateKey.generate()
     edwards = authority("ed", key=key)
-    builder = x509.CertificateRevocationListBuilder().issuer_name(edwards.certificate.subject)
-    made = builder.last_update(START).next_update(END).sign(key, None)
-    (found,) = read(made.public_bytes(Encoding.PEM)).revocation_lists
+    (found,) = read(crl(edwards).public_bytes(Encoding.PEM)).revocation_lists
     assert crl_signed_by(found, evidence(edwards)) is Truth.YES
     assert crl_signed_by(found, evidence(CA)) is Truth.NO
     unknown = DER.replace(bytes.fromhex("06082a8648ce3d040302"), bytes.fromhex("06082a8648ce3d04037f"))
@@ -121,30 +118,17 @@ def test_ed25519_and_unknown_algorithms() -> None:
     assert crl_signed_by(odd, evidence(CA)) is Truth.UNKNOWN
 
 
-def entry(serial: int, *extensions: tuple[x509.ExtensionType, bool]) -> x509.RevokedCertificate:
-    builder = x509.RevokedCertificateBuilder().serial_number(serial).revocation_date(START)
-    for extension, critical in extensions:
-        builder = builder.add_extension(extension, critical)
-    return builder.build()
-
-
 def test_extensions_of_lists_and_entries() -> None:
     odd = x509.UnrecognizedExtension(x509.ObjectIdentifier("1.2.3.4"), b"\x05\x00")
     stranger = x509.UnrecognizedExtension(x509.ObjectIdentifier("1.2.3.5"), b"\x05\x00")
     point = x509.IssuingDistributionPoint(None, None, True, False, None, False, False)
-    builder = (
-        x509.CertificateRevocationListBuilder()
-        .issuer_name(CA.certificate.subject)
-        .last_update(START)
-        .next_update(START + timedelta(days=1))
-        .add_extension(point, True)
-        .add_extension(x509.CRLNumber(3), False)
-        .add_extension(odd, True)
-        .add_revoked_certificate(entry(1, (x509.CRLReason(x509.ReasonFlags.key_compromise), False)))
-        .add_revoked_certificate(entry(2, (x509.CRLReason(x509.ReasonFlags.remove_from_crl), False)))
-        .add_revoked_certificate(entry(3, (stranger, True)))
+    entries = (
+        entry(1, (x509.CRLReason(x509.ReasonFlags.key_compromise), False)),
+        entry(2, (x509.CRLReason(x509.ReasonFlags.remove_from_crl), False)),
+        entry(3, (stranger, True)),
     )
-    (found,) = read(builder.sign(CA.key, hashes.SHA256()).public_bytes(Encoding.PEM)).revocation_lists
+    made = crl(CA, entries, extensions=[(point, True), (x509.CRLNumber(3), False), (odd, True)])
+    (found,) = read(made.public_bytes(Encoding.PEM)).revocation_lists
     assert found.unknown_critical == ("1.2.3.4", "1.2.3.5")
     assert found.revoked == {1, 3}  # an entry that takes back is none
 
@@ -154,19 +138,11 @@ def test_of_several_entries_the_first_counts_and_other_issuers_none() -> None:
         return x509.CertificateIssuer([x509.DirectoryName(name)]), True
 
     removed, other = (x509.CRLReason(x509.ReasonFlags.remove_from_crl), False), authority("other").certificate.subject
-    builder = (
-        x509.CertificateRevocationListBuilder()
-        .issuer_name(CA.certificate.subject)
-        .last_update(START)
-        .next_update(START + timedelta(days=1))
-    )
     entries = (
         *(entry(1), entry(2, removed), entry(2), entry(1, removed), entry(3, issuer(other)), entry(4)),
         *(entry(5, issuer(CA.certificate.subject)), entry(6, removed)),
     )
-    for each in entries:
-        builder = builder.add_revoked_certificate(each)
-    (found,) = read(builder.sign(CA.key, hashes.SHA256()).public_bytes(Encoding.PEM)).revocation_lists
+    (found,) = read(crl(CA, entries).public_bytes(Encoding.PEM)).revocation_lists
     assert found.revoked == {1, 5}
     assert found.passed_over == {2, 3, 4}
 
@@ -174,16 +150,8 @@ def test_of_several_entries_the_first_counts_and_other_issuers_none() -> None:
 @pytest.mark.parametrize(("revoked", "critical"), [(True, False), (False, False), (False, True)])
 def test_openssl_revokes_by_the_same_lists(revoked: bool, critical: bool, tmp_path: Path) -> None:
     leaf = certificate("/x", CA)
-    builder = (
-        x509.CertificateRevocationListBuilder()
-        .issuer_name(CA.certificate.subject)
-        .last_update(START)
-        .next_update(END)
-        .add_revoked_certificate(entry(leaf.certificate.serial_number if revoked else 1))
-    )
-    if critical:
-        builder = builder.add_extension(x509.UnrecognizedExtension(x509.ObjectIdentifier("1.2.3"), b"\x05\0"), True)
-    content = builder.sign(CA.key, hashes.SHA256()).public_bytes(Encoding.PEM)
+    odd = [(x509.UnrecognizedExtension(x509.ObjectIdentifier("1.2.3"), b"\x05\0"), True)] if critical else []
+    content = crl(CA, [leaf.certificate.serial_number if revoked else 1], extensions=odd).public_bytes(Encoding.PEM)
     for file, data in (("ca", CA.pem), ("leaf", leaf.pem), ("crl", content)):
         (tmp_path / file).write_bytes(data)
     at = str(int((START + timedelta(days=5)).timestamp()))

@@ -127,10 +127,8 @@ def crl(
     revoked_of: str | None = None,
 ) -> CrlFile:
     """A revocation list, read by the real reader; `delta`: of changes alone, `revoked_of`: the entries' issuer."""
-    entries = [
-        serial if revoked_of is None else (serial, x509.CertificateIssuer([x509.DirectoryName(name(revoked_of))]))
-        for serial in revoked
-    ]
+    others = () if revoked_of is None else ((x509.CertificateIssuer([x509.DirectoryName(name(revoked_of))]), True),)
+    entries = [builder.entry(serial, *others) for serial in revoked]
     indicated = [(x509.DeltaCRLIndicator(1), True)] if delta else []
     made = builder.crl(
         _issuer(issuer, label or issuer), entries, start=this_update, end=next_update, extensions=indicated

@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID
 from msgspec.structs import replace
 
-from tests.keystore.builder import END, START, Signed, authority, certificate, crl
+from tests.keystore.builder import END, START, Extension, Signed, authority, certificate, crl, entry
 from tests.keystore.documents import allow, permissions, pubsub
 from tests.oracles.smime.der import NULL, algorithm, parse
 from tests.oracles.vendors.recipe import NOW, Recipe, common_authority, grant, talker
@@ -184,7 +184,7 @@ def kinds_of_authorities() -> tuple[Recipe, ...]:
 
 def _list(
     issuer: Signed,
-    revoked: Sequence[int | tuple[int, x509.ExtensionType]] = (),
+    revoked: Sequence[int | x509.RevokedCertificate] = (),
     *,
     start: int = -9,
     end: int = 9,
@@ -198,11 +198,11 @@ def _list(
     return made.public_bytes(Encoding.PEM)
 
 
-_REMOVED = x509.CRLReason(x509.ReasonFlags.remove_from_crl)
+_REMOVED = x509.CRLReason(x509.ReasonFlags.remove_from_crl), False
 
 
-def _issuer(name: x509.Name) -> x509.CertificateIssuer:
-    return x509.CertificateIssuer([x509.DirectoryName(name)])
+def _issuer(name: x509.Name) -> Extension:
+    return x509.CertificateIssuer([x509.DirectoryName(name)]), True
 
 
 def _scope(**how: object) -> x509.IssuingDistributionPoint:
@@ -222,11 +222,13 @@ def odd_lists() -> tuple[Recipe, ...]:
     point = _scope(full_name=[x509.UniformResourceIdentifier("http://crl")])
     some = _scope(only_some_reasons=frozenset({x509.ReasonFlags.key_compromise}))
     lists = {
-        "revokes another issuer's of the number": _list(ca, ((mine, _issuer(other)),)),
-        "revokes, behind another issuer's": _list(ca, ((99, _issuer(other)), mine)),
-        "revokes, behind another issuer's and its own": _list(ca, ((99, _issuer(other)), (98, _issuer(own)), mine)),
-        "takes back, then revokes": _list(ca, ((mine, _REMOVED), mine)),
-        "revokes, then takes back": _list(ca, (mine, (mine, _REMOVED))),
+        "revokes another issuer's of the number": _list(ca, (entry(mine, _issuer(other)),)),
+        "revokes, behind another issuer's": _list(ca, (entry(99, _issuer(other)), mine)),
+        "revokes, behind another issuer's and its own": _list(
+            ca, (entry(99, _issuer(other)), entry(98, _issuer(own)), mine)
+        ),
+        "takes back, then revokes": _list(ca, (entry(mine, _REMOVED), mine)),
+        "revokes, then takes back": _list(ca, (mine, entry(mine, _REMOVED))),
         "has an unknown critical extension": _list(ca, extensions=(_UNKNOWN,)),
         "is of a distribution point": _list(ca, extensions=(point,)),
         "is a delta of a distribution point": _list(ca, extensions=(point, delta)),
