@@ -36,6 +36,7 @@ from keystore_audit.profiles import VARIANTS, Access, Profile
 from keystore_audit.truth import Truth
 from tests.keystore import documents as d
 from tests.keystore.builder import Signed, authority, certificate, write_enclave
+from tests.keystore.chance import Rules
 from tests.oracles.vendors import recipe as r
 
 AT = datetime(2030, 6, 1, 12, tzinfo=timezone.utc)
@@ -101,9 +102,15 @@ class _Documents:
     def __init__(self, random: Random) -> None:
         self._random = random
         self._odd = random.choice((0, 0, 0.05, 0.15, 0.4))
-        self._relays = random.random() < 0.4
-        self._lists_partitions = random.random() < 0.5
-        self._denies = random.choice((0, 0.15, 0.4))
+        counts = (None, None, 1, 1, 2) if random.random() < 0.5 else (None,)
+        self._rules = Rules(
+            expressions=lambda _random: _ODD_EXPRESSIONS if self._is_odd() else _PLAIN_EXPRESSIONS,
+            partitions=_PARTITION_EXPRESSIONS,
+            count=counts,
+            domains=lambda _random: _ODD_IDS if self._is_odd() else _PLAIN_IDS,
+            relays=(0, 0, 1) if random.random() < 0.4 else (0,),
+            allows=random.choice((1, 0.85, 0.6)),
+        )
         self._allows_by_default = random.choice((0, 0, 0.3))
 
     def governance(self) -> str:
@@ -118,18 +125,20 @@ class _Documents:
     def _flag(self, often: float) -> bool:
         return self._random.random() < often
 
-    def _expressions(self, count: int) -> list[str]:
-        return self._random.sample(_ODD_EXPRESSIONS if self._is_odd() else _PLAIN_EXPRESSIONS, count)
-
-    def _domains(self) -> str:
-        return d.ids(*self._random.sample(_ODD_IDS if self._is_odd() else _PLAIN_IDS, self._random.choice((1, 2))))
-
     def _domain_rule(self) -> str:
-        some = [self._topic_rule(*self._expressions(1)) for _ in range(self._random.choice((1, 1, 2)))]
+        some = [
+            self._topic_rule(self._random.choice(self._rules.expressions(self._random)))
+            for _ in range(self._random.choice((1, 1, 2)))
+        ]
         rtps = self._random.choice(("SIGN", "NONE", "ENCRYPT"))
         every = [self._topic_rule("*")] if self._flag(0.6) else []
         return d.domain_rule(
-            *some, *every, domains=self._domains(), join=self._flag(0.6), unauthenticated=self._flag(0.15), rtps=rtps
+            *some,
+            *every,
+            domains=self._rules.where(self._random),
+            join=self._flag(0.6),
+            unauthenticated=self._flag(0.15),
+            rtps=rtps,
         )
 
     def _topic_rule(self, expression: str) -> str:
@@ -138,7 +147,7 @@ class _Documents:
 
     def _grant(self, enclave: str) -> str:
         return r.grant(
-            *(self._rule() for _ in range(self._random.choice((1, 1, 2, 3, 4)))),
+            *(self._rules.rule(self._random) for _ in range(self._random.choice((1, 1, 2, 3, 4)))),
             subject=f"CN=/{self._random.choice(ENCLAVES) if self._flag(0.4) else enclave}",
             start=self._date("2025-01-01T00:00:00"),
             end=self._date("2036-01-01T00:00:00"),
@@ -151,17 +160,6 @@ class _Documents:
         near = AT + timedelta(seconds=self._random.choice(_DISTANCES)) * self._random.choice((1, -1))
         text = self._random.choice(_ODD_DATES) if self._flag(0.15) else near.strftime("%Y-%m-%dT%H:%M:%S")
         return text + self._random.choice(_ZONES)
-
-    def _rule(self) -> str:
-        counts = {"publish": (0, 1, 1, 2), "subscribe": (0, 1, 1, 2), "relay": (0, 0, 1) if self._relays else (0,)}
-        criteria = [self._criterion(kind) for kind, many in counts.items() for _ in range(self._random.choice(many))]
-        rule = d.deny if self._flag(self._denies) else d.allow
-        return rule(*(criteria or [d.pub("rt/z")]), domains=self._domains())
-
-    def _criterion(self, kind: str) -> str:
-        count = self._random.choice((None, None, 1, 1, 2)) if self._lists_partitions else None
-        partitions = None if count is None else tuple(self._random.sample(_PARTITION_EXPRESSIONS, count))
-        return d.criterion(kind, *self._expressions(self._random.choice((1, 1, 2))), partitions=partitions)
 
 
 @lru_cache

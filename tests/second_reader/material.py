@@ -21,6 +21,7 @@ from cryptography.hazmat.primitives.serialization import (
 
 from tests.keystore import documents as d
 from tests.keystore.builder import Signed, certificate, crl, signed_document
+from tests.keystore.chance import Rules
 from tests.oracles.vendors import recipe as r
 
 AT = datetime(2026, 11, 23, tzinfo=timezone.utc)
@@ -121,28 +122,19 @@ def sign(text: str, signer: Signed, *embedded: Signed) -> bytes:
     return signed_document(text.encode(), signer, *embedded)
 
 
-def _domains(random: Random) -> str:
-    return d.ids(*random.sample(_IDS[:-1] if random.random() < 0.97 else _IDS, random.choice((1, 1, 2))))
-
-
-def _criterion(random: Random, kind: str) -> str:
-    topics = random.sample(_EXPRESSIONS, random.choice((1, 1, 2)))
-    count = random.choice((None, None, None, None, None, 1, 2))
-    partitions = None if count is None else tuple(random.sample(_PARTITIONS, count))
-    return d.criterion(kind, *topics, partitions=partitions)
-
-
-def _rule(random: Random) -> str:
-    kinds = (("publish", (0, 1, 1, 2)), ("subscribe", (0, 1, 1, 2)), ("relay", (0, 0, 0, 1)))
-    criteria = [_criterion(random, kind) for kind, counts in kinds for _ in range(random.choice(counts))]
-    return (d.allow if random.random() < 0.6 else d.deny)(*criteria, domains=_domains(random))
+_RULES = Rules(
+    expressions=lambda _random: _EXPRESSIONS,
+    partitions=_PARTITIONS,
+    count=(None, None, None, None, None, 1, 2),
+    domains=lambda random: _IDS[:-1] if random.random() < 0.97 else _IDS,
+)
 
 
 def _grant(random: Random, subject: str) -> str:
     begin = AT + timedelta(days=random.choice((-900, -900, -900, -20, 20)))
     end = AT + timedelta(days=random.choice((900, 900, 900, 40, -10)))
     return r.grant(
-        *(_rule(random) for _ in range(random.choice((1, 2, 2, 3, 4)))),
+        *(_RULES.rule(random) for _ in range(random.choice((1, 2, 2, 3, 4)))),
         subject=f"CN={subject}",
         start=begin.strftime("%Y-%m-%dT%H:%M:%S"),
         end=max(begin + timedelta(days=1), end).strftime("%Y-%m-%dT%H:%M:%S"),
@@ -174,7 +166,7 @@ def _governance(random: Random) -> str:
         ]
         return d.domain_rule(
             *rules,
-            domains=_domains(random),
+            domains=_RULES.where(random),
             join=random.random() < 0.6,
             unauthenticated=random.random() < 0.15,
             rtps=random.choice(_KINDS),

@@ -9,48 +9,25 @@ from random import Random
 
 from keystore_audit.keystore.permissions import Operation
 from tests.keystore import documents as d
+from tests.keystore.chance import Rules
 from tests.oracles.vendors import recipe as r
 from tests.oracles.vendors.enclave import Endpoint
 from tests.oracles.vendors.recipe import Recipe
 
 _EXPRESSIONS = ("rt/a", "rt/b", "rt/*", "*", "rt/[ab]", "r?/a", "rt/[!a]", "rt/c*", "rt/a*")
 _TOPICS = ("rt/a", "rt/b", "rt/c", "rt/ab")
-_PARTITION_EXPRESSIONS = ("", "p", "q", "p*", "*", "[pq]", "?")
 _PARTITIONS = ((), ("p",), ("q",), ("",), ("p", "q"), ("*",), ("pq",), ("p", "z"), ("p*",))
-_IDS: tuple[d.Domain, ...] = (
-    0,
-    1,
-    2,
-    (0, 1),
-    (1, 5),
-    (0, 230),
-    (1, None),
-    (0, None),
-    (2, 9),
+_IDS: tuple[d.Domain, ...] = (0, 1, 2, (0, 1), (1, 5), (0, 230), (1, None), (0, None), (2, 9))
+_RULES = Rules(
+    expressions=lambda _random: _EXPRESSIONS,
+    partitions=("", "p", "q", "p*", "*", "[pq]", "?"),
+    count=(None, None, None, 1, 1, 2),
+    domains=lambda _random: _IDS,
 )
 
 
-def _domains(random: Random) -> str:
-    return d.ids(*random.sample(_IDS, random.choice((1, 1, 2))))
-
-
-def _criterion(random: Random, kind: str) -> str:
-    topics = random.sample(_EXPRESSIONS, random.choice((1, 1, 2)))
-    count = random.choice((None, None, None, 1, 1, 2))
-    partitions = None if count is None else tuple(random.sample(_PARTITION_EXPRESSIONS, count))
-    return d.criterion(kind, *topics, partitions=partitions)
-
-
-def _rule(random: Random) -> str:
-    # In the order of the schema, which Fast DDS asks for.
-    kinds = (("publish", (0, 1, 1, 2)), ("subscribe", (0, 1, 1, 2)), ("relay", (0, 0, 0, 1)))
-    criteria = [_criterion(random, kind) for kind, counts in kinds for _ in range(random.choice(counts))]
-    rule = d.allow if random.random() < 0.6 else d.deny
-    return rule(*criteria, domains=_domains(random))
-
-
 def _grant(random: Random) -> str:
-    rules = [_rule(random) for _ in range(random.choice((1, 2, 2, 3, 4)))]
+    rules = [_RULES.rule(random) for _ in range(random.choice((1, 2, 2, 3, 4)))]
     if random.random() < 0.7:
         rules.insert(random.randrange(len(rules) + 1), d.allow(d.pub("rt/z"), domains=d.ids((0, 9))))
     return r.grant(
@@ -70,7 +47,7 @@ def _topic_rule(random: Random) -> str:
 
 def _domain_rule(random: Random) -> str:
     rules = [_topic_rule(random) for _ in range(random.choice((1, 1, 2, 3)))]
-    return d.domain_rule(*rules, domains=_domains(random), join=random.random() < 0.6)
+    return d.domain_rule(*rules, domains=_RULES.where(random), join=random.random() < 0.6)
 
 
 def endpoints(random: Random, count: int = 8) -> tuple[Endpoint, ...]:
