@@ -9,7 +9,7 @@ from datetime import datetime, timedelta, timezone
 from typing import Any, Final
 
 from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
+from cryptography.hazmat.primitives.asymmetric import ec, ed25519
 from cryptography.hazmat.primitives.serialization import (
     BestAvailableEncryption,
     Encoding,
@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from tests.hostile.store import CERT, KEY, Case, Store, case
-from tests.keystore.builder import END, START, PrivateKey, authority, certificate, crl
+from tests.keystore.builder import END, START, PrivateKey, authority, certificate, crl, rsa_key
 from tests.oracles.smime.der import parse
 
 CRL: Final = "enclaves/victim/crl.pem"
@@ -289,10 +289,8 @@ KEYS: Final = (
     ),
     case("Ed25519", keyed(ed25519.Ed25519PrivateKey.generate()), "KA217", CERT, line=1, exit=1, options=MEDIUM),
     case("P-384", keyed(ec.generate_private_key(ec.SECP384R1())), "KA217", CERT, line=1, exit=1, options=MEDIUM),
-    case(
-        "RSA of 3,072 bits", keyed(rsa.generate_private_key(65537, 3072)), "KA217", CERT, line=1, exit=1, options=MEDIUM
-    ),
-    case("RSA of 1,024 bits", keyed(rsa.generate_private_key(65537, 1024)), "KA216", CERT, line=1, exit=1),
+    case("RSA of 3,072 bits", keyed(rsa_key(3072)), "KA217", CERT, line=1, exit=1, options=MEDIUM),
+    case("RSA of 1,024 bits", keyed(rsa_key(1024)), "KA216", CERT, line=1, exit=1),
 )
 
 LISTS: Final = tuple(

@@ -12,11 +12,11 @@ from typing import Any, Final
 
 from asn1crypto import cms, core  # type: ignore[import-untyped]
 from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import ec, rsa
+from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
 
 from tests.hostile.store import ANY, PERMISSIONS_OF_VICTIM, Case, Finds, Store, case
-from tests.keystore.builder import Signed, authority, signed_document
+from tests.keystore.builder import Signed, authority, rsa_key, signed_document
 
 TEXT: Final = PERMISSIONS_OF_VICTIM
 DECOY: Final = TEXT.replace(b"rt/chatter", b"*")
@@ -201,7 +201,7 @@ def _rsa(bits: int, *options: str) -> Callable[[Store], None]:
     """The victim trusts a permissions CA with an RSA key, which signs with `options`."""
 
     def spoil(store: Store) -> None:
-        other = authority(key=rsa.generate_private_key(65537, bits))
+        other = authority(key=rsa_key(bits))
         store.put("permissions_ca.cert.pem", other.pem)
         store.put("governance.p7s", signed_document((store.root / "enclaves/governance.xml").read_bytes(), other))
         by("smime", *options, signers=lambda _: (other,))(store)

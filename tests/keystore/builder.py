@@ -120,6 +120,12 @@ def key(label: str, curve: str = "secp256r1") -> ec.EllipticCurvePrivateKey:
     return _key(label, curve)
 
 
+@lru_cache(maxsize=8)
+def rsa_key(bits: int = 2048) -> rsa.RSAPrivateKey:
+    """One of this size, which takes long to make."""
+    return rsa.generate_private_key(65537, bits)
+
+
 def usage(*which: str) -> Extension:
     """Key usage, critical."""
     return x509.KeyUsage(**{each: each in which for each in USAGES}), True

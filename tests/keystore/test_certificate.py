@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import ec, ed448, ed25519, padding, rsa
+from cryptography.hazmat.primitives.asymmetric import ec, ed448, ed25519, padding
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 from hypothesis import example, given, settings
@@ -22,11 +22,22 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.issuer import Issue, fit_to_sign, issued_by
 from keystore_audit.keystore.pem import MAX_BLOCKS
 from tests.keystore import libcrypto
-from tests.keystore.builder import START, Signed, authority, certificate, crl, evidence, issued_by_openssl, name, read
+from tests.keystore.builder import (
+    START,
+    Signed,
+    authority,
+    certificate,
+    crl,
+    evidence,
+    issued_by_openssl,
+    name,
+    read,
+    rsa_key,
+)
 
 CA = authority()
 LEAF = certificate("/talker", CA)
-RSA_KEY = rsa.generate_private_key(65537, 2048)
+RSA_KEY = rsa_key()
 OTHER_EKU = x509.ObjectIdentifier("1.2.3.4")
 
 
@@ -45,7 +56,7 @@ VARIETY = {
     "sros2 authority": CA,
     "RSA": certificate("/rsa", CA, key=RSA_KEY),
     "RSA authority, SHA-512": authority("rsa", key=RSA_KEY, digest=hashes.SHA512()),
-    "RSA-1024": authority("weak", key=rsa.generate_private_key(65537, 1024)),
+    "RSA-1024": authority("weak", key=rsa_key(1024)),
     "P-384": authority("p384", key=ec.generate_private_key(ec.SECP384R1()), digest=hashes.SHA384()),
     "secp256k1": authority("k1", key=ec.generate_private_key(ec.SECP256K1())),
     "Ed25519": authority("ed", key=ed25519.Ed25519PrivateKey.generate()),

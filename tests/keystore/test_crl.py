@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from cryptography import x509
-from cryptography.hazmat.primitives.asymmetric import ed25519, rsa
+from cryptography.hazmat.primitives.asymmetric import ed25519
 from cryptography.hazmat.primitives.serialization import Encoding
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,7 +19,7 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.issuer import crl_signed_by
 from keystore_audit.truth import Truth
 from tests.keystore import libcrypto
-from tests.keystore.builder import START, Signed, authority, certificate, crl, entry, evidence, present
+from tests.keystore.builder import START, Signed, authority, certificate, crl, entry, evidence, present, rsa_key
 from tests.keystore.test_certificate import MUTATIONS, mutated, pem
 
 CA = authority()
@@ -75,7 +75,7 @@ def tampered(content: bytes) -> bytes:
     return pem(content[:-1] + bytes([content[-1] ^ 1]), "X509 CRL")
 
 
-RSA_CA = authority("rsaCA", key=rsa.generate_private_key(65537, 2048))
+RSA_CA = authority("rsaCA", key=rsa_key())
 
 
 @pytest.mark.parametrize(

@@ -24,15 +24,15 @@ from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from tests.keystore import libcrypto
 from tests.keystore.builder import PrivateKey as AnyKey
-from tests.keystore.builder import certificate, evidence, present
+from tests.keystore.builder import certificate, evidence, present, rsa_key
 from tests.keystore.test_certificate import MUTATIONS, mutated
 
 KEYS: dict[str, AnyKey] = {
     "EC secp256r1": ec.generate_private_key(ec.SECP256R1()),
     "EC secp384r1": ec.generate_private_key(ec.SECP384R1()),
     "EC secp256k1": ec.generate_private_key(ec.SECP256K1()),
-    "RSA 2048": rsa.generate_private_key(65537, 2048),
-    "RSA 1024": rsa.generate_private_key(65537, 1024),
+    "RSA 2048": rsa_key(),
+    "RSA 1024": rsa_key(1024),
     "Ed25519": ed25519.Ed25519PrivateKey.generate(),
     "Ed448": ed448.Ed448PrivateKey.generate(),
 }

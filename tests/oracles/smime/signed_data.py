@@ -10,7 +10,7 @@ from cryptography.hazmat.primitives.asymmetric import ec, ed25519, padding, rsa
 from msgspec import Struct, field
 from msgspec.structs import replace
 
-from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate
+from tests.keystore.builder import GOVERNANCE, Signed, authority, certificate, rsa_key
 from tests.keystore.messages import by_openssl
 from tests.oracles.smime.der import (
     DATA,
@@ -26,7 +26,7 @@ from tests.oracles.smime.der import (
 )
 
 CA = authority()
-RSA_CA = authority(key=rsa.generate_private_key(65537, 2048))
+RSA_CA = authority(key=rsa_key())
 ED_CA = authority(key=ed25519.Ed25519PrivateKey.generate())
 LEAF = certificate("/talker", CA)
 ENTITY = b"Content-Type: text/plain\r\n\r\n" + GOVERNANCE.replace(b"\n", b"\r\n")

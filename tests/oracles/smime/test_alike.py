@@ -15,7 +15,7 @@ from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
 from keystore_audit.truth import Truth
-from tests.keystore.builder import END, Signed, authority, certificate
+from tests.keystore.builder import END, Signed, authority, certificate, rsa_key
 from tests.keystore.messages import with_signature
 from tests.oracles.smime.comparison import compare
 from tests.oracles.smime.der import ECDSA_SHA256, NULL, RSA, algorithm, integer, tlv
@@ -25,7 +25,7 @@ from tests.oracles.smime.signed_data import GOOD, MESSAGE, Info
 POOLS, MESSAGES = 100, 4
 """Pools of certificates, and messages for each: 400 take ten seconds."""
 
-KEYS = (*(ec.generate_private_key(ec.SECP256R1()) for _ in range(2)), rsa.generate_private_key(65537, 2048))
+KEYS = (*(ec.generate_private_key(ec.SECP256R1()) for _ in range(2)), rsa_key())
 NUMBERS = (5, 5, 5, 6)
 TYPES = (_ASN1Type.UTF8String, _ASN1Type.PrintableString, _ASN1Type.T61String)
 

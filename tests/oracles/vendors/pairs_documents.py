@@ -7,11 +7,10 @@ from typing import Any
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import NameOID
 from msgspec.structs import replace
 
-from tests.keystore.builder import authority, crl, signed_document
+from tests.keystore.builder import authority, crl, rsa_key, signed_document
 from tests.keystore.documents import allow, criterion, deny, ids, pubsub, topic_rule
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
 from tests.oracles.vendors.pairs_case import CAS, FIRST, MAY_ALL, SECOND, Case, plain
@@ -287,7 +286,7 @@ def _told_authorities() -> list[Case]:
     files = {
         "begins with another one": authority("another permissions CA").pem + mine,
         "ends with another one": mine + authority("another permissions CA").pem,
-        "begins with one of its name, of RSA": authority(name, key=rsa.generate_private_key(65537, 2048)).pem + mine,
+        "begins with one of its name, of RSA": authority(name, key=rsa_key()).pem + mine,
         "begins with one of its name, of SHA-512": authority(name, digest=hashes.SHA512()).pem + mine,
         "begins with another one, of SHA-512": authority("another", digest=hashes.SHA512()).pem + mine,
     }

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
+from cryptography.hazmat.primitives.asymmetric import ec, ed25519
 from cryptography.hazmat.primitives.serialization import (
     BestAvailableEncryption,
     Encoding,
@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID
 from msgspec.structs import replace
 
-from tests.keystore.builder import END, START, Extension, Signed, authority, certificate, crl, entry
+from tests.keystore.builder import END, START, Extension, Signed, authority, certificate, crl, entry, rsa_key
 from tests.keystore.documents import allow, permissions, pubsub
 from tests.oracles.smime.der import NULL, algorithm, parse
 from tests.oracles.vendors.recipe import NOW, Recipe, common_authority, grant, talker
@@ -70,9 +70,9 @@ def certificates() -> tuple[Recipe, ...]:
 def keys() -> tuple[Recipe, ...]:
     """Kinds of keys, and what stands in the key file."""
     kinds = {
-        "RSA 1024": rsa.generate_private_key(65537, 1024),
-        "RSA 2048": rsa.generate_private_key(65537, 2048),
-        "RSA 3072": rsa.generate_private_key(65537, 3072),
+        "RSA 1024": rsa_key(1024),
+        "RSA 2048": rsa_key(),
+        "RSA 3072": rsa_key(3072),
         "P-224": ec.generate_private_key(ec.SECP224R1()),
         "P-384": ec.generate_private_key(ec.SECP384R1()),
         "P-521": ec.generate_private_key(ec.SECP521R1()),
@@ -117,10 +117,10 @@ def chains() -> tuple[Recipe, ...]:
         "without basic constraints": certificate("i", ca=None),
         "that is no CA": certificate("i"),
         "that may not sign certificates": authority("i", extensions=(usage("digital_signature"),)),
-        "of RSA": authority("i", key=rsa.generate_private_key(65537, 2048)),
+        "of RSA": authority("i", key=rsa_key()),
         "of P-384": authority("i", key=ec.generate_private_key(ec.SECP384R1())),
         "of Ed25519": authority("i", key=ed25519.Ed25519PrivateKey.generate()),
-        "of RSA 1024": authority("i", key=rsa.generate_private_key(65537, 1024)),
+        "of RSA 1024": authority("i", key=rsa_key(1024)),
         "signed with SHA-512": authority("i", digest=hashes.SHA512()),
     }
     return (
@@ -161,7 +161,7 @@ def saying_outside(ca: Signed, other: bytes) -> Signed:
 def kinds_of_authorities() -> tuple[Recipe, ...]:
     """Authorities of one name with keys of several kinds, or with signatures that not everybody knows."""
     plain, others = common_authority(), authority("x")
-    of_rsa = authority("i", key=rsa.generate_private_key(65537, 2048))
+    of_rsa = authority("i", key=rsa_key())
     of_ec = authority("i")
     renewed = certificate("i", of_rsa, ca=True)
     long = authority("x", digest=hashes.SHA512())

@@ -8,10 +8,10 @@ from functools import lru_cache
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import ec, rsa
+from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from tests.keystore.builder import Extension, Signed, authority, certificate, signed_document, usage
+from tests.keystore.builder import Extension, Signed, authority, certificate, rsa_key, signed_document, usage
 from tests.keystore.messages import OPENSSL_OPTIONS, PYCA_OPTIONS, RSA_OPTIONS, by_openssl
 from tests.oracles.vendors.recipe import NOW, Recipe, Signing, common_authority, sign, talker
 
@@ -73,7 +73,7 @@ def signed_by_others() -> tuple[Recipe, ...]:
 
 def ways_to_sign() -> tuple[Recipe, ...]:
     """Envelopes of every writer, around the permissions; RSA signs some that an elliptic curve cannot."""
-    ca = authority(key=rsa.generate_private_key(65537, 2048))
+    ca = authority(key=rsa_key())
     rsa_files = {"permissions_ca.cert.pem": ca.pem}
     openssl = {title: options for title, options in OPENSSL_OPTIONS.items() if title != "cms -text -keyid"}
 
@@ -132,8 +132,8 @@ def authorities() -> tuple[Recipe, ...]:
         "without basic constraints": certificate("p", ca=None),
         "for signing certificates only": authority("p", extensions=(usage("key_cert_sign"),)),
         "for signing": authority("p", extensions=(usage("key_cert_sign", "digital_signature"),)),
-        "of RSA 2048": authority("p", key=rsa.generate_private_key(65537, 2048)),
-        "of RSA 1024": authority("p", key=rsa.generate_private_key(65537, 1024)),
+        "of RSA 2048": authority("p", key=rsa_key()),
+        "of RSA 1024": authority("p", key=rsa_key(1024)),
         "of P-384, SHA-256": authority("p", key=ec.generate_private_key(ec.SECP384R1())),
         "of P-384, SHA-384": authority("p", key=ec.generate_private_key(ec.SECP384R1()), digest=hashes.SHA384()),
         "of P-256, SHA-512": authority("p", digest=hashes.SHA512()),

@@ -9,13 +9,13 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from cryptography.hazmat.primitives.asymmetric import ec, ed448, ed25519, rsa
+from cryptography.hazmat.primitives.asymmetric import ec, ed448, ed25519
 from msgspec.structs import replace
 
 from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.claims.ability import sent, talks
 from keystore_audit.profiles import VARIANTS
-from tests.keystore.builder import PrivateKey, certificate
+from tests.keystore.builder import PrivateKey, certificate, rsa_key
 from tests.oracles.vendors.ours import PROFILES
 from tests.oracles.vendors.pairs import PATIENCE, Pairs, Side
 from tests.oracles.vendors.pairs_case import CAS, PLAIN_FIRST, PLAIN_SECOND
@@ -38,9 +38,9 @@ def large(blanks: int) -> Enclave:
 
 
 ENCLAVES = {
-    "RSA 1024": of(rsa.generate_private_key(65537, 1024)),
-    "RSA 2048": of(rsa.generate_private_key(65537, 2048)),
-    "RSA 4096": of(rsa.generate_private_key(65537, 4096)),
+    "RSA 1024": of(rsa_key(1024)),
+    "RSA 2048": of(rsa_key()),
+    "RSA 4096": of(rsa_key(4096)),
     "P-224": of(ec.generate_private_key(ec.SECP224R1())),
     "P-384": of(ec.generate_private_key(ec.SECP384R1())),
     "P-521": of(ec.generate_private_key(ec.SECP521R1())),
