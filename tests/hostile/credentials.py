@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import re
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
@@ -18,7 +17,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 
 from tests.hostile.store import CERT, KEY, Case, Store, case
-from tests.keystore.builder import END, START, PrivateKey, authority, certificate, crl, rsa_key
+from tests.keystore.builder import END, START, PrivateKey, authority, certificate, crl, pem, rsa_key
 from tests.oracles.smime.der import parse
 
 CRL: Final = "enclaves/victim/crl.pem"
@@ -46,12 +45,6 @@ def issued(**others: Any) -> Callable[[Store], None]:
 
 def keyed(key: PrivateKey) -> Callable[[Store], None]:
     return issued(key=key)
-
-
-def pem(label: str, der: bytes) -> bytes:
-    lines = base64.b64encode(der)
-    body = b"\n".join(lines[i : i + 64] for i in range(0, len(lines), 64))
-    return b"-----BEGIN %s-----\n%s\n-----END %s-----\n" % (label.encode(), body, label.encode())
 
 
 def der(store: Store) -> bytes:
@@ -87,7 +80,7 @@ def key_der(store: Store) -> bytes:
 
 def _unreadable_dates(store: Store) -> bytes:
     """Digits of a date that are none, in a certificate that is whole otherwise."""
-    return pem("CERTIFICATE", re.sub(rb"\x17\r\d{12}Z", b"\x17\r991332256199Z", der(store), count=1))
+    return pem(re.sub(rb"\x17\r\d{12}Z", b"\x17\r991332256199Z", der(store), count=1))
 
 
 def _chmod(store: Store) -> None:
@@ -134,7 +127,7 @@ def _long_list(store: Store) -> bytes:
     (tree,) = parse(crl(store.base.identity, [1]).public_bytes(Encoding.DER))
     entries = next(each for each in tree.children[0].children if each.tag == 0x30 and each.children[0].tag == 0x30)
     entries.children *= 60_000
-    return pem("X509 CRL", tree.encode())
+    return pem(tree.encode(), "X509 CRL")
 
 
 def _address(store: Store) -> None:
@@ -171,20 +164,20 @@ CERTIFICATES: Final = (
         options=MEDIUM,
     ),
     holding("a certificate in DER", CERT, der, "KA201", line=None),
-    holding("a certificate under another label", CERT, lambda s: pem("TRUSTED CERTIFICATE", der(s)), "KA201"),
+    holding("a certificate under another label", CERT, lambda s: pem(der(s), "TRUSTED CERTIFICATE"), "KA201"),
     holding("a key where the certificate belongs", CERT, lambda s: s.base.victim.key_pem, "KA201", line=None),
     holding("an empty certificate", CERT, lambda _: b"", "KA201", line=None),
-    holding("a certificate of random bytes", CERT, lambda _: pem("CERTIFICATE", JUNK), "KA201"),
+    holding("a certificate of random bytes", CERT, lambda _: pem(JUNK), "KA201"),
     holding("a certificate file of NULs", CERT, lambda _: b"\0" * (1 << 20), "KA201", line=None),
     holding("a certificate that never ends", CERT, lambda s: s.base.victim.pem[:-30], "KA201"),
-    holding("a certificate with bytes behind it", CERT, lambda s: pem("CERTIFICATE", der(s) + b"\0"), "KA201"),
+    holding("a certificate with bytes behind it", CERT, lambda s: pem(der(s) + b"\0"), "KA201"),
     holding(
         "a certificate whose length says 2^31",
         CERT,
-        lambda _: pem("CERTIFICATE", b"\x30\x84\x7f\xff\xff\xff" + JUNK),
+        lambda _: pem(b"\x30\x84\x7f\xff\xff\xff" + JUNK),
         "KA201",
     ),
-    holding("a certificate of 100,000 levels", CERT, lambda _: pem("CERTIFICATE", b"\x30\x80" * 100_000), "KA201"),
+    holding("a certificate of 100,000 levels", CERT, lambda _: pem(b"\x30\x80" * 100_000), "KA201"),
     holding(
         "100,000 PEM blocks",
         CERT,
@@ -211,9 +204,9 @@ CERTIFICATES: Final = (
         bystander_changes=True,
     ),
     holding("dates that are none", CERT, _unreadable_dates, "KA201"),
-    holding("a negative serial number", CERT, lambda s: pem("CERTIFICATE", with_serial(s, b"\xff\x01")), "KA201"),
-    holding("a serial number of 40 octets", CERT, lambda s: pem("CERTIFICATE", with_serial(s, b"\x01" * 40)), "KA201"),
-    holding("a serial number of nothing", CERT, lambda s: pem("CERTIFICATE", with_serial(s, b"")), "KA201"),
+    holding("a negative serial number", CERT, lambda s: pem(with_serial(s, b"\xff\x01")), "KA201"),
+    holding("a serial number of 40 octets", CERT, lambda s: pem(with_serial(s, b"\x01" * 40)), "KA201"),
+    holding("a serial number of nothing", CERT, lambda s: pem(with_serial(s, b"")), "KA201"),
     case("dates that are reversed", issued(start=END, end=END + timedelta(1)), "KA204", CERT, line=1, exit=1),
     case(
         "dates before 1970",
@@ -246,16 +239,16 @@ KEYS: Final = (
     holding("a key with a password", KEY, encrypted, "KA211", exit=1),
     holding("a traditional key with a password", KEY, encrypted_traditional, "KA211", exit=1),
     holding("a key in DER", KEY, key_der, "KA210"),
-    holding("a key under another label", KEY, lambda s: pem("RSA PRIVATE KEY", key_der(s)[26:]), "KA210"),
+    holding("a key under another label", KEY, lambda s: pem(key_der(s)[26:], "RSA PRIVATE KEY"), "KA210"),
     holding("a certificate where the key belongs", KEY, lambda s: s.base.victim.pem, "KA210"),
     holding("a key that never ends", KEY, lambda s: s.base.victim.key_pem[:-20], "KA210"),
-    holding("a key cut off inside", KEY, lambda s: pem("PRIVATE KEY", key_der(s)[:60]), "KA210"),
-    holding("a key of nothing", KEY, lambda _: pem("PRIVATE KEY", b""), "KA210"),
-    holding("a key of 3 MB", KEY, lambda _: pem("PRIVATE KEY", b"\x30\x83\x2d\xc6\xc0" + b"\0" * 3_000_000), "KA210"),
+    holding("a key cut off inside", KEY, lambda s: pem(key_der(s)[:60], "PRIVATE KEY"), "KA210"),
+    holding("a key of nothing", KEY, lambda _: pem(b"", "PRIVATE KEY"), "KA210"),
+    holding("a key of 3 MB", KEY, lambda _: pem(b"\x30\x83\x2d\xc6\xc0" + b"\0" * 3_000_000, "PRIVATE KEY"), "KA210"),
     holding(
         "an RSA key of 0",
         KEY,
-        lambda _: pem("RSA PRIVATE KEY", b"\x30\x1b" + b"\x02\x01\x00" * 9),
+        lambda _: pem(b"\x30\x1b" + b"\x02\x01\x00" * 9, "RSA PRIVATE KEY"),
         "KA209",
         line=None,
         exit=1,
@@ -297,7 +290,7 @@ LISTS: Final = tuple(
     holding(f"a list {what}", CRL, make, code, **{"exit": 1, "bystander_changes": True, **more})
     for what, make, code, more in (
         ("that revokes the enclave", _revoking, "KA212", {}),
-        ("that is random", lambda _: pem("X509 CRL", JUNK), "KA213", {"exit": 4}),
+        ("that is random", lambda _: pem(JUNK, "X509 CRL"), "KA213", {"exit": 4}),
         ("that is empty", lambda _: b"", "KA213", {"exit": 4, "line": None}),
         ("of somebody with the CA's name", _of_a_namesake, "KA213", {}),
         ("that is stale", lambda s: _revoking(s, end=START + timedelta(1)), "KA214", {}),

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import re
-import subprocess
 from collections.abc import Callable
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from asn1crypto import cms, core  # type: ignore[import-untyped]
@@ -17,6 +13,7 @@ from cryptography.hazmat.primitives.serialization import Encoding, pkcs7
 
 from tests.hostile.store import ANY, PERMISSIONS_OF_VICTIM, Case, Finds, Store, case
 from tests.keystore.builder import Signed, authority, rsa_key, signed_document
+from tests.keystore.messages import by_openssl, taken_apart, with_signature
 
 TEXT: Final = PERMISSIONS_OF_VICTIM
 DECOY: Final = TEXT.replace(b"rt/chatter", b"*")
@@ -44,15 +41,7 @@ def replaced(old: bytes, new: bytes) -> Callable[[Store], None]:
 
 def with_der(edit: Edit) -> Callable[[Store], None]:
     """The victim's message with another signature structure."""
-
-    def encoded(message: bytes) -> bytes:
-        match = SIGNATURE.search(message)
-        assert match is not None
-        lines = base64.b64encode(edit(base64.b64decode(match[2])))
-        body = b"\n".join(lines[i : i + 64] for i in range(0, len(lines), 64))
-        return message[: match.start(2)] + body + message[match.end(2) :]
-
-    return rewritten(encoded)
+    return rewritten(lambda message: with_signature(message, edit(taken_apart(message)[1])))
 
 
 def with_structure(edit: Callable[[Any, Store], None]) -> Callable[[Store], None]:
@@ -85,20 +74,7 @@ def attributes(edit: Callable[[list[Any]], list[Any]]) -> Callable[[Store], None
 
 def by(*options: str, signers: Callable[[Store], tuple[Signed, ...]] = lambda store: (store.base.permissions,)) -> Any:
     """Sign with OpenSSL's command line tool."""
-
-    def spoil(store: Store) -> None:
-        with TemporaryDirectory() as folder:
-            directory = Path(folder)
-            (directory / "text").write_bytes(TEXT)
-            arguments = [*options, "-sign", "-text", "-in", "text", "-out", "message"]
-            for number, signer in enumerate(signers(store)):
-                (directory / f"{number}.pem").write_bytes(signer.pem)
-                (directory / f"{number}.key").write_bytes(signer.key_pem)
-                arguments += ["-signer", f"{number}.pem", "-inkey", f"{number}.key"]
-            subprocess.run(["openssl", *arguments], cwd=directory, check=True, capture_output=True)
-            store.put("permissions.p7s", (directory / "message").read_bytes())
-
-    return spoil
+    return lambda store: store.put("permissions.p7s", by_openssl((*options, "-text"), *signers(store), content=TEXT))
 
 
 def signed_by(signer: Callable[[Store], Signed]) -> Callable[[Store], None]:

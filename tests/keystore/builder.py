@@ -7,6 +7,7 @@ samples are the same bytes at every build.
 
 from __future__ import annotations
 
+import base64
 import os
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -103,6 +104,13 @@ class Signed(Struct, frozen=True):
     @property
     def key_pem(self) -> bytes:
         return self.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+
+
+def pem(der: bytes, label: str = "CERTIFICATE") -> bytes:
+    """A block of PEM, in lines of 64 characters."""
+    encoded = base64.b64encode(der)
+    lines = b"\n".join(encoded[start : start + 64] for start in range(0, len(encoded), 64))
+    return b"-----BEGIN %b-----\n%b\n-----END %b-----\n" % (label.encode(), lines, label.encode())
 
 
 def name(text: str) -> x509.Name:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import subprocess
-import textwrap
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -31,6 +30,7 @@ from tests.keystore.builder import (
     evidence,
     issued_by_openssl,
     name,
+    pem,
     read,
     rsa_key,
 )
@@ -237,11 +237,6 @@ def test_names_are_compared_as_openssl_compares_them(
     for other in (names[1], recased):
         expected = oracle.same_name(names[0].public_bytes(), other.public_bytes())
         assert same_name(names[0], other) is expected
-
-
-def pem(der: bytes, label: str = "CERTIFICATE") -> bytes:
-    lines = "\n".join(textwrap.wrap(base64.b64encode(der).decode(), 64))
-    return f"-----BEGIN {label}-----\n{lines}\n-----END {label}-----\n".encode()
 
 
 def test_a_dump_of_openssl_before_the_block_is_no_defect() -> None:

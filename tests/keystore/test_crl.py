@@ -19,8 +19,8 @@ from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.issuer import crl_signed_by
 from keystore_audit.truth import Truth
 from tests.keystore import libcrypto
-from tests.keystore.builder import START, Signed, authority, certificate, crl, entry, evidence, present, rsa_key
-from tests.keystore.test_certificate import MUTATIONS, mutated, pem
+from tests.keystore.builder import START, Signed, authority, certificate, crl, entry, evidence, pem, present, rsa_key
+from tests.keystore.test_certificate import MUTATIONS, mutated
 
 CA = authority()
 LIST = crl(CA, [5, 2**158])

@@ -17,6 +17,7 @@ from asn1crypto import cms, parser  # type: ignore[import-untyped]
 from msgspec import Struct
 
 from tests.conftest import lacking
+from tests.keystore import builder
 
 
 class Counts(str, Enum):
@@ -171,7 +172,4 @@ def _named(identifier: cms.IssuerAndSerialNumber) -> tuple[object, int]:
 
 def pem(label: str, *ders: bytes) -> bytes:
     """PEM blocks of one kind."""
-    return b"".join(
-        b"-----BEGIN %b-----\n%b-----END %b-----\n" % (label.encode(), base64.encodebytes(der), label.encode())
-        for der in ders
-    )
+    return b"".join(builder.pem(der, label) for der in ders)
