@@ -5,16 +5,15 @@ from __future__ import annotations
 from datetime import timedelta
 
 import pytest
-from msgspec import Struct
 
 from keystore_audit.model.trust.chain import chain_refusal
 from keystore_audit.model.trust.verdicts import is_issued
 from keystore_audit.profiles import VARIANTS
 from tests.amount import tried
 from tests.keystore.builder import START, authority, certificate, evidence, read
-from tests.oracles.identities.pool import Combination, combinations, pool
+from tests.oracles.identities.pool import combinations, pool
 from tests.oracles.pkits import paths
-from tests.oracles.pkits.audited import NO_PARTICIPANT, REFUSALS, objections
+from tests.oracles.pkits.audited import NO_PARTICIPANT, REFUSALS, Row, rows_of
 
 pytestmark = pytest.mark.xdist_group("identities")  # every combination is tried once
 
@@ -23,46 +22,31 @@ NUMBER = tried(300)
 """Random combinations, 15 ms each."""
 
 
-class Row(Struct, frozen=True):
-    """What came of a combination for one implementation. Empty `refused` and empty `said`: both accept."""
+def is_wrong(row: Row) -> bool:
+    """Whether accepted does not mean accepted, or refused not refused. What is open is neither.
 
-    combination: Combination
-    vendor: str
-    refused: str
-    said: frozenset[str]
-
-    @property
-    def wrong(self) -> bool:
-        """Whether accepted does not mean accepted, or refused not refused. What is open is neither.
-
-        That no participant is created is not enough: a rule of KA2 has to say why, or to be in doubt. Nor is a rule:
-        what is proven rests on who has a participant.
-        """
-        if self.refused == "":
-            return bool(self.said & REFUSALS)
-        return not self.said - {"unusable", "unloaded"} or not self.said & NO_PARTICIPANT
-
-    def __str__(self) -> str:
-        return f"{self.combination}: {self.vendor} {self.refused or 'accepts'}, we: {sorted(self.said)}"
+    That no participant is created is not enough: a rule of KA2 has to say why, or to be in doubt. Nor is a rule:
+    what is proven rests on who has a participant.
+    """
+    if row.refused == "":
+        return bool(row.said & REFUSALS)
+    return not row.said - {"unusable", "unloaded"} or not row.said & NO_PARTICIPANT
 
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
     made, openssl = pool(), paths.load()
-    found = []
+    found: list[Row] = []
     for combination in combinations(made, NUMBER, seed=20261121):
         authorities = [made.authorities[name].der for name in combination.authorities]
         identity = made.identities[combination.identity].der
         lists = [made.lists[combination.revocations]] if combination.revocations is not None else []
-        said = objections(tmp_path_factory.mktemp("keystore"), AT, authorities, identity, *lists)
-        for caller in paths.CALLERS:
-            refused = openssl.accepts(caller, authorities, identity, AT, *lists)
-            found.append(Row(combination, caller.name, refused, said[caller.name]))
+        found += rows_of(combination, openssl, tmp_path_factory.mktemp("keystore"), AT, authorities, identity, *lists)
     return found
 
 
 def test_accepted_is_accepted_and_refused_is_refused(rows: list[Row]) -> None:
-    wrong = [row for row in rows if row.wrong]
+    wrong = [row for row in rows if is_wrong(row)]
     assert not wrong, "\n".join(map(str, wrong))
 
 

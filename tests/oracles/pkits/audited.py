@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Any
+
+from msgspec import Struct
 
 from keystore_audit.findings import Result, Severity
 from keystore_audit.keystore.keystore import read_keystore
@@ -20,6 +23,7 @@ from keystore_audit.profiles import VARIANTS
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge
 from keystore_audit.rules.registry import Context
+from tests.oracles.pkits.paths import CALLERS, Paths
 from tests.oracles.pkits.suite import pem
 
 REFUSALS = frozenset({"denied", "unusable"})
@@ -99,3 +103,32 @@ def _vouched(system: System) -> bool:
     return any(
         view.open or system.enclaves[number].opaque or view.introduced(number, in_force=True) for view, number in views
     )
+
+
+class Row(Struct, frozen=True):
+    """What came of a trial for one implementation. Empty `refused` and empty `said`: both accept."""
+
+    trial: Any
+    vendor: str
+    refused: str
+    said: frozenset[str]
+
+    def __str__(self) -> str:
+        said = ", ".join(sorted(self.said)) or "accepted"
+        return f"{self.trial}: {self.vendor} {self.refused or 'accepts'}, we: {said}"
+
+
+def rows_of(
+    trial: object,
+    openssl: Paths,
+    directory: Path,
+    at: datetime,
+    authorities: Sequence[bytes],
+    leaf: bytes,
+    *crls: bytes,
+) -> Iterator[Row]:
+    """What each implementation makes of an identity, as it asks OpenSSL, and what we say."""
+    said = objections(directory, at, authorities, leaf, *crls)
+    for caller in CALLERS:
+        refused = openssl.accepts(caller, authorities, leaf, at, *crls)
+        yield Row(trial, caller.name, refused, said[caller.name])

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 
 from keystore_audit import toml
 from tests.oracles.pkits import paths, suite
-from tests.oracles.pkits.audited import REFUSALS, objections
+from tests.oracles.pkits.audited import REFUSALS, Row, rows_of
 
 pytestmark = pytest.mark.xdist_group("pkits")  # every trial is made once
 
@@ -43,18 +43,8 @@ class Trial(Struct, frozen=True):
     identity: bytes
     crls: tuple[bytes, ...] = ()
 
-
-class Row(Struct, frozen=True):
-    """What came of a trial for one implementation. Empty `refused` and empty `said`: both accept."""
-
-    trial: Trial
-    vendor: str
-    refused: str
-    said: frozenset[str]
-
     def __str__(self) -> str:
-        objections = ", ".join(sorted(self.said)) or "accepted"
-        return f"{self.trial.layout}: {self.trial.label}: {self.vendor} {self.refused or 'accepts'}, we: {objections}"
+        return f"{self.layout}: {self.label}"
 
 
 def trials(pkits: suite.Suite, openssl: paths.Paths) -> Iterator[Trial]:
@@ -78,14 +68,11 @@ def trials(pkits: suite.Suite, openssl: paths.Paths) -> Iterator[Trial]:
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory: pytest.TempPathFactory) -> list[Row]:
     pkits, openssl = suite.load(), paths.load()
-    found = []
+    found: list[Row] = []
     for trial in trials(pkits, openssl):
         directory = tmp_path_factory.mktemp("keystore")
-        said = objections(directory, AT, trial.authorities, trial.identity, *trial.crls)
-        for caller in paths.CALLERS:
-            refused = openssl.accepts(caller, trial.authorities, trial.identity, AT, *trial.crls)
-            found.append(Row(trial, caller.name, refused, said[caller.name] - {"unloaded"}))
-    return found
+        found += rows_of(trial, openssl, directory, AT, trial.authorities, trial.identity, *trial.crls)
+    return [replace(row, said=row.said - {"unloaded"}) for row in found]
 
 
 def _is(row: Row, entry: dict[str, Any]) -> bool:

@@ -22,6 +22,7 @@ from keystore_audit.truth import Truth
 from tests.keystore.builder import Signed, certificate, signed_document
 from tests.oracles.vendors import recipe
 from tests.oracles.vendors.enclave import publish, subscribe
+from tests.oracles.vendors.ours import PROFILES
 from tests.oracles.vendors.pairs import pairs
 from tests.oracles.vendors.pairs_case import CAS, SECOND, Case, outcome, plain
 from tests.oracles.vendors.pairs_material import EVERYTHING, Enclave, grant, permissions
@@ -42,7 +43,6 @@ LITTLE = Enclave(
     governance=plain("second").governance,
     permissions=CAS.sign(permissions(grant("CN=/second"))),
 )
-UNPINNED = {"cyclone": "cyclonedds-0.10", "fastdds": "fastdds-2.9"}
 
 
 PRESENTED = {
@@ -75,9 +75,9 @@ def keystore(directory: Path, *kept: Signed) -> Path:
 
 
 @pytest.mark.parametrize("name", PRESENTED)
-@pytest.mark.parametrize("vendor", UNPINNED)
+@pytest.mark.parametrize("vendor", PROFILES)
 def test_so_it_counts_where_it_lies_in_the_tree(name: str, vendor: str, tmp_path: Path) -> None:
-    profiles = [VARIANTS[UNPINNED[vendor]], VARIANTS["spec"]]
+    profiles = [VARIANTS[PROFILES[vendor]], VARIANTS["spec"]]
     question = Question(enclave="/second", operation=Operation.PUBLISH, topic="b", partition="", domain=0)
     asked = FlowQuestion(source="/second", target="/first", attackers=(Attacker.SOURCE,))
     told = {}

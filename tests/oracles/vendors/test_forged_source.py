@@ -14,6 +14,7 @@ from msgspec.structs import replace
 
 from tests.keystore.documents import allow, pubsub, topic_rule
 from tests.oracles.vendors.enclave import publish, subscribe
+from tests.oracles.vendors.ours import PROFILES
 from tests.oracles.vendors.pairs import Pairs, Side
 from tests.oracles.vendors.pairs_case import CAS, PLAIN_FIRST, PLAIN_SECOND
 from tests.oracles.vendors.pairs_material import EVERY_DOMAIN, governance, grant, permissions
@@ -34,7 +35,7 @@ ROWS = [
 """rtps and metadata protection kind, and whether the forged samples are taken. The forger has no key of "owned"."""
 
 
-@pytest.mark.parametrize("name", ["cyclone", "fastdds"])
+@pytest.mark.parametrize("name", PROFILES)
 @pytest.mark.parametrize(("rtps", "metadata", "taken"), ROWS)
 def test_the_origin_of_messages_is_not_compared_with_who_sealed_them(
     name: str, rtps: str, metadata: str, taken: bool, vendors: dict[str, Pairs], tmp_path: Path

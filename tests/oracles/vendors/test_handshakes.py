@@ -76,7 +76,7 @@ def heard(vendors: dict[str, Pairs], tmp_path_factory: pytest.TempPathFactory) -
 
 
 @pytest.mark.parametrize("title", ENCLAVES)
-@pytest.mark.parametrize("name", ["cyclone", "fastdds"])
+@pytest.mark.parametrize("name", PROFILES)
 def test_whoever_starts_talks_as_we_say(
     name: str, title: str, heard: dict[tuple[str, str], bool | None], vendors: dict[str, Pairs], tmp_path: Path
 ) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.truth import Truth
-from tests.oracles.vendors.ours import Answers, Asked
+from tests.oracles.vendors.ours import PROFILES, Answers, Asked
 from tests.oracles.vendors.pairs import Pairs
 from tests.oracles.vendors.pairs_case import KEYSTORE, Case
 from tests.oracles.vendors.pairs_measured import CASES, measured, outcomes
@@ -23,7 +23,7 @@ def test_every_pair_was_measured_once() -> None:
     assert list(measured()) == titles
 
 
-@pytest.mark.parametrize("vendor", ["cyclone", "fastdds"])
+@pytest.mark.parametrize("vendor", PROFILES)
 def test_pairs_do_what_was_measured(vendor: str, vendors: dict[str, Pairs], tmp_path: Path) -> None:
     expected = [measured()[case.title][vendor] for case in CASES]
     seen = outcomes(vendors[vendor], CASES, tmp_path, expected)
@@ -36,7 +36,7 @@ def test_pairs_do_what_was_measured(vendor: str, vendors: dict[str, Pairs], tmp_
 
 
 def test_every_letter_is_among_the_answers_of_either_vendor() -> None:
-    for vendor in ("cyclone", "fastdds"):
+    for vendor in PROFILES:
         seen = {letter for row in measured().values() for letter in row[vendor]}
         assert {"+", ".", "-", "~"} <= seen, f"the pairs of {vendor} do not tell its answers apart"
 
@@ -50,7 +50,7 @@ def said(keystore: Path, case: Case, side: int, vendor: str) -> Answers:
     return asked.endpoints(vendor)
 
 
-@pytest.mark.parametrize("vendor", ["cyclone", "fastdds"])
+@pytest.mark.parametrize("vendor", PROFILES)
 def test_we_call_effective_what_was_accepted(vendor: str, tmp_path: Path) -> None:
     exact = 0
     others = []
@@ -70,7 +70,7 @@ def test_we_call_effective_what_was_accepted(vendor: str, tmp_path: Path) -> Non
     assert exact > 300
 
 
-@pytest.mark.parametrize("vendor", ["cyclone", "fastdds"])
+@pytest.mark.parametrize("vendor", PROFILES)
 def test_we_decide_as_an_honest_side_does(vendor: str, tmp_path: Path) -> None:
     others = []
     honest = [case for case in CASES if case.second is not None and case.presented is None]

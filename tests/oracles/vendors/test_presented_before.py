@@ -13,6 +13,7 @@ from keystore_audit.profiles import resolve
 from tests.keystore.builder import authority
 from tests.keystore.documents import allow, pubsub
 from tests.oracles.vendors.enclave import publish, subscribe
+from tests.oracles.vendors.ours import PROFILES
 from tests.oracles.vendors.pairs import Meeting, Pairs, Side
 from tests.oracles.vendors.pairs_case import CAS, FIRST, SECOND
 from tests.oracles.vendors.pairs_material import EVERYTHING, Authorities, Enclave, governance, grant, permissions
@@ -20,7 +21,6 @@ from tests.oracles.vendors.pairs_material import EVERYTHING, Authorities, Enclav
 pytestmark = pytest.mark.xdist_group("vendors-pairs")
 
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
-PROFILES = {"fastdds": "fastdds-2.9", "cyclone": "cyclonedds-0.10"}
 RENEWED = Authorities(identity=CAS.identity, permissions=authority("another permissions CA"))
 """The same identities, and permissions that somebody else signs."""
 
@@ -44,7 +44,7 @@ def _heard(meeting: Meeting) -> bool:
     return bool(first[0].heard)
 
 
-@pytest.mark.parametrize("vendor", ["fastdds", "cyclone"])
+@pytest.mark.parametrize("vendor", PROFILES)
 @pytest.mark.parametrize(("renewed", "heard"), [(CAS, True), (RENEWED, False)])
 def test_an_old_document_counts_as_long_as_its_authority_does(
     vendors: dict[str, Pairs], vendor: str, renewed: Authorities, heard: bool, tmp_path: Path
