@@ -28,43 +28,36 @@ MAX_NAMED: Final = 10_000
 _SUBJECT_NAME: Final = re.compile(rb"<subject_name\s*>([^<]{1,1024})<")
 
 
-class Identity(Struct, frozen=True, kw_only=True):
-    """An enclave's identity in the keystore `root` (the path as the user gave it), small enough to keep thousands.
-
-    `enclave`: its ROS name, untrusted text; `path` and `line`: where its certificate is. `key`: its public key, as
-    `Certificate.key`. `subject_alike`: of its subject as `alike`. `authorities`: the keys of the certificates in its
-    identity CA file.
+class LooseKey(Struct, frozen=True, kw_only=True):
+    """A private key in a file of no enclave in the keystore `root` (the path as the user gave it): the public half, as
+    `Certificate.key`, and the path.
     """
 
     root: str
-    enclave: str
     path: str
-    line: int
     key: str
+
+    @property
+    def beside(self) -> str:
+        """The path of the file for reports of other keystores."""
+        return f"{self.root.rstrip('/')}/{self.path}"
+
+
+class Identity(LooseKey, frozen=True, kw_only=True):
+    """An enclave's identity in a keystore, small enough to keep thousands: its key, and where its certificate is.
+
+    `enclave`: its ROS name, untrusted text. `subject_alike`: of its subject as `alike`. `authorities`: the keys of the
+    certificates in its identity CA file.
+    """
+
+    enclave: str
+    line: int
     subject: str
     subject_alike: tuple[str, ...]
     issuer: str
     not_before: datetime
     not_after: datetime
     authorities: frozenset[str]
-
-    @property
-    def beside(self) -> str:
-        """The path of its certificate for reports of other keystores."""
-        return f"{self.root.rstrip('/')}/{self.path}"
-
-
-class LooseKey(Struct, frozen=True, kw_only=True):
-    """A private key in a file of no enclave in the keystore `root`, as in `Identity`: the public half, and the path."""
-
-    root: str
-    path: str
-    key: str
-
-    @property
-    def beside(self) -> str:
-        """The path of its file for reports of other keystores."""
-        return f"{self.root.rstrip('/')}/{self.path}"
 
 
 class Compared(Struct, frozen=True, kw_only=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
-from typing import Final, TypeVar
+from typing import Any, Final, TypeVar
 
 from cryptography.x509.oid import NameOID
 from msgspec import Struct
@@ -165,6 +165,7 @@ def read_keystore(
 _CertificatesOf = dict[Role, CertificateFile | None]
 _Reading = TypeVar("_Reading", CertificateFile, PrivateKey, CrlFile)
 _Document = TypeVar("_Document", GovernanceFile, PermissionsFile)
+_Found = TypeVar("_Found")
 
 
 class Reader:
@@ -172,11 +173,7 @@ class Reader:
 
     def __init__(self, root: Root) -> None:
         self._root = root
-        self._certificates: dict[str, CertificateFile] = {}
-        self._keys: dict[str, PrivateKey] = {}
-        self._crls: dict[str, CrlFile] = {}
-        self._governance: dict[str, GovernanceFile] = {}
-        self._permissions: dict[str, PermissionsFile] = {}
+        self._done: dict[tuple[object, ...], Any] = {}
 
     def certificates_of(self, files: EnclaveFiles) -> _CertificatesOf:
         """The certificates of an enclave."""
@@ -192,47 +189,41 @@ class Reader:
             certificate=read[Role.CERTIFICATE],
             key=self.private_key(by_role[Role.KEY]),
             permissions_ca=read[Role.PERMISSIONS_CA],
-            governance=_document(by_role[Role.GOVERNANCE], self._governance, read_governance, candidates),
-            permissions=_document(by_role[Role.PERMISSIONS], self._permissions, read_permissions, candidates),
-            crl=_once(by_role[Role.CRL], self._crls, read_crl),
+            governance=self._document(by_role[Role.GOVERNANCE], read_governance, candidates),
+            permissions=self._document(by_role[Role.PERMISSIONS], read_permissions, candidates),
+            crl=self._read(by_role[Role.CRL], read_crl),
         )
 
     def certificates(self, file: File) -> CertificateFile | None:
         """What a file of certificates holds; None where it is not there."""
-        return _once(file, self._certificates, read_certificates)
+        return self._read(file, read_certificates)
 
     def private_key(self, file: File) -> PrivateKey | None:
         """The public half of what a file of a key holds, and what is to be said of it; None where it is not there."""
-        return _once(file, self._keys, lambda sealed: read_private_key(self._root.unsealed(sealed)))
+        return self._read(file, self._unsealed_key)
 
+    def _unsealed_key(self, file: File) -> PrivateKey:
+        return read_private_key(self._root.unsealed(file))
 
-def _once(file: File, done: dict[str, _Reading], read: Callable[[File], _Reading]) -> _Reading | None:
-    if file.status is not Status.PRESENT:
-        return None
-    found = done.get(file.place)
-    if found is None:
-        found = done[file.place] = read(file)
-    return found
+    def _read(self, file: File, read: Callable[[File], _Reading]) -> _Reading | None:
+        return self._once((read, file.place), lambda: read(file)) if file.status is Status.PRESENT else None
 
+    def _document(
+        self, file: File, read: Callable[[File, Candidates], _Document], candidates: Candidates
+    ) -> _Document | None:
+        """Verify a document; a copy of one that was verified has the same evidence at another place."""
+        if file.status is not Status.PRESENT or file.sha256 is None:
+            return None
+        found = self._once((read, file.sha256), lambda: read(file, candidates))
+        if found.signed.file.place == file.place:
+            return found
+        return self._once((read, file.sha256, file.place), lambda: _moved(found, file))
 
-def _document(
-    file: File,
-    done: dict[str, _Document],
-    read: Callable[[File, Candidates], _Document],
-    candidates: Candidates,
-) -> _Document | None:
-    """Verify a document; a copy of one that was verified has the same evidence at another place."""
-    if file.status is not Status.PRESENT or file.sha256 is None:
-        return None
-    found = done.get(file.sha256)
-    if found is None:
-        found = done[file.sha256] = read(file, candidates)
-    if found.signed.file.place == file.place:
+    def _once(self, key: tuple[object, ...], make: Callable[[], _Found]) -> _Found:
+        if key not in self._done:
+            self._done[key] = make()
+        found: _Found = self._done[key]
         return found
-    copy = f"{file.sha256} {file.place}"
-    if copy not in done:
-        done[copy] = _moved(found, file)
-    return done[copy]
 
 
 def _moved(document: _Document, file: File) -> _Document:
