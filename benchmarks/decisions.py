@@ -14,7 +14,7 @@ from datetime import datetime, timezone
 
 from benchmarks.keystores import ROOT, build
 from keystore_audit.keystore.keystore import Keystore, read_keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.inventory import documents_of

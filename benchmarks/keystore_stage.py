@@ -32,10 +32,10 @@ from keystore_audit.keystore.keystore import Enclave, read_keystore
 from keystore_audit.keystore.layout import Role, discover
 from keystore_audit.keystore.mime import read_message, split_text
 from keystore_audit.keystore.pem import read_pem
-from keystore_audit.keystore.permissions import read_permissions
 from keystore_audit.keystore.private_key import read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
+from keystore_audit.keystore.typed import read_permissions
 from keystore_audit.keystore.xml import read_xml
 from tests.keystore.builder import authority
 

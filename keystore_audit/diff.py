@@ -14,7 +14,7 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.policy import Policy
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.comparison.change import Change, Comparison, Direction, Layer, Unread

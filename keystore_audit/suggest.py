@@ -17,7 +17,7 @@ from keystore_audit.intent.intent import Action, Intent
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.document import DomainRange, Text
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.permissions import Grant
+from keystore_audit.keystore.typed import Grant
 from keystore_audit.model.domains import covered
 from keystore_audit.model.intended.drift_rights import written_grant
 from keystore_audit.model.intended.observed_needs import EnclavePolicy, LeastPolicy, least_policy

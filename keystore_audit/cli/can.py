@@ -111,7 +111,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
 def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -> tuple[Question, ...]:
     """The questions about DDS topics that the question is made of."""
     from keystore_audit.intent.intent import is_ros_name
-    from keystore_audit.keystore.permissions import Operation
+    from keystore_audit.keystore.typed import Operation
     from keystore_audit.model.names import dds_channels
     from keystore_audit.model.question import Question
 
@@ -198,7 +198,7 @@ def _lines(path: str) -> Iterator[bytes]:
 
 def _parse(line: bytes, domain: int, partition: str) -> Question | str:
     """The query, in this domain and partition if it names none, or what is wrong with the line."""
-    from keystore_audit.keystore.permissions import Operation
+    from keystore_audit.keystore.typed import Operation
     from keystore_audit.model.question import Question
 
     try:

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import DocumentAtom, DomainRuleAtom, Participant, System, TopicRuleAtom

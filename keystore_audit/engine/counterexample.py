@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
 from keystore_audit.engine.case import Case, Told, beyond_grants, step_at
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import stated

@@ -9,7 +9,7 @@ from keystore_audit.engine.alloy import moments
 from keystore_audit.engine.case import Case, Told, as_anybody, step_at, way
 from keystore_audit.engine.native_claims import claims_at
 from keystore_audit.findings import Location
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.claims.named import UNREAD_IDENTITY, same_elsewhere
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.formal.asked import Place as ClaimPlace

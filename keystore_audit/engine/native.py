@@ -11,7 +11,7 @@ from functools import cached_property
 from itertools import islice, permutations, product
 
 from keystore_audit.assumptions import DOCUMENTS
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal import rights as outsiders
 from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.bit_sets import Abilities, members, union

@@ -16,13 +16,12 @@ from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.files import UNREAD_BUT_THERE, File, Status
 from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles, Foreign, find_foreign
-from keystore_audit.keystore.governance import GovernanceFile, read_governance
 from keystore_audit.keystore.issuer import may_issue
 from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role, discover
-from keystore_audit.keystore.permissions import Grant, PermissionsFile, read_permissions
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
+from keystore_audit.keystore.typed import GovernanceFile, Grant, PermissionsFile, read_governance, read_permissions
 from keystore_audit.keystore.unmanaged import (
     Carried,
     UnmanagedDocument,

@@ -18,14 +18,13 @@ from keystore_audit.keystore.cms import CmsError, read_signed_data
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.der import first_element
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.governance import GovernanceFile, read_governance
 from keystore_audit.keystore.layout import EnclaveFiles
 from keystore_audit.keystore.pem import loose_blocks
-from keystore_audit.keystore.permissions import PermissionsFile, read_permissions
 from keystore_audit.keystore.private_key import HeldKeys, PrivateKey, read_held_keys
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.traces import ARMOUR, MAX_ARMOURED, is_signed_data
+from keystore_audit.keystore.typed import GovernanceFile, PermissionsFile, read_governance, read_permissions
 
 MAX_UNMANAGED: Final = 2_000
 """Distinct documents outside enclaves that are read, three seconds; beyond it one, unread, stands for the rest."""

@@ -14,9 +14,8 @@ from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.document import DomainRange
-from keystore_audit.keystore.governance import Governance, GovernanceFile, ProtectionKind
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.permissions import Permissions, PermissionsFile
+from keystore_audit.keystore.typed import Governance, GovernanceFile, Permissions, PermissionsFile, ProtectionKind
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.inventory import Document, Typed
 from keystore_audit.model.matching.expression import parse

@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import ANY_TOPIC, MAX_CELLS, Channels
 from keystore_audit.model.formal.asked import Attacker, Place

@@ -16,9 +16,8 @@ from typing import Final, NamedTuple
 from msgspec import Struct
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import TopicRule
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation, TopicRule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point, illegal_names, wildcard_names
 from keystore_audit.model.domains import describe

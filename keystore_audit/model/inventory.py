@@ -13,12 +13,11 @@ from msgspec.structs import replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import CrlFile
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.keystore.typed import GovernanceFile, PermissionsFile
 from keystore_audit.keystore.unmanaged import UnmanagedDocument, UnmanagedIdentity
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.subjects.comparison import matching

@@ -14,7 +14,7 @@ from msgspec import Struct
 
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import FULL_NAME, is_ros_name
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 
 Use = tuple[Operation, str]
 """An operation on a DDS topic, or (in policies) on all that an expression matches."""

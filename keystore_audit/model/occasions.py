@@ -8,8 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit.keystore.document import Text
-from keystore_audit.keystore.governance import Governance, GovernanceFile
-from keystore_audit.keystore.permissions import Grant, Permissions, PermissionsFile
+from keystore_audit.keystore.typed import Governance, GovernanceFile, Grant, Permissions, PermissionsFile
 from keystore_audit.model.inventory import Typed
 from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.validity import counts_at, read_date

@@ -9,7 +9,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.truth import Truth
 
 WORDS: Final = {Truth.YES: "allow", Truth.NO: "deny", Truth.UNKNOWN: "unknown"}

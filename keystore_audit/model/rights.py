@@ -9,8 +9,7 @@ from itertools import chain, compress, product
 from typing import Any, Final
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import DomainRule, Operation, ProtectionKind, TopicRule
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.domains import Interval

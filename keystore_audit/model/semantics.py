@@ -13,8 +13,16 @@ from typing import Final, NamedTuple
 from msgspec import Struct
 
 from keystore_audit.keystore.document import DomainRange, Text
-from keystore_audit.keystore.governance import DomainRule, Governance, ProtectionKind, TopicRule
-from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
+from keystore_audit.keystore.typed import (
+    Criterion,
+    DomainRule,
+    Governance,
+    Grant,
+    Operation,
+    ProtectionKind,
+    Rule,
+    TopicRule,
+)
 from keystore_audit.model.domains import Interval, covered
 from keystore_audit.model.validity import in_force
 from keystore_audit.profiles import Access, PartitionReading, RelayReading

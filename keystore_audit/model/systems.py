@@ -13,10 +13,10 @@ from msgspec.structs import replace
 
 from keystore_audit.assumptions import WORLD, Assumption
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
 from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.typed import GovernanceFile
 from keystore_audit.keystore.unmanaged import UnmanagedIdentity
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner
 from keystore_audit.model.tables.access_table import AccessTable, Group
 from keystore_audit.model.tables.overview import Overview

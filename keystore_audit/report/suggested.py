@@ -7,7 +7,7 @@ from itertools import groupby
 from typing import Final
 
 from keystore_audit.intent.intent import Action
-from keystore_audit.keystore.permissions import Grant
+from keystore_audit.keystore.typed import Grant
 from keystore_audit.model.intended.observed_needs import LeastPolicy, PolicyRight
 from keystore_audit.report.templated import environment
 from keystore_audit.text import html

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from keystore_audit.findings import Severity, outside
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.names import ros_name

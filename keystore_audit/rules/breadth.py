@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from keystore_audit.findings import Severity
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.matching.coverage import TOPICS, allows_everything, covering
 from keystore_audit.model.matching.expression import WILDCARDS, has_wildcard, parse
 from keystore_audit.profiles import VARIANTS, Matcher, implementations

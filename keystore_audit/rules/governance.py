@@ -15,8 +15,8 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Act, Location, Remedy, Severity, decision
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.typed import DomainRule, GovernanceFile, TopicRule
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.names import DISCOVERY_TOPIC
 from keystore_audit.profiles import facts

@@ -13,7 +13,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Grant
+from keystore_audit.keystore.typed import Grant
 from keystore_audit.model.claims.ability import sent
 from keystore_audit.model.inventory import unmanaged_identities
 from keystore_audit.model.subjects.comparison import matching, same_meaning

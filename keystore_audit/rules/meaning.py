@@ -23,10 +23,9 @@ from keystore_audit.findings import OF_PROPERTIES
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.crl import CrlFile, RevocationList
 from keystore_audit.keystore.document import Text
-from keystore_audit.keystore.governance import DomainRule, GovernanceFile, TopicRule
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.permissions import Grant, PermissionsFile, Rule
 from keystore_audit.keystore.private_key import PrivateKey
+from keystore_audit.keystore.typed import DomainRule, GovernanceFile, Grant, PermissionsFile, Rule, TopicRule
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.result import UserResult
 from keystore_audit.rules import registry

@@ -11,9 +11,9 @@ from keystore_audit.findings import Location, Severity, decision
 from keystore_audit.grouped import grouped
 from keystore_audit.intent.environment import DOMAIN, ENABLE, RMW, SECURE, STRATEGY
 from keystore_audit.intent.intent import ROOT, Action, SetVariable
-from keystore_audit.keystore.governance import DomainRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Rule as PermissionsRule
+from keystore_audit.keystore.typed import DomainRule
+from keystore_audit.keystore.typed import Rule as PermissionsRule
 from keystore_audit.model.domains import contains, covered
 from keystore_audit.model.names import ros_name
 from keystore_audit.profiles import MIDDLEWARE

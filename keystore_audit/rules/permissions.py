@@ -15,7 +15,7 @@ from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.identity import Identity
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.permissions import Grant, Operation
+from keystore_audit.keystore.typed import Grant, Operation
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.profiles import VARIANTS, JoinCheck, Profile, SubjectComparison, doing, facts

@@ -12,7 +12,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from keystore_audit.findings import Severity
-from keystore_audit.keystore.governance import DomainRule, ProtectionKind, TopicRule
+from keystore_audit.keystore.typed import DomainRule, ProtectionKind, TopicRule
 from keystore_audit.profiles import VARIANTS, facts
 from keystore_audit.rules.governance import in_domains, in_topics
 from keystore_audit.rules.registry import Violation, rule

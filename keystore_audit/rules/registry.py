@@ -29,7 +29,7 @@ if TYPE_CHECKING:  # an audit without a policy, a graph or a launch file needs n
     from keystore_audit.model.intended.observed import Observation
 
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.text import shorten, some
 
 

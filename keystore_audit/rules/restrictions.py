@@ -9,8 +9,8 @@ from typing import Final, NamedTuple
 
 from keystore_audit.findings import Act, Location, Severity, decision
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Text
-from keystore_audit.keystore.permissions import Criterion, Grant, Operation
-from keystore_audit.keystore.permissions import Rule as PermissionsRule
+from keystore_audit.keystore.typed import Criterion, Grant, Operation
+from keystore_audit.keystore.typed import Rule as PermissionsRule
 from keystore_audit.model.domains import covered, describe, domain_bits
 from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.matching.patterns import EVERY_PARTITION

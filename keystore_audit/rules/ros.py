@@ -8,7 +8,7 @@ from typing import Final
 from keystore_audit.findings import Location, Severity
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.intended.observed_needs import TYPE_DESCRIPTION
 from keystore_audit.model.names import ACTION_PART, ACTION_ROLES, SERVICE_ROLES, ros_name
 from keystore_audit.model.ros.action_topics import ActionPattern

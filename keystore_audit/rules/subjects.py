@@ -16,11 +16,10 @@ from keystore_audit.keystore.crl import RevocationList
 from keystore_audit.keystore.defect import Defect, first_opaque
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.files import File
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.keystore.typed import GovernanceFile, PermissionsFile
 from keystore_audit.model.inventory import unmanaged_permissions
 from keystore_audit.model.trust.verdicts import Envelope, document_verdict, envelope, vouches
 from keystore_audit.model.validity import read_date

@@ -21,7 +21,7 @@ from keystore_audit import toml
 from keystore_audit.access import Access
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.errors import EXIT_INCOMPLETE
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.question import Question
 from keystore_audit.profiles import DEFAULT, VARIANTS, resolve
 from tests.cli.keystores import AT, answer, keystore, rule

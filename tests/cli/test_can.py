@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.cli.program import run
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.names import dds_channels
 from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, rule, signed_keystore
 from tests.keystore.builder import GOVERNANCE

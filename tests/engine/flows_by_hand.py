@@ -11,7 +11,7 @@ from functools import cached_property
 
 from msgspec import Struct
 
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.bit_sets import members

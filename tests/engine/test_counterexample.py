@@ -14,8 +14,7 @@ from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, hop_ways
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation, ProtectionKind
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID, PROPERTIES

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.typed import ProtectionKind
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Answer, Status

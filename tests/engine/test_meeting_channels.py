@@ -14,7 +14,7 @@ from keystore_audit.engine.alloy.merging import merge
 from keystore_audit.engine.case import Case
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.document import DomainRange, Text
-from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
+from keystore_audit.keystore.typed import Criterion, Grant, Operation, Rule
 from keystore_audit.model.channels import build_channels
 from keystore_audit.model.domains import domain_classes
 from keystore_audit.model.formal.permission import Decisions

@@ -10,7 +10,7 @@ import pytest
 from keystore_audit.cli.types import instant
 from keystore_audit.fleet import task
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.options import Options
 from tests.cli.keystores import AT, keystore, rule
 

@@ -20,12 +20,11 @@ from keystore_audit.keystore.cms import CmsError, SignedData, read_signed_data
 from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.governance import read_governance
 from keystore_audit.keystore.mime import Message, MimeError, read_message
 from keystore_audit.keystore.pem import Block, read_pem
-from keystore_audit.keystore.permissions import read_permissions
 from keystore_audit.keystore.private_key import read_private_key
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
+from keystore_audit.keystore.typed import read_governance, read_permissions
 from keystore_audit.keystore.xml import read_xml
 
 Target = Callable[[bytes], None]

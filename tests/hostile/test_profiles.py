@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from keystore_audit.access import Access as Answers
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.keystore.keystore import Keystore, read_keystore
-from keystore_audit.keystore.permissions import Operation, Rule
+from keystore_audit.keystore.typed import Operation, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point
 from keystore_audit.model.decision import LocalRights

@@ -14,7 +14,7 @@ from lxml import etree
 from keystore_audit.errors import UsageError
 from keystore_audit.intent.intent import Action, Origin
 from keystore_audit.intent.policy import Policy, expand, read_policy
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.intended.drift_rights import policy_grant
 from keystore_audit.resources import schemas
 from tests.model.drifting import listed_in

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from keystore_audit.keystore import document
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.governance import GovernanceFile, ProtectionKind, read_governance
+from keystore_audit.keystore.typed import GovernanceFile, ProtectionKind, read_governance
 from tests.keystore.builder import GOVERNANCE, Signed, authority, evidence, present, signed_document
 from tests.keystore.documents import SHARED
 

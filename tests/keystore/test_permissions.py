@@ -11,7 +11,7 @@ from lxml import etree
 
 from keystore_audit.keystore import document
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.permissions import Operation, PermissionsFile, read_permissions
+from keystore_audit.keystore.typed import Operation, PermissionsFile, read_permissions
 from keystore_audit.text import terminal
 from tests.keystore.builder import authority, evidence, present, signed_document
 from tests.keystore.documents import PERMISSIONS, SHARED

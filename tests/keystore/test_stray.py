@@ -19,13 +19,12 @@ from msgspec.structs import replace
 
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.foreign import DeclaredFiles
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.mime import MimeError, read_message
-from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.root import MAX_FILE_BYTES
 from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.traces import look
+from keystore_audit.keystore.typed import GovernanceFile, PermissionsFile
 from keystore_audit.keystore.unmanaged import MAX_UNMANAGED, read_unmanaged
 from tests.conftest import libcrypto
 from tests.keystore.builder import GOVERNANCE, PERMISSIONS, Signed, authority, present, signed_document, sros2

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 from keystore_audit.intent.policy import Policy, read_policy
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Grant, Rule
+from keystore_audit.keystore.typed import Grant, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.intended.drift import Drift, EnclaveDrift, drift
 from keystore_audit.model.inventory import documents_of

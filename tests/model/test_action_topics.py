@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.matching.coverage import TOPICS, covers
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.ros.action_topics import STATUS, action_patterns, taken_in

@@ -11,9 +11,8 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation, ProtectionKind
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort, name_classes
 from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.anomalies.grants import are_ros_names, foreign

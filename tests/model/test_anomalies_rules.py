@@ -11,7 +11,7 @@ from typing import NamedTuple
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.anomalies.anomaly import AnomalyKind, Effort, Point, RuleAnomaly
 from keystore_audit.model.anomalies.rules import Own, rule_anomalies
 from keystore_audit.model.semantics import ReadRule, read_rules

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.attacker import TrustDomainView

@@ -9,7 +9,7 @@ import pytest
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.keystore.document import DomainRange, Text
-from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
+from keystore_audit.keystore.typed import Criterion, Grant, Operation, Rule
 from keystore_audit.model import channels as made
 from keystore_audit.model import columns
 from keystore_audit.model.channels import ANY_TOPIC, build_channels

@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.typed import ProtectionKind
 from keystore_audit.model.comparison.change import Change, Comparison, Direction
 from tests.amount import tried
 from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule

@@ -12,7 +12,7 @@ from keystore_audit.findings import Location
 from keystore_audit.intent.intent import Action, IntendedRight, Intent
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import LayoutKind
-from keystore_audit.keystore.permissions import Operation, Rule
+from keystore_audit.keystore.typed import Operation, Rule
 from keystore_audit.model.intended.observed_needs import EnclavePolicy, least_policy, usual_channels
 from keystore_audit.model.names import dds_channels, dds_expressions
 from tests.amount import tried

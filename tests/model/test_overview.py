@@ -13,7 +13,7 @@ from keystore_audit.access import Access
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore, read_keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.asked import Attacker, Place
 from keystore_audit.model.formal.attacker import trust_domain_views

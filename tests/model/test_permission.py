@@ -8,7 +8,7 @@ from datetime import datetime, timedelta, timezone
 import pytest
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import ChannelAtom, DomainAtom, GrantAtom, RuleAtom, System

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Operation, Rule
+from keystore_audit.keystore.typed import Operation, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.inventory import documents_of

@@ -9,7 +9,7 @@ from zoneinfo import ZoneInfo
 from keystore_audit.findings import Finding
 from keystore_audit.keystore.document import DomainRange
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Criterion, Operation, Rule
+from keystore_audit.keystore.typed import Criterion, Operation, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.divergence.find import divergences
 from keystore_audit.model.inventory import documents_of

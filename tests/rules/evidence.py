@@ -22,12 +22,23 @@ from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.document import DomainRange, Text
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.governance import DomainRule, Governance, GovernanceFile, ProtectionKind, TopicRule
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role
-from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Permissions, PermissionsFile, Rule
 from keystore_audit.keystore.private_key import PrivateKey
 from keystore_audit.keystore.smime import Signature, SignedDocument
+from keystore_audit.keystore.typed import (
+    Criterion,
+    DomainRule,
+    Governance,
+    GovernanceFile,
+    Grant,
+    Operation,
+    Permissions,
+    PermissionsFile,
+    ProtectionKind,
+    Rule,
+    TopicRule,
+)
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.question import Doubt
 from keystore_audit.profiles import DEFAULT, VARIANTS

@@ -94,7 +94,7 @@ def granted(*rules: Any, path: str = "/talker", usual: bool = True, **more: Any)
 
 def usual_rules(path: str) -> tuple[Any, ...]:
     """What every node needs."""
-    from keystore_audit.keystore.permissions import Operation
+    from keystore_audit.keystore.typed import Operation
     from keystore_audit.model.names import dds_channels
 
     channels = [

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from keystore_audit.findings import Finding, Result, Severity
-from keystore_audit.keystore.governance import ProtectionKind
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.typed import ProtectionKind
 from keystore_audit.model.anomalies.find import anomalies
 from keystore_audit.model.divergence.find import divergences
 from keystore_audit.profiles import DEFAULT

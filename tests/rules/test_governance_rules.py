@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.governance import DomainRule, ProtectionKind
+from keystore_audit.keystore.typed import DomainRule, ProtectionKind
 from tests.cli.keystores import AT, answer, rule
 from tests.cli.keystores import keystore as built
 from tests.keystore.builder import GOVERNANCE

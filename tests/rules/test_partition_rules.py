@@ -8,7 +8,7 @@ import pytest
 
 from keystore_audit.findings import Finding
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Rule
+from keystore_audit.keystore.typed import Rule
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.judge import judge
 from tests.rules.divergent import Listed, ruled, talking

@@ -12,8 +12,8 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.permissions import Grant
 from keystore_audit.keystore.smime import SignedDocument
+from keystore_audit.keystore.typed import Grant
 from keystore_audit.model.matching.coverage import EVERYTHING, MAX_CANDIDATES, covers
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.question import Usability

@@ -26,7 +26,7 @@ from keystore_audit.circumstances import Circumstances
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.fleet import run
 from keystore_audit.fleet.task import Audited, Task, carry_out
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.question import Question
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit

@@ -6,7 +6,7 @@ import pytest
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Rule
+from keystore_audit.keystore.typed import Rule
 from keystore_audit.model.interpret import interpret
 from keystore_audit.model.names import PARAMETER_SERVICES
 from keystore_audit.model.participants.usability import Usabilities

@@ -15,7 +15,7 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit import toml
-from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.typed import ProtectionKind
 from keystore_audit.model.formal.system import System
 from tests.amount import tried
 from tests.conftest import libcrypto

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from msgspec import Struct
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.matching.atoms import classify
 from keystore_audit.model.matching.expression import Pattern, parse
 from keystore_audit.model.names import is_ros_dds_name

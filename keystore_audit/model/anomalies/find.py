@@ -14,8 +14,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.typed import GovernanceFile
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort
 from keystore_audit.model.anomalies.governance import Counterparts, governance_anomalies

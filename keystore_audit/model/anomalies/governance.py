@@ -7,8 +7,7 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 from keystore_audit.grouped import gathered
-from keystore_audit.keystore.governance import DomainRule, GovernanceFile, ProtectionKind, TopicRule
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import DomainRule, GovernanceFile, Operation, ProtectionKind, TopicRule
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort, NameClass, Point, name_classes
 from keystore_audit.model.domains import describe, domain_bits

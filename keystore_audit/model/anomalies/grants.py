@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Final
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort, RuleAnomaly
 from keystore_audit.model.anomalies.rules import Own, rule_anomalies
 from keystore_audit.model.domains import describe, domain_bits

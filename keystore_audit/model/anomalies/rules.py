@@ -16,7 +16,7 @@ from msgspec import Struct
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.document import MAX_DOMAIN
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.anomalies.anomaly import AnomalyKind, Effort, NameClass, Point, RuleAnomaly, name_classes
 from keystore_audit.model.domains import Interval, domain_bits
 from keystore_audit.model.formal.bit_sets import bits, lowest, members, union

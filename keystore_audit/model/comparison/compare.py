@@ -13,7 +13,7 @@ from msgspec import Struct
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.claims.globs import Globs, matching
 from keystore_audit.model.claims.stated import Labelling
 from keystore_audit.model.comparison.change import Comparison, Direction, Layer

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered, grouped
-from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.typed import ProtectionKind
 from keystore_audit.model.comparison.change import Aspect, Direction, Layer, direction_of, joint_direction
 from keystore_audit.model.comparison.facts import Draft, folded
 from keystore_audit.model.comparison.sides import Pair, Sides, View

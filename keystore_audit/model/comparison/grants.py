@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.comparison.change import Direction, Layer, direction_of
 from keystore_audit.model.comparison.facts import Dates, Draft, dated, folded, placed
 from keystore_audit.model.comparison.sides import Pair, Sides, View

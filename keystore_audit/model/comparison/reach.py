@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.comparison.change import Direction, Handover, Influenced, Layer
 from keystore_audit.model.comparison.facts import ADDED, REMOVED, Causes, Draft, agreeing, shares
 from keystore_audit.model.comparison.grants import (

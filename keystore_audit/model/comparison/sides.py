@@ -15,8 +15,8 @@ from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
-from keystore_audit.keystore.permissions import Operation, PermissionsFile, read_permissions
 from keystore_audit.keystore.smime import Candidates
+from keystore_audit.keystore.typed import Operation, PermissionsFile, read_permissions
 from keystore_audit.keystore.unmanaged import UnmanagedDocument, UnmanagedIdentity
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels

@@ -18,9 +18,8 @@ from msgspec import Struct, field
 
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Operation, PermissionsFile
+from keystore_audit.keystore.typed import GovernanceFile, Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.divergence.lines import DecidingLines, LocalValues, Part, PeerValues, attributed, differing

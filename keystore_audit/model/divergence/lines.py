@@ -12,9 +12,8 @@ from functools import cache
 from typing import NamedTuple
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Operation, PermissionsFile
+from keystore_audit.keystore.typed import GovernanceFile, Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels
 from keystore_audit.model.decision import LocalRights

@@ -15,9 +15,8 @@ from typing import Final
 from msgspec import Struct
 from msgspec.structs import astuple, replace
 
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.keystore.typed import GovernanceFile, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.inventory import Typed

@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cached_property
 
 from keystore_audit.assumptions import Assumption
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.permission import Permissions, Protection, open_protection, protection
 from keystore_audit.model.formal.system import System

@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 
 from msgspec import Struct
 
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 
 _FEW: Final = 16
 """Numbers that make a set one by one; the set of more is made in an array."""

@@ -13,8 +13,7 @@ from operator import attrgetter
 from msgspec import Struct
 
 from keystore_audit.grouped import gathered
-from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation, ProtectionKind
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.steps import Step, allowed, decided, deciding
 from keystore_audit.model.formal.system import DomainRuleAtom, RuleAtom, System, TopicRuleAtom

@@ -14,7 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.attacker import TrustDomainView, enclaves_views
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.permission import Decisions, Permissions, Protection

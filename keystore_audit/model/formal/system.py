@@ -21,8 +21,7 @@ from msgspec.structs import replace
 from keystore_audit.assumptions import DOCUMENTS, EVERY, IDENTITIES, WORLD, Assumption
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
-from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.keystore.permissions import Operation, Rule
+from keystore_audit.keystore.typed import Operation, ProtectionKind, Rule
 from keystore_audit.model.formal.asked import ClaimAtom, DeterminismAtom, PlaceAtom
 from keystore_audit.model.matching.expression import naming
 from keystore_audit.profiles import Matcher

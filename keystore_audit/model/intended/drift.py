@@ -20,7 +20,7 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
-from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.intended.drift_rights import Comparison, DriftedRights, PolicyGrant, Taken, policy_grant
 from keystore_audit.model.inventory import documents_of, may_be_taken, permissions_cas

@@ -14,8 +14,7 @@ from keystore_audit.grouped import gathered
 from keystore_audit.intent.intent import IntendedRight
 from keystore_audit.intent.policy import Profiles
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Text
-from keystore_audit.keystore.governance import GovernanceFile
-from keystore_audit.keystore.permissions import Criterion, Grant, Operation, Rule
+from keystore_audit.keystore.typed import Criterion, GovernanceFile, Grant, Operation, Rule
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, ReadRegion, build_channels
 from keystore_audit.model.domains import Interval, contains, domain_classes

@@ -18,7 +18,7 @@ from keystore_audit.intent.intent import Intent, Origin, SetVariable, Unresolved
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind
-from keystore_audit.keystore.permissions import Grant, Operation, PermissionsFile
+from keystore_audit.keystore.typed import Grant, Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Point
 from keystore_audit.model.intended.observed_needs import Need, in_layout, needs, nodes_of, usages, usual_channels

@@ -17,7 +17,7 @@ from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.intent.intent import ROOT, Action, IntendedNode, Intent, Origin, UsedName, is_ros_name
 from keystore_audit.keystore.layout import LayoutKind
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.matching.expression import UNESCAPED_WILDCARDS, parse
 from keystore_audit.model.names import DISCOVERY_TOPIC, PARAMETER_SERVICES, Use, dds_channels, dds_expressions
 from keystore_audit.profiles import Matcher

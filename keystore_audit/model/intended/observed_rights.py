@@ -19,7 +19,7 @@ from keystore_audit.grouped import grouped
 from keystore_audit.intent.intent import Action, Intent, Origin
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels
 from keystore_audit.model.claims.globs import region_of

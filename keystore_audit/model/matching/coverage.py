@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import Final
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.keystore.permissions import Grant, Operation
+from keystore_audit.keystore.typed import Grant, Operation
 from keystore_audit.model.matching.atoms import classify
 from keystore_audit.model.matching.expression import WILDCARDS, has_wildcard, parse
 from keystore_audit.profiles import Matcher

@@ -18,7 +18,7 @@ from typing import Final
 from msgspec import Struct
 
 from keystore_audit.keystore.document import Text
-from keystore_audit.keystore.permissions import Operation, Rule
+from keystore_audit.keystore.typed import Operation, Rule
 from keystore_audit.model.matching.languages import parse_posix, parse_simple_brackets, parse_single_try
 from keystore_audit.model.matching.tokens import (
     ANY_CHARACTER,

@@ -14,7 +14,7 @@ from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Grant, PermissionsFile
+from keystore_audit.keystore.typed import Grant, PermissionsFile
 from keystore_audit.keystore.unmanaged import UnmanagedIdentity
 from keystore_audit.model.inventory import (
     authorities_of,

@@ -21,9 +21,8 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import GovernanceFile, Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import Channels, wildcard_names
 from keystore_audit.model.decision import LocalRights

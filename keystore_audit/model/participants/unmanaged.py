@@ -26,11 +26,10 @@ from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.files import File, Status
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import EnclaveFiles, Role
-from keystore_audit.keystore.permissions import PermissionsFile
 from keystore_audit.keystore.private_key import PrivateKey
+from keystore_audit.keystore.typed import GovernanceFile, PermissionsFile
 from keystore_audit.keystore.unmanaged import UnmanagedIdentity
 from keystore_audit.model.formal.system import CertificateAtom, Participant, ParticipantKind, TrustDomainAtom
 from keystore_audit.model.inventory import (

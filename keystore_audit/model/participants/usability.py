@@ -8,9 +8,9 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.keystore.governance import GovernanceFile
 from keystore_audit.keystore.keystore import Enclave, every_certificate
 from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.typed import GovernanceFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.participants.doubt import enclave_doubts, file_doubts
 from keystore_audit.model.participants.refusals import (

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import PermissionsFile
+from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import TrustDomainAtom
 from keystore_audit.model.inventory import Document, TrustFiles, permissions_cas, trust_files

@@ -17,7 +17,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.permissions import Grant, Operation
+from keystore_audit.keystore.typed import Grant, Operation
 from keystore_audit.model.matching.coverage import TOPICS, allows_everything, covers, may_cover
 from keystore_audit.model.matching.expression import Pattern, has_wildcard, parse
 from keystore_audit.model.names import ACTION_PART

@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from keystore_audit.errors import AuditError, BudgetExceeded
 from keystore_audit.intent.intent import is_ros_name
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.channels import Channels, ReadRegion, domain_covers
 from keystore_audit.model.domains import contains, domain_classes

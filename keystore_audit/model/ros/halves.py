@@ -18,7 +18,7 @@ from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.bit_sets import members, union

@@ -9,7 +9,7 @@ from typing import Final
 from keystore_audit.findings import Location
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.permissions import Grant, Operation, PermissionsFile
+from keystore_audit.keystore.typed import Grant, Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.formal.attacker import TrustDomainView, enclaves_views

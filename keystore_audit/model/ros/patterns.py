@@ -14,7 +14,7 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import LayoutKind
-from keystore_audit.keystore.permissions import Grant, Operation, PermissionsFile
+from keystore_audit.keystore.typed import Grant, Operation, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.channels import document_channels
 from keystore_audit.model.decision import LocalRights

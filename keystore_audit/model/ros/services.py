@@ -20,7 +20,7 @@ from msgspec import Struct
 from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered, grouped
 from keystore_audit.intent.intent import is_ros_name
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.domains import Interval, contains
 from keystore_audit.model.matching.alphabet import Budget
 from keystore_audit.model.matching.expression import Pattern, parse

@@ -14,7 +14,7 @@ from typing import Any, Final
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.rights import Safeguard
 from keystore_audit.model.names import (

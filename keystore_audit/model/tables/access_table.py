@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.channels import MAX_CELLS, governed_domains
 from keystore_audit.model.decision import LocalRights

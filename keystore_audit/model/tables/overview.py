@@ -18,7 +18,7 @@ from keystore_audit.findings import Location
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.asked import Attacker, Place

@@ -5,7 +5,7 @@ from __future__ import annotations
 from msgspec.structs import replace
 
 from keystore_audit.findings import Location
-from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.typed import ProtectionKind
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import ParticipantKind
 from tests.engine.systems import (

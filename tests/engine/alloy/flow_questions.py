@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.typed import ProtectionKind
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from tests.engine.alloy.flow_builders import (
     FOURTH,

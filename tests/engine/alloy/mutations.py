@@ -8,7 +8,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from keystore_audit.assumptions import Assumption
-from keystore_audit.keystore.governance import ProtectionKind
+from keystore_audit.keystore.typed import ProtectionKind
 from keystore_audit.model.formal.system import ParticipantKind, System
 from keystore_audit.properties import PROPERTIES
 from tests.engine.systems import (

@@ -30,7 +30,7 @@ from keystore_audit.intent.intent import Intent
 from keystore_audit.intent.policy import read_policy
 from keystore_audit.intent.source import Source
 from keystore_audit.keystore.keystore import read_keystore
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import NodeAtom, System
 from keystore_audit.model.intended.observed import Observation, observe

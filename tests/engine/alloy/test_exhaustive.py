@@ -15,8 +15,7 @@ from msgspec.structs import replace
 from keystore_audit.engine.alloy.atoms import name_atoms
 from keystore_audit.engine.alloy.facts import facts
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.keystore.governance import ProtectionKind
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation, ProtectionKind
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System

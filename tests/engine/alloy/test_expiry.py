@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from keystore_audit.engine.alloy import export
 from keystore_audit.engine.alloy.export import write_model
 from keystore_audit.engine.alloy.facts import KEYSTORE, facts
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.asked import ClaimAtom, ClaimKind
 from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.permission import Permissions

@@ -9,7 +9,7 @@ from keystore_audit.engine.alloy import twins
 from keystore_audit.engine.alloy.facts import count_atoms
 from keystore_audit.engine.alloy.merging import KEPT, Merged, merge
 from keystore_audit.engine.native import MAX_WITNESSES, NativeEngine
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.bit_sets import members
 from keystore_audit.model.formal.permission import Permissions

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from tests.oracles.xml.parsers import compiled
 
 _HERE = Path(__file__).parent

@@ -9,7 +9,7 @@ from zoneinfo import ZoneInfo
 
 from keystore_audit.access import Access
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.question import Answer, Question
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.truth import Truth

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
 from tests.oracles.xml.parsers import compiled
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from tests.oracles.vendors.enclave import Endpoint, publish, subscribe
 from tests.oracles.vendors.pairs import Meeting, Seen, Side
 from tests.oracles.vendors.pairs_material import EVERYTHING, Authorities, Enclave, governance, grant, permissions

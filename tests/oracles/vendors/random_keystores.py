@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from random import Random
 
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from tests.keystore import documents as d
 from tests.keystore.chance import Rules
 from tests.oracles.vendors import recipe as r

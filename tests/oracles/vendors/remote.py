@@ -13,7 +13,7 @@ from random import Random
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from tests.keystore.documents import criterion, ids, rule, topic_rule
 from tests.oracles.vendors.enclave import Endpoint
 from tests.oracles.vendors.pairs import Meeting, Side

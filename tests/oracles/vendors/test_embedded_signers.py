@@ -13,7 +13,7 @@ import pytest
 from keystore_audit.access import Access
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.flow import FlowQuestion, find_flow
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.model.question import Question
 from keystore_audit.profiles import VARIANTS

@@ -14,7 +14,7 @@ import pytest
 from keystore_audit.access import Access
 from keystore_audit.assumptions import EVERY, Assumption, holds_if
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.question import Question
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.report.content import answered_if

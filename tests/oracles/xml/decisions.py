@@ -6,8 +6,7 @@ They are about one enclave with a document that has one meaning, beside a plain 
 from __future__ import annotations
 
 from keystore_audit.keystore.document import DomainRange
-from keystore_audit.keystore.governance import Governance
-from keystore_audit.keystore.permissions import Grant, Operation, Permissions
+from keystore_audit.keystore.typed import Governance, Grant, Operation, Permissions
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.profiles import Matcher
 

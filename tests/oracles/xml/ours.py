@@ -9,8 +9,7 @@ from enum import Enum
 from msgspec import Struct
 
 from keystore_audit.keystore.document import DomainRange
-from keystore_audit.keystore.governance import Governance, TopicRule, read_governance
-from keystore_audit.keystore.permissions import Permissions, read_permissions
+from keystore_audit.keystore.typed import Governance, Permissions, TopicRule, read_governance, read_permissions
 from tests.keystore.builder import present
 from tests.oracles.xml.parsers import Item
 

@@ -17,8 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore import document
-from keystore_audit.keystore.governance import Governance
-from keystore_audit.keystore.permissions import Permissions
+from keystore_audit.keystore.typed import Governance, Permissions
 from tests.amount import tried
 from tests.keystore.builder import Signed, signed_document, sros2
 from tests.oracles.xml import ours, policy
