@@ -10,8 +10,7 @@ from typing import Final
 from msgspec import Struct
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.agreement import EngineAnswers, combine_claims
-from keystore_audit.engine.engines import Engines, run_engines
+from keystore_audit.engine.engines import Answers, Engines, combine_claims, run_engines
 from keystore_audit.engine.horizon import with_conditions
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import BudgetExceeded, UsageError
@@ -105,11 +104,11 @@ def find_flow(
     )
 
 
-def _decide(native: NativeEngine, engines: Engines) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
+def _decide(native: NativeEngine, engines: Engines) -> tuple[tuple[EngineRun, ...], Answers]:
     """The engines' answers; the native one alone is asked about the flow and nothing else."""
     if engines.choice == "native":
         run = EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True)
-        return (run,), (EngineAnswers(engine="native", answers=native.claim_answers()),)
+        return (run,), {"native": native.claim_answers()}
     return run_engines(native, engines, None)
 
 

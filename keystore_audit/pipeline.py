@@ -11,14 +11,15 @@ from msgspec.structs import replace
 
 from keystore_audit import __version__
 from keystore_audit.assumptions import EVERY, Assumption
-from keystore_audit.engine.agreement import (
-    EngineAnswers,
+from keystore_audit.engine.engines import (
+    Answers,
+    Engines,
     combine,
     combine_claims,
     combine_determinism,
+    run_engines,
     with_label_answers,
 )
-from keystore_audit.engine.engines import Engines, run_engines
 from keystore_audit.engine.horizon import Horizon, horizon, with_conditions, without
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.gate import (
@@ -203,7 +204,7 @@ def _nodes(
     return wiring((*intents, *((policy.intent,) if policy else ())), keystore.layout.kind)
 
 
-def _told(native: NativeEngine, answers: Sequence[EngineAnswers], names: Sequence[str]) -> tuple[PropertyResult, ...]:
+def _told(native: NativeEngine, answers: Answers, names: Sequence[str]) -> tuple[PropertyResult, ...]:
     """What the engines say of the properties, and what violates them."""
     results = combine(native.systems, answers, names)
     if not any(result.status is Status.VIOLATED for result in results):
@@ -214,7 +215,7 @@ def _told(native: NativeEngine, answers: Sequence[EngineAnswers], names: Sequenc
 
 
 def _asserted(
-    claims: Sequence[Claim], meaning: Meaning, answers: Sequence[EngineAnswers], names: Sequence[str]
+    claims: Sequence[Claim], meaning: Meaning, answers: Answers, names: Sequence[str]
 ) -> tuple[PropertyResult, ...]:
     """What the engines say of what users assert, with all that violates it."""
     if not claims:

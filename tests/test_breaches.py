@@ -198,7 +198,7 @@ def test_a_flow_in_another_domain_is_another_violation(tmp_path: Path) -> None:
 
 def test_all_claims_together_have_a_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those beyond it are accepted with the keystore as a whole, so that any change of it counts."""
-    monkeypatch.setattr(breaches, "MAX_STEPS_IN_ALL", 1)
+    monkeypatch.setattr(breaches, "MAX_STEPS", 1)
     settings = asserted(tmp_path / "keystore-audit.toml", "no_flow")
     root = changed(tmp_path, "before", {})
     options = ("--settings", settings, "--baseline", accepted(tmp_path, root, settings))

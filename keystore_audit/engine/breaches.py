@@ -6,189 +6,277 @@ infotainment system may, so what a finding is about holds all that violates it, 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from itertools import islice, product
 from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.engine.kept import KeptFlows
-from keystore_audit.engine.native_claims import Claims, claims_at
+from keystore_audit.engine.counterexample_claims import left_out
+from keystore_audit.engine.native_claims import KeptFlows, claims_at
+from keystore_audit.grouped import gathered
+from keystore_audit.keystore.permissions import Operation
+from keystore_audit.model.claims.named import UNREAD_IDENTITY
 from keystore_audit.model.formal.asked import ATTACKERS, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.permission import Decisions
+from keystore_audit.model.formal.attacker import trust_domain_views
+from keystore_audit.model.formal.bit_sets import bits, union
+from keystore_audit.model.formal.flow import Flows
+from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
-from keystore_audit.properties.result import Answer, AssertedResult, PropertyResult, Role, Status, Witness
+from keystore_audit.model.participants.unmanaged import MAX_SUBJECT
+from keystore_audit.model.subjects.comparison import MAX_PIECES, TOKENWISE, matching
+from keystore_audit.model.subjects.told import ToldSubject, meaning, told
+from keystore_audit.profiles import VARIANTS, SubjectComparison
+from keystore_audit.properties.result import ANYBODY, Answer, AssertedResult, PropertyResult, Role, Status, Witness
+from keystore_audit.text import shorten
 
-MAX_STEPS: Final = 200_000
-"""Of one claim, pairs of places that are looked at, times moments and, of flows, enclaves: some seconds at worst."""
-
-MAX_STEPS_IN_ALL: Final = 5 * MAX_STEPS
-"""Of all claims together; the keystore as a whole stands for those that come after."""
+MAX_STEPS: Final = 500_000
+"""Of all claims, pairs of places that are looked at, times moments and, of flows, enclaves: some seconds at worst; the
+keystore as a whole stands for what violates those that come after."""
 
 MAX_BREACHES: Final = 10_000
 """What is told apart; beyond it the keystore stands for it as a whole."""
 
 
-_Names = Mapping[int, str]
-"""What each channel stands for: rules that tell no names apart make one channel of them."""
-
-
-class _TooManyPairs(Exception):
-    """Looking for a flow between all of them would take too long."""
-
-
 def with_breaches(results: Sequence[AssertedResult], systems: Sequence[System]) -> tuple[AssertedResult, ...]:
-    """The results, parallel to the claims of each system, each with all that violates it, unless that is too much."""
-    budget = _Budget()
-    return tuple(_with_its_own(number, result, systems, budget) for number, result in enumerate(results))
+    """The results, parallel to the claims of each system, each with all that violates it, unless that is too much.
 
-
-class _Budget:
-    """The steps that are left for all claims."""
-
-    def __init__(self) -> None:
-        self._left = MAX_STEPS_IN_ALL
-
-    def take(self, steps: int) -> None:
-        """Raises _TooManyPairs for more than one claim may take, or than are left."""
-        if steps > min(MAX_STEPS, self._left):
-            raise _TooManyPairs
-        self._left -= steps
-
-
-def _with_its_own(number: int, result: AssertedResult, systems: Sequence[System], budget: _Budget) -> AssertedResult:
-    try:
-        found = set(islice(_under_profiles(number, result, systems, budget), MAX_BREACHES + 1))
-    except _TooManyPairs:
-        return result
-    return result if len(found) > MAX_BREACHES else replace(result, breaches=tuple(sorted(found)))
-
-
-def _under_profiles(number: int, result: AssertedResult, systems: Sequence[System], budget: _Budget) -> Iterator[str]:
-    """What violates it under each profile that it is violated under."""
-    for system in systems:
-        profiles = _violated(result, system)
-        if profiles:  # of what must be possible, what for certain is not
-            for breach in _breaches(system, system.claims[number], budget):
-                yield from (f"{profile}: {breach}" for profile in profiles)
-
-
-def _breaches(system: System, claim: ClaimAtom, budget: _Budget) -> Iterator[str]:
-    """What violates the claim now, and what else at some moment until its end.
-
-    Who accepts what comes later has not accepted that it comes now.
+    Of what must be possible, with what for certain is not.
     """
-    first = 2 * system.now
-    last = first if claim.until is None else max(first, 2 * claim.until)
-    names = {number: channel.topic for number, channel in enumerate(system.channels)} | dict(claim.names)
-    sources, targets = _each(system, names, claim.source), _each(system, names, claim.target)
-    each = len(system.enclaves) if claim.kind is ClaimKind.NO_FLOW else 1
-    budget.take(len(sources) * len(targets) * each * (last - first + 1))
-    decisions = Decisions(system)
+    left, told = MAX_STEPS, []
+    for number, result in enumerate(results):
+        asked = [(_Breaches(s, s.claims[number]), _violated(result, s)) for s in systems if _violated(result, s)]
+        steps = sum(breaches.steps for breaches, _profiles in asked)
+        every = (f"{name}: {each}" for breaches, profiles in asked for each in breaches.found() for name in profiles)
+        found = set(islice(every, MAX_BREACHES + 1)) if steps <= left else None
+        known = found is not None and len(found) <= MAX_BREACHES
+        left -= 0 if found is None else steps
+        told.append(replace(result, breaches=tuple(sorted(found or ()))) if known else result)
+    return tuple(_with_others(number, result, systems) for number, result in enumerate(told))
 
-    def at(moment: int, claim: ClaimAtom) -> Iterator[str]:
-        asked = claims_at(system, moment, decisions)
+
+def _with_others(number: int, result: AssertedResult, systems: Sequence[System]) -> AssertedResult:
+    """The result, of a claim of who may publish with who else could."""
+    claims = [system.claims[number] for system in systems]
+    if not any(claim.kind is ClaimKind.ONLY_PUBLISH for claim in claims):
+        return result
+    both = [*zip(systems, claims, strict=True)]
+    forging = dict.fromkeys(name for each in both for name in _forgers(*each))
+    also_named: dict[str, str] = {}
+    for text, subject in (item for each in both for item in _shorter_subjects(*each).items()):
+        also_named.setdefault(text, subject)
+    return replace(result, forgers=tuple(sorted(forging, key=ANYBODY.__eq__)), also_named=also_named)
+
+
+class _Names:
+    """What atoms of a system are called, by names that do not hang on their order; a trust domain has none.
+
+    `topics`: what each channel stands for: rules that tell no names apart make one channel of them.
+    """
+
+    def __init__(self, system: System, topics: Iterable[tuple[int, str]] = ()) -> None:
+        self._system = system
+        self._topics = {number: channel.topic for number, channel in enumerate(system.channels)} | dict(topics)
+
+    def enclave(self, number: int) -> str:
+        """An enclave by its path; an unmanaged identity also by all of its subject, of which its label holds a part."""
+        enclave = self._system.enclaves[number]
+        if not enclave.unmanaged or enclave.identity is None:
+            return enclave.label
+        return f"{enclave.label} {self._system.certificates[enclave.identity].label}"
+
+    def domain(self, number: int) -> str:
+        """A domain class."""
+        return self._system.domains[number].label
+
+    def topic(self, channel: int) -> str:
+        """The topic of a channel, and its domain."""
+        return f"topic {self._topics[channel]} in {self.domain(self._system.channels[channel].domain)}"
+
+    def place(self, place: Place) -> str:
+        """All that a place has."""
+        topics = sorted(set(map(self.topic, place.channels)))
+        return ", ".join([*map(self.enclave, sorted(place.enclaves)), *topics, *["outsider"] * place.outsider])
+
+    def witness(self, witness: Witness) -> str:
+        """Who, on what and where."""
+        told = []
+        for role, atom in sorted(witness.items()):
+            if role in (Role.ENCLAVE, Role.OTHER):
+                told.append(self.enclave(atom))
+            elif role is Role.CERTIFICATE:
+                told.append(self._system.certificates[atom].label)
+            elif role is Role.CHANNEL:
+                channel = self._system.channels[atom]
+                told += [self._topics[atom], channel.partition, self.domain(channel.domain)]
+            elif role is Role.DOMAIN:
+                told.append(self.domain(atom))
+            elif role is Role.WITH_IDENTITY and not atom:
+                told.append("anybody")
+        return "\0".join(told)
+
+
+class _Breaches:
+    """What violates a claim. `steps`: how much there is to look at."""
+
+    def __init__(self, system: System, claim: ClaimAtom) -> None:
+        self._system = system
+        self._claim = claim
+        self._names = _Names(system, claim.names)
+        self._decisions = Decisions(system)
+        self._pairs = [*product(self._each(claim.source), self._each(claim.target))]
+        self._first = 2 * system.now
+        self._last = self._first if claim.until is None else max(self._first, 2 * claim.until)
+        each = len(system.enclaves) if claim.kind is ClaimKind.NO_FLOW else 1
+        self.steps = len(self._pairs) * each * (self._last - self._first + 1)
+
+    def found(self) -> Iterator[str]:
+        """What violates it now, and what else at some moment until its end.
+
+        Who accepts what comes later has not accepted that it comes now.
+        """
+        claim = self._claim
+        starting = replace(claim, through=claim.through - claim.stopping)
+        now = set(islice(self._at(self._first, starting), MAX_BREACHES + 1))
+        yield from now
+        for moment in range(self._first + 1, self._last + 1):
+            yield from (f"later: {each}" for each in self._at(moment, claim) if each not in now)
+        if claim.kind is ClaimKind.NO_FLOW and claim.until is not None:
+            yield from (f"kept: {each}" for each in self._flows(KeptFlows(self._system).takes_time))
+
+    def _at(self, moment: int, claim: ClaimAtom) -> Iterator[str]:
+        asked = claims_at(self._system, moment, self._decisions)
         if claim.kind is ClaimKind.NO_FLOW:
-            flows = partial(_is_violated, asked)
-            yield from _flows(system, flows, claim, names, product(sources, targets))
+            yield from self._flows(lambda each: asked.violation(each) is not None)
         elif claim.kind is ClaimKind.ABLE and claim.pairs:
-            places = (claim.pairs[number] for number in asked.cut_off(claim))
-            yield from (f"{_named(system, names, one)} -> {_named(system, names, other)}" for one, other in places)
+            yield from (" -> ".join(map(self._names.place, claim.pairs[number])) for number in asked.cut_off(claim))
         else:
             for witness, _path in asked.violations(claim):
-                yield told(system, names, witness) + ("\0anybody" if asked.by_anybody(claim, witness) else "")
+                yield self._names.witness(witness)
 
-    starting = replace(claim, through=claim.through - claim.stopping)
-    now = set(islice(at(first, starting), MAX_BREACHES + 1))
-    yield from now
-    for moment in range(first + 1, last + 1):
-        yield from (f"later: {each}" for each in at(moment, claim) if each not in now)
-    if claim.kind is ClaimKind.NO_FLOW and claim.until is not None:
-        kept = _flows(system, KeptFlows(system).takes_time, claim, names, product(sources, targets))
-        yield from (f"kept: {each}" for each in kept)
+    def _flows(self, flows: Callable[[ClaimAtom], bool]) -> Iterator[str]:
+        """Between which places there is a flow, and the least attacker who makes one."""
+        attackers = ATTACKERS[: ATTACKERS.index(self._claim.attacker) + 1]
+        for source, target in self._pairs:
+            for attacker in attackers:
+                if flows(replace(self._claim, source=source, target=target, attacker=attacker)):
+                    yield f"{attacker.value}: {self._names.place(source)} -> {self._names.place(target)}"
+                    break
 
-
-def _each(system: System, names: _Names, place: Place) -> list[Place]:
-    """Its enclaves one by one, its topics by their names and domains, and who has no key."""
-    topics: dict[str, set[int]] = {}
-    for channel in sorted(place.channels):
-        topics.setdefault(_topic(system, names, channel), set()).add(channel)
-    found = [Place(enclaves=frozenset({enclave})) for enclave in sorted(place.enclaves)]
-    found += [Place(channels=frozenset(channels)) for channels in topics.values()]
-    return [*found, Place(outsider=True)] if place.outsider else found
+    def _each(self, place: Place) -> list[Place]:
+        """Its enclaves one by one, its topics by their names and domains, and who has no key."""
+        topics = gathered((self._names.topic(channel), channel) for channel in sorted(place.channels))
+        found = [Place(enclaves=frozenset({enclave})) for enclave in sorted(place.enclaves)]
+        found += [Place(channels=frozenset(channels)) for channels in topics.values()]
+        return [*found, *[Place(outsider=True)] * place.outsider]
 
 
-def _is_violated(asked: Claims, claim: ClaimAtom) -> bool:
-    return asked.violation(claim) is not None
+# Who else could publish, beside a claim of who may.
 
 
-def _flows(
-    system: System,
-    flows: Callable[[ClaimAtom], bool],
-    claim: ClaimAtom,
-    names: _Names,
-    pairs: Iterable[tuple[Place, Place]],
-) -> Iterator[str]:
-    """Between which of them there is a flow, and the least attacker who makes one."""
-    attackers = ATTACKERS[: ATTACKERS.index(claim.attacker) + 1]
-    for source, target in pairs:
-        for attacker in attackers:
-            one = replace(claim, source=source, target=target, attacker=attacker)
-            if flows(one):
-                yield f"{attacker.value}: {_named(system, names, source)} -> {_named(system, names, target)}"
-                break
+def _forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
+    """Who is not among the permitted publishers and could pass for one with the keys that they hold; ANYBODY last."""
+    asked = bits(claim.target.channels)
+    names: dict[str, None] = {}
+    permissions = Permissions(system)
+    views = trust_domain_views(system, permissions)
+    flows = Flows(system, views)
+    foreign = [number for number in range(len(system.enclaves)) if number not in claim.source.enclaves]
+    for view in views:
+        for number in foreign:
+            others = (view.abilities(other) for other in flows.acting(number) if other != number)
+            forged = view.abilities(number).forges | union(able.forges | able.may_write for able in others)
+            if forged & asked:
+                names[system.enclaves[number].label] = None
+        for certificate, able in view.elsewhere.items():
+            if able.forges & asked and certificate not in claim.source.certificates:
+                named = permissions.admitting(certificate, view.accepted)  # else by what could not be read alone
+                who = shorten(system.certificates[certificate].label, MAX_SUBJECT) if named else UNREAD_IDENTITY
+                names[left_out(system, certificate) or f"whoever is {who}"] = None
+    if any(view.injectable & asked for view in views):
+        names[ANYBODY] = None
+    return tuple(names)
 
 
-def _named(system: System, names: _Names, place: Place) -> str:
-    enclaves = [_called(system, enclave) for enclave in sorted(place.enclaves)]
-    topics = sorted({_topic(system, names, channel) for channel in place.channels})
-    return ", ".join([*enclaves, *topics, *(["outsider"] if place.outsider else [])])
+# Whom Cyclone DDS takes grants for beside those whose subjects they tell: whoever has a subject of some of its parts.
+#
+# A grant of `CN=/robot/arm` names `CN=/robot` too. No keystore says whether its CA vouches for somebody of such a name
+# elsewhere, and for each grant there is one: `CN=/`, the enclave `/` of sros2, which nodes use that are given none. So
+# that is said beside a claim of who alone may publish, and violates it only where the keystore tells of one.
+
+_BETWEEN_PARTS: Final = re.compile("[,/|]")
 
 
-def _topic(system: System, names: _Names, channel: int) -> str:
-    return f"topic {names[channel]} in {system.domains[system.channels[channel].domain].label}"
+def _shorter_subjects(system: System, claim: ClaimAtom) -> Mapping[str, str]:
+    """A subject that nobody here has, by the subject_name of a grant that lets it publish what the claim is about."""
+    comparisons = {VARIANTS[name].trust.subjects for name in system.profiles if name in VARIANTS}
+    granting = sorted(_granting(system, bits(claim.target.channels))) if comparisons & TOKENWISE else []
+    known = {meaning(certificate.label) for certificate in system.certificates}
+    wanted: dict[int, list[ToldSubject]] = {
+        grant: [each for each in _shorter(system.grants[grant].subject) if meaning(each.subject) not in known]
+        for grant in granting
+    }
+    found: dict[str, str] = {}
+    for comparison in sorted(comparisons & TOKENWISE, key=lambda each: each.value):
+        deciding = _deciding(system, wanted, comparison)
+        for grant, subjects in wanted.items():
+            taken = [each.subject for each in subjects if grant in deciding[each.subject]]
+            for subject in taken[:1]:
+                found.setdefault(system.grants[grant].subject, subject)
+    return found
 
 
-def _called(system: System, number: int) -> str:
-    """An enclave by its path; an unmanaged identity also by all of its subject, of which its label holds a part."""
-    enclave = system.enclaves[number]
-    if not enclave.unmanaged or enclave.identity is None:
-        return enclave.label
-    return f"{enclave.label} {system.certificates[enclave.identity].label}"
+def _granting(system: System, asked: int) -> Iterator[int]:
+    """The grants in force that let publish some of these channels, in documents that peers take."""
+    permissions = Permissions(system)
+    governed = [(view.accepted, view.protection.governed & asked) for view in trust_domain_views(system, permissions)]
+    for number, grant in enumerate(system.grants):
+        here = [channels for accepted, channels in governed if channels and grant.document in accepted]
+        if here and permissions.in_force(grant.not_before, grant.not_after):
+            allowed = permissions.met(permissions.allowed(number, Operation.PUBLISH))
+            if any(allowed & channels for channels in here):
+                yield number
 
 
-def told(system: System, names: _Names, witness: Witness) -> str:
-    """Who, on what and where, by names that do not hang on the order of atoms; a trust domain has none."""
-    told = []
-    for role, atom in sorted(witness.items()):
-        if role in (Role.ENCLAVE, Role.OTHER):
-            told.append(_called(system, atom))
-        elif role is Role.CERTIFICATE:
-            told.append(system.certificates[atom].label)
-        elif role is Role.CHANNEL:
-            channel = system.channels[atom]
-            told += [names[atom], channel.partition, system.domains[channel.domain].label]
-        elif role is Role.DOMAIN:
-            told.append(system.domains[atom].label)
-    return "\0".join(told)
+def _shorter(text: str) -> Iterator[ToldSubject]:
+    """The subjects of all parts of the text but the last ones, the longest first; of too many it names nobody."""
+    places = [found.start() for found in _BETWEEN_PARTS.finditer(text)]
+    for place in reversed(places) if len(places) <= MAX_PIECES else ():
+        kept = text[: place + 1] if text[:place].endswith("=") else text[:place]  # no subject ends so: `CN=/` is one
+        subject = told(kept)
+        if subject is not None:
+            yield subject
+
+
+def _deciding(
+    system: System, wanted: Mapping[int, Iterable[ToldSubject]], comparison: SubjectComparison
+) -> Mapping[str, frozenset[int]]:
+    """By subject: the grants that decide about it, of each document the first that is taken to name it."""
+    subjects = list({each.subject: each for several in wanted.values() for each in several}.values())
+    documents = {system.grants[number].document for number in wanted}
+    grants = [number for number, grant in enumerate(system.grants) if grant.document in documents]
+    named = matching([system.grants[number].subject for number in grants], subjects, comparison)
+    first: list[dict[int, int]] = [{} for _ in subjects]
+    for number in grants:
+        for place in named[system.grants[number].subject]:
+            first[place].setdefault(system.grants[number].document, number)
+    return {each.subject: frozenset(by.values()) for each, by in zip(subjects, first, strict=True)}
 
 
 def with_violations(
     results: Iterable[PropertyResult], systems: Sequence[System], answers: Sequence[Mapping[str, Answer]]
 ) -> tuple[PropertyResult, ...]:
     """The results, each with what violates it under each profile, as far as the native engine keeps it."""
-    return tuple(replace(each, violations=tuple(sorted(set(_violations(each, systems, answers))))) for each in results)
+    names = [_Names(system) for system in systems]
 
+    def violations(result: PropertyResult) -> Iterator[str]:
+        for system, called, answered in zip(systems, names, answers, strict=True):
+            profiles = _violated(result, system)
+            for witness in answered[result.prop.id].witnesses if profiles else ():
+                yield from (f"{profile}: {called.witness(witness)}" for profile in profiles)
 
-def _violations(
-    result: PropertyResult, systems: Sequence[System], answers: Sequence[Mapping[str, Answer]]
-) -> Iterator[str]:
-    for system, answered in zip(systems, answers, strict=True):
-        profiles = _violated(result, system)
-        names = {number: channel.topic for number, channel in enumerate(system.channels)} if profiles else {}
-        for witness in answered[result.prop.id].witnesses if profiles else ():
-            yield from (f"{profile}: {told(system, names, witness)}" for profile in profiles)
+    return tuple(replace(each, violations=tuple(sorted(set(violations(each))))) for each in results)
 
 
 def _violated(result: PropertyResult, system: System) -> list[str]:

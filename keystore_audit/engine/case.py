@@ -14,9 +14,19 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.system import DocumentAtom, DomainRuleAtom, Participant, System, TopicRuleAtom
+from keystore_audit.model.formal.system import (
+    DocumentAtom,
+    DomainRuleAtom,
+    Participant,
+    System,
+    TopicRuleAtom,
+)
 from keystore_audit.model.names import AMBIENT, ros_name
-from keystore_audit.properties.result import Role, Step, Witness
+from keystore_audit.properties.result import Counterexample, Role, Step, Witness
+from keystore_audit.text import some
+
+MAX_UNREAD: Final = 3
+"""Of what could not be read, how many are named; the rest are counted."""
 
 Told = tuple[str, tuple[Step, ...]]
 """A text and its steps."""
@@ -43,13 +53,12 @@ class Case:
         self.trust_domain = self.enclave.trust_domain if named is None else named
         self.trust = system.trust_domains[self.trust_domain]
         self.number = witness.get(Role.CHANNEL, 0)
-        governance = self.trust.governance
-        self.governance = None if governance is None else system.documents[governance]
-        self.is_open = self.governance is not None and self.governance.opaque
 
     def at(self, witness: Witness) -> Case:
         """The same with other atoms for some roles."""
-        return Case(self.system, {**self.witness, **witness})
+        there = Case(self.system, {**self.witness, **witness})
+        there.permissions, there.views = self.permissions, self.views
+        return there
 
     @cached_property
     def permissions(self) -> Permissions:
@@ -115,16 +124,6 @@ class Case:
         """The channel, and those whose endpoints are met in it."""
         return [self.number, *(n for n, others in enumerate(self.system.meets) if self.number in others)]
 
-    def opaque_document(self) -> DocumentAtom | None:
-        """A document that could not be read, which may grant anything: one that governs nothing, if there is one."""
-        governing = {trust.governance for trust in self.system.trust_domains}
-        opaque = [(n in governing, n) for n, document in enumerate(self.system.documents) if document.opaque]
-        return self.system.documents[min(opaque)[1]] if opaque else None
-
-    def is_unread(self, authorities: frozenset[int]) -> bool:
-        """Whether these authorities stand for whatever is in a CA file that could not be read."""
-        return any(self.system.certificates[number].opaque for number in authorities)
-
     def has_authority_key(self, certificate: int | None) -> bool:
         """Whether the key of a certificate is that of a permissions CA of the trust domain."""
         return certificate is not None and self.system.certificates[certificate].key in self.view.authority_keys
@@ -152,9 +151,8 @@ class Case:
         return step_at(who.location, who.label, enclave=enclave.label)
 
     def governance_steps(self) -> tuple[Step, ...]:
-        """The rules that protect the channel, or the governance document where it could not be read."""
-        rules = (self.governance,) if self.is_open else (self.topic_rule, self.domain_rule)
-        return tuple(self.step(rule.location) for rule in rules if rule is not None)
+        """The rules that protect the channel."""
+        return tuple(self.step(rule.location) for rule in (self.topic_rule, self.domain_rule) if rule is not None)
 
     def right_steps(self, enclave: int, operation: Operation) -> tuple[Step, ...]:
         """The line that gives an enclave a right, where there is one."""
@@ -198,19 +196,37 @@ class Case:
 
     def kinds(self) -> str:
         """The protection kinds that apply to the channel, in words."""
-        if self.is_open or self.topic_rule is None or self.domain_rule is None:
-            return "the governance document could not be read, so it may protect nothing"
+        if self.topic_rule is None or self.domain_rule is None:
+            return "no rule of the governance is about it"
         return (
             f"rtps_protection_kind is {self.domain_rule.rtps_protection_kind.value}, "
             f"metadata_protection_kind {self.topic_rule.metadata_protection_kind.value}, "
             f"data_protection_kind {self.topic_rule.data_protection_kind.value}"
         )
 
+    def named(self) -> list[str]:
+        """The enclave and the topic that the witness names."""
+        enclave = [self.enclave.label] if Role.ENCLAVE in self.witness else []
+        return [*enclave, *([self.topic] if Role.CHANNEL in self.witness else [])]
+
     def open_door(self) -> str:
         """That the domain's rule lets in whom nobody authenticates, where it does, as the end of a sentence."""
         rule = self.domain_rule
         allowed = rule is not None and rule.allow_unauthenticated_participants
         return ", and messages of unauthenticated participants are allowed in the clear" if allowed else ""
+
+
+def not_excluded(system: System, *about: str) -> Counterexample | None:
+    """What is told where anything could not be read, which may say whatever a witness needs; None: all was read."""
+    every: list[DocumentAtom | Participant] = [*system.documents, *system.enclaves]
+    unread = [each for each in every if each.opaque]
+    names = [each.location.path for each in unread]
+    names += ["a CA file" for each in system.certificates if each.opaque]
+    if not names:
+        return None
+    files = some(dict.fromkeys(names), MAX_UNREAD)
+    text = f"It cannot be excluded of {' on '.join(about) or 'anybody'}: {files} could not be read."
+    return Counterexample(text=text, steps=tuple(step_at(each.location, each.label) for each in unread[:MAX_UNREAD]))
 
 
 def step_at(location: Location | None, witness: str, *, channel: str | None = None, enclave: str | None = None) -> Step:
@@ -273,12 +289,11 @@ def way(case: Case, enclave: int, operation: Operation, *, alone: bool) -> Told:
         own = _BY_ITSELF[operation], steps
     if own is not None:
         return _shown(case, enclave, own)
-    enclaves, key = case.system.enclaves, case.system.key_of(enclave)
-    for number, atom in enumerate(enclaves):
-        same = enclaves[enclave].opaque or atom.opaque or (key is not None and key == case.system.key_of(number))
-        other = _as_itself(case, number, operation) if same and number != enclave else None
-        if other is not None:
-            why = f"it has the key of {atom.label}" + (f": {other[0]}" if other[0] else "")
+    key = case.system.key_of(enclave)
+    sharing = () if key is None else case.system.holders().get(key, ())
+    for number in (each for each in sharing if each != enclave):
+        if (other := _as_itself(case, number, operation)) is not None:
+            why = f"it has the key of {case.system.enclaves[number].label}" + (f": {other[0]}" if other[0] else "")
             return _shown(case, number, (why, other[1]))
     return as_anybody(case, operation, enclave) or _by_keys(case, enclave)
 
@@ -326,7 +341,7 @@ def _by_keys(case: Case, enclave: int) -> Told:
 
 
 def _as_itself(case: Case, enclave: int, operation: Operation) -> Told | None:
-    for right in () if case.is_open else case.rights(enclave, operation):
+    for right in case.rights(enclave, operation):
         if right.document in case.view.genuine:
             return _along(case, enclave, right.location, _BY_PATTERN if right.by_pattern else "")
     return _uncontrolled(case, enclave, operation) or _peer_authorised(case, enclave, operation)
@@ -336,7 +351,7 @@ def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Told | None
     """By a topic rule that asks for no right."""
     kind = {Operation.PUBLISH: "write", Operation.SUBSCRIBE: "read"}.get(operation)
     rule, flag = case.topic_rule, f"enable_{kind}_access_control"
-    if kind is None or rule is None or case.is_open or getattr(rule, flag):
+    if kind is None or rule is None or getattr(rule, flag):
         return None
     return _along(case, enclave, rule.location, f"{flag} is false")
 
@@ -344,10 +359,7 @@ def _uncontrolled(case: Case, enclave: int, operation: Operation) -> Told | None
 def _peer_authorised(case: Case, number: int, operation: Operation) -> Told | None:
     """By a right that peers concede though the permissions CA did not give it."""
     enclave = case.system.enclaves[number]
-    if case.is_open:
-        return case.kinds(), case.governance_steps()
     as_whom = (
-        (enclave.opaque, "its identity could not be read, so it may be anybody"),
         (case.has_authority_key(enclave.identity), "its key is that of the permissions CA"),
         (case.view.self_granting(number), "it can sign itself permissions that its peers accept"),
         (
@@ -359,14 +371,11 @@ def _peer_authorised(case: Case, number: int, operation: Operation) -> Told | No
         if so:
             return why, (case.identity_step(enclave),)
     for right in case.rights(number, operation):
-        document = case.system.documents[right.document]
-        if not document.opaque and right.document not in case.view.genuine:
-            why = f"{document.label} grants it, which the permissions CA did not sign and peers accept"
+        if right.document not in case.view.genuine:
+            label = case.system.documents[right.document].label
+            why = f"{label} grants it, which the permissions CA did not sign and peers accept"
             return _along(case, number, right.location, why)
-    unread = case.opaque_document()
-    if unread is None:
-        return None
-    return _along(case, number, unread.location, f"{unread.label} could not be read, so it may grant anything")
+    return None
 
 
 def _along(case: Case, enclave: int, location: Location, why: str) -> Told:

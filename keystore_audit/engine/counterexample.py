@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
-from keystore_audit.engine.case import Case, Told, beyond_grants, step_at
+from keystore_audit.engine.case import Case, Told, beyond_grants, not_excluded, step_at
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.flow import Flows
 from keystore_audit.model.formal.system import System
@@ -21,7 +21,10 @@ SUBSCRIBE: Final = Operation.SUBSCRIBE
 
 def describe(system: System, prop: Property, witness: Witness) -> Counterexample:
     """Return the counterexample that `witness`, an assignment of `prop.roles` to atoms of `system`, stands for."""
-    text, steps = _TELLERS[prop.id](Case(system, witness))
+    case = Case(system, witness)
+    if (unread := not_excluded(system, *case.named())) is not None:
+        return unread
+    text, steps = _TELLERS[prop.id](case)
     return Counterexample(text=text, steps=steps)
 
 
@@ -30,33 +33,17 @@ def describe(system: System, prop: Property, witness: Witness) -> Counterexample
 
 def _anybody_joins(case: Case) -> Told:
     domain = case.system.domains[case.witness[Role.DOMAIN]].label
-    if case.is_open or case.domain_rule is None:
-        location = None if case.governance is None else case.governance.location
-        why = "the governance document could not be read, so it may allow that"
-    else:
-        location, why = case.domain_rule.location, "allow_unauthenticated_participants is true there"
+    location = None if case.domain_rule is None else case.domain_rule.location
+    why = "allow_unauthenticated_participants is true there"
     step = step_at(location, "allow_unauthenticated_participants", channel=domain)
     return f"A participant without any identity may join {domain}: {why}.", (step,)
 
 
 def _identity(case: Case) -> Told:
-    enclave = case.enclave
-    if enclave.opaque or enclave.identity is None:
-        step = step_at(enclave.location, enclave.label, enclave=enclave.label)
-        return f"The identity of {enclave.label} could not be read: it may be anybody.", (step,)
-    text = (
-        f"The identity of {enclave.label} ({case.system.certificates[enclave.identity].label}) is not one that "
-        f"its peers may trust: {_distrust(case, enclave.identity)}."
-    )
-    return text, (case.identity_step(enclave),)
-
-
-def _distrust(case: Case, number: int) -> str:
-    """Why an identity is not vouched for, in force and unrevoked."""
-    authorities, identity = case.trust.identity_ca, case.system.certificates[number]
-    issuers = [case.system.certificates[each] for each in identity.issuers & authorities]
-    reasons = (
-        (case.is_unread(authorities), "the identity CA file could not be read"),
+    number, authorities, certificates = case.enclave.identity, case.trust.identity_ca, case.system.certificates
+    identity = certificates[number or 0]
+    issuers = [certificates[each] for each in identity.issuers & authorities]
+    why = _first(
         (not authorities, "there is no certificate of an identity CA"),
         (not issuers, "no certificate of its identity CA has issued it"),
         (number in case.trust.revoked, "its identity CA has revoked it"),
@@ -64,6 +51,12 @@ def _distrust(case: Case, number: int) -> str:
         (not any(issuer.authority for issuer in issuers), "its issuer may not issue certificates"),
         (True, "its issuer is not in force"),
     )
+    text = f"The identity of {case.enclave.label} ({identity.label}) is not one that its peers may trust: {why}."
+    return text, (case.identity_step(case.enclave),)
+
+
+def _first(*reasons: tuple[bool, str]) -> str:
+    """The first reason that is so."""
     return next(why for so, why in reasons if so)
 
 
@@ -72,10 +65,8 @@ def _document(case: Case) -> Told:
     document, who = case.system.documents[number], case.enclave.label
     signers = sorted(document.signers)
     signer = case.system.certificates[signers[0]].label if signers else ""
-    reasons = (
-        (document.opaque, "could not be read, so nobody knows who signed it"),
+    why = _first(
         (not document.intact or not signers, "bears no signature that these implementations can verify"),
-        (case.is_unread(authorities), f"is signed by {signer}, and the permissions CA file could not be read"),
         (not authorities, f"is signed by {signer}, and there is no certificate of a permissions CA"),
         (number in case.view.genuine, f"is signed by {signer}, which is not in force"),
         (
@@ -84,16 +75,12 @@ def _document(case: Case) -> Told:
         ),
         (True, f"is signed by {signer}, not by the permissions CA alone"),
     )
-    why = next(why for so, why in reasons if so)
     step = step_at(document.location, document.label, enclave=who)
     return f"{document.label}, which {who} uses, {why}.", (step,)
 
 
 def _shared_key(case: Case) -> Told:
     one, other = case.enclave, case.system.enclaves[case.witness[Role.OTHER]]
-    if one.opaque:
-        text = f"The identity of {one.label} could not be read: it may be that of another enclave."
-        return text, (case.identity_step(one),)
     text = f"{one.label} and {other.label} have the same identity key, so each can pass for the other."
     return text, (case.identity_step(one), case.identity_step(other))
 
@@ -101,31 +88,14 @@ def _shared_key(case: Case) -> Told:
 def _grants_itself(case: Case) -> Told:
     enclave, who = case.enclave, case.enclave.label
     steps = (case.identity_step(enclave),)
-    reasons = (
-        (enclave.opaque, f"The identity of {who} could not be read: it may be one that signs permissions."),
-        (
-            case.is_unread(case.trust.permissions_ca),
-            f"A permissions CA file could not be read: {who} may be one that signs permissions.",
-        ),
-        (
-            case.has_authority_key(enclave.identity),
-            f"{who} can sign itself permissions: its key is that of the permissions CA.",
-        ),
-    )
-    for so, text in reasons:
-        if so:
-            return text, steps
+    if case.has_authority_key(enclave.identity):
+        return f"{who} can sign itself permissions: its key is that of the permissions CA.", steps
     if enclave.identity is not None and case.view.self_granting(case.witness[Role.ENCLAVE]):
         return _signs(case, enclave.identity)
     what = who
     if enclave.permissions is not None:
         document = case.system.documents[enclave.permissions]
         what, steps = document.label, (step_at(document.location, document.label, enclave=who),)
-        if document.opaque:
-            return (
-                f"{what}, which {who} uses, could not be read: the permissions CA may not have signed it, and peers "
-                "may accept it."
-            ), steps
     return f"{who} has permissions that the permissions CA did not sign and peers accept: {what}.", steps
 
 
@@ -153,9 +123,6 @@ def _signs(case: Case, identity: int) -> Told:
 def _one_authority(case: Case) -> Told:
     certificates = case.system.certificates
     one, other = (certificates[case.witness[role]] for role in (Role.CERTIFICATE, Role.OTHER_CERTIFICATE))
-    if one.opaque:
-        text = "CA files could not be read: identity CA and permissions CA may have one key."
-        return text, (step_at(one.location, one.label),)
     alike = f"{one.label} is" if one is other else f"{one.label} and {other.label} have one key: it is"
     text = (
         f"{alike} identity CA and permissions CA, so whoever has an identity of it passes for a signer of "
@@ -166,13 +133,7 @@ def _one_authority(case: Case) -> Told:
 
 def _shared_subject(case: Case) -> Told:
     one, other = case.enclave, case.system.enclaves[case.witness[Role.OTHER]]
-    if one.opaque:
-        step = step_at(one.location, one.label, enclave=one.label)
-        return f"The identity of {one.label} could not be read: grants for others may name it too.", (step,)
     grants = [grant.location for grant in case.system.grants if {one.identity, other.identity} <= grant.names]
-    if not grants and (document := case.opaque_document()):
-        text = f"{document.label} could not be read: a grant in it may name {one.label} and {other.label} alike."
-        return text, (step_at(document.location, document.label),)
     named = (step_at(place, one.label) for place in grants[:1])
     text = f"A grant names {one.label} and {other.label} alike: each has the rights of both."
     return text, (*named, case.identity_step(one), case.identity_step(other))
@@ -199,7 +160,7 @@ def _unprotected(what: str, otherwise: str) -> Callable[[Case], str]:
     flag, kind = f"enable_{what}_protection", f"{what}_protection_kind"
 
     def why(case: Case) -> str:
-        if case.is_open or case.topic_rule is None or case.domain_rule is None:
+        if case.topic_rule is None or case.domain_rule is None:
             return case.kinds()
         on, value = getattr(case.topic_rule, flag), getattr(case.domain_rule, kind).value
         said = f"{kind} is {value}" if on else f"{flag} is false for it"
@@ -211,7 +172,7 @@ def _unprotected(what: str, otherwise: str) -> Callable[[Case], str]:
 def _unenforced(case: Case) -> Told:
     """Which access control is off: one for which there is a grant to ask for, if all grants could be read."""
     topic_rule, domain_rule = case.topic_rule, case.domain_rule
-    if case.is_open or topic_rule is None or domain_rule is None:
+    if topic_rule is None or domain_rule is None:
         why, off = case.kinds(), case.governance_steps()
     else:
         controls = (
@@ -235,13 +196,11 @@ def _insider(does: str, operation: Operation) -> Callable[[Case], Told]:
 
 
 def _reader_forges(case: Case) -> Told:
-    right = case.right_steps(case.witness[Role.ENCLAVE], SUBSCRIBE)
-    only = "may only subscribe to" if right else "may have a right, which could not be read, only to subscribe to"
     text = (
-        f"{case.enclave.label}, which {only} {case.topic}, can pass for a publisher of it: readers "
+        f"{case.enclave.label}, which may only subscribe to {case.topic}, can pass for a publisher of it: readers "
         f"hold the keys of the writer, and no kind tells them apart ({case.kinds()})."
     )
-    return text, right + case.governance_steps()
+    return text, case.right_steps(case.witness[Role.ENCLAVE], SUBSCRIBE) + case.governance_steps()
 
 
 def _relay_reads(case: Case) -> Told:
@@ -257,8 +216,7 @@ def _bridge(case: Case) -> Told:
     trust_domain, writer = next(_feeding(case, channel), (case.trust_domain, enclave))
     there = case.at({Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel})
     other = case.system.enclaves[writer]
-    has = "may have" if other.opaque or case.enclave.opaque else "has"
-    guise = "" if writer == enclave else f" as {other.label}, whose key it {has}"
+    guise = "" if writer == enclave else f" as {other.label}, whose key it has"
     text = (
         f"{case.enclave.label} can read {case.topic} and write {there.topic}{guise}: what is said in the one can "
         "get into the other."

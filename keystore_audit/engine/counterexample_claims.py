@@ -5,22 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from keystore_audit.engine.alloy import moments
-from keystore_audit.engine.case import Case, Told, as_anybody, step_at, way
+from msgspec.structs import replace
+
+from keystore_audit.engine import moments
+from keystore_audit.engine.case import Case, Told, as_anybody, not_excluded, step_at, way
 from keystore_audit.engine.native_claims import claims_at
-from keystore_audit.findings import Location
 from keystore_audit.keystore.typed import Operation
-from keystore_audit.model.claims.named import UNREAD_IDENTITY, same_elsewhere
-from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
-from keystore_audit.model.formal.asked import Place as ClaimPlace
-from keystore_audit.model.formal.attacker import trust_domain_views
-from keystore_audit.model.formal.bit_sets import bits, union
-from keystore_audit.model.formal.flow import Flows
-from keystore_audit.model.formal.permission import Decisions, Permissions
+from keystore_audit.model.claims.named import same_elsewhere
+from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
+from keystore_audit.model.formal.flow import Leg
+from keystore_audit.model.formal.permission import Decisions
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import ros_name
 from keystore_audit.model.participants.unmanaged import MAX_SUBJECT
-from keystore_audit.properties.result import ANYBODY, Answer, Counterexample, Hop, Role
+from keystore_audit.properties.result import Answer, Counterexample, Role
 from keystore_audit.text import instant, shorten, some
 
 UNDER: Final = {
@@ -29,32 +27,53 @@ UNDER: Final = {
     Attacker.RELAYS: "if some of those named attack",
 }
 
+Stage = tuple[int, Sequence[Leg]]
+"""A moment, and the hops of a flow that are taken then."""
+
 
 def describe_claim(system: System, claim: ClaimAtom, answer: Answer) -> Counterexample:
     """The violation of a claim that an engine found, in the user's names."""
-    when, system = then_at(system, answer)
-    text, steps = _told(system, claim, answer, when)
-    return Counterexample(text=text, steps=steps)
-
-
-def _told(system: System, claim: ClaimAtom, answer: Answer, when: str) -> Told:
-    if claim.kind is ClaimKind.ABLE:
-        return _nothing_gets_there(system, claim, when), ()
+    moment = 2 * system.now if answer.moment is None else answer.moment
     if answer.path:
-        ways = [way for hop in answer.path for way in hop_ways(system, claim, hop)]
-        reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(why for why, _steps in ways if why))
-        attacker = Attacker.HONEST if by_right(system, claim, answer.path) else claim.attacker
-        text = f"{route(system, claim, answer.path)} ({UNDER[attacker]}{when}).{reasons}"
-        return text, tuple(dict.fromkeys(step for _why, steps in ways for step in steps))
-    witness = answer.witnesses[0] if answer.witnesses else {}
-    if claim.kind is ClaimKind.SEPARATE_DOMAINS and Role.DOMAIN in witness:
-        return _shared_domain(Case(system, witness), claim, when)
-    if Role.CHANNEL not in witness:
-        return f"It is violated, and no example was given{when}.", ()
-    return (_publisher if claim.kind is ClaimKind.ONLY_PUBLISH else _reading)(Case(system, witness), when)
+        return describe_flow(system, claim, [(moment, answer.path)])
+    when, then = _then_at(system, moment)
+    if claim.kind is ClaimKind.ABLE:
+        return Counterexample(text=f"{_nothing_gets_there(then, claim)}{when}.", steps=())
+    if not any(answer.witnesses):
+        return Counterexample(text=f"It is violated, and no example was given{when}.", steps=())
+    case = Case(then, answer.witnesses[0])
+    if (unread := not_excluded(then, *case.named())) is not None:
+        return unread
+    text, steps = (_shared_domain if claim.kind is ClaimKind.SEPARATE_DOMAINS else _somebody)(case, claim)
+    return Counterexample(text=f"{text}{when}.", steps=steps)
 
 
-def _nothing_gets_there(system: System, claim: ClaimAtom, when: str) -> str:
+def describe_flow(system: System, claim: ClaimAtom, stages: Sequence[Stage]) -> Counterexample:
+    """A flow, moment by moment: who gets something may keep it, and pass it on later."""
+    routes: list[str] = []
+    ways: list[Told] = []
+    attacker, when = Attacker.HONEST, ""
+    for number, (moment, legs) in enumerate(stages):
+        when, then = _then_at(system, moment)
+        part = replace(
+            claim,
+            source=claim.source if number == 0 else Place(),
+            target=claim.target if number == len(stages) - 1 else Place(),
+        )
+        case = Case(then, {Role.TRUST_DOMAIN: 0})
+        hops = [(at_hop(case, leg), leg) for leg in legs]
+        routes.append(_route(part, hops) + ((when or " now") if len(stages) > 1 else ""))
+        attacker = attacker if _by_right(part, hops) else claim.attacker
+        ways += [way for hop in hops for way in hop_ways(part, *hop)]
+    route = "; then, of what was kept, ".join(routes)
+    if (unread := not_excluded(system, route)) is not None:
+        return unread
+    reasons = "".join(f" {why[0].upper()}{why[1:]}." for why in dict.fromkeys(why for why, _steps in ways if why))
+    text = f"{route} ({UNDER[attacker]}{when if len(stages) == 1 else ''}).{reasons}"
+    return Counterexample(text=text, steps=tuple(dict.fromkeys(step for _why, steps in ways for step in steps)))
+
+
+def _nothing_gets_there(system: System, claim: ClaimAtom) -> str:
     """Between which places, and what may keep it from them beside rights."""
     asked = claims_at(system, 2 * system.now, Decisions(system))
     between, numbers = "there", list(asked.cut_off(claim)) if len(claim.pairs) > 1 else []
@@ -63,6 +82,7 @@ def _nothing_gets_there(system: System, claim: ClaimAtom, when: str) -> str:
         more = f" (nor between {len(numbers) - 1} more of {len(claim.pairs)} pairs)" if len(numbers) > 1 else ""
         between = f"from {one} to {other}{more}"
     ending = some(sorted(system.enclaves[number].label for number in asked.ending(claim)), 1)
+    peers = system.trust_domains
     reasons = (
         (
             any(each.refused_writes or each.refused_reads for each in system.enclaves),
@@ -70,222 +90,172 @@ def _nothing_gets_there(system: System, claim: ClaimAtom, when: str) -> str:
         ),
         (ending, f": {ending} can start now, and not at every instant until then"),
         (
-            len({trust_domain.told for trust_domain in system.trust_domains} - {None}) > 1,
-            (
-                "; enclaves refuse each other whose permissions CA files begin with certificates of different names, "
-                "or of which one is signed with RSA"
-            ),
-        ),
-        (
-            any(trust_domain.refuses for trust_domain in system.trust_domains),
-            (
-                "; enclaves refuse identities of others, by their revocation lists or by dates and order of the "
-                "authorities in their identity CA files"
-            ),
+            any(not one.talks_to(other) for one in peers for other in peers) or any(each.refuses for each in peers),
+            "; enclaves refuse identities of others, by what their CA files and revocation lists are",
         ),
     )
-    but = "".join(reason for so, reason in reasons if so)
-    return f"Nothing gets {between} with the rights that enclaves have{but}{when}."
+    return f"Nothing gets {between} with the rights that enclaves have{''.join(why for so, why in reasons if so)}"
 
 
-def _told_place(system: System, place: ClaimPlace) -> str:
+def _told_place(system: System, place: Place) -> str:
     names = [system.enclaves[enclave].label for enclave in sorted(place.enclaves)]
     topics = sorted({system.channels[channel].topic for channel in place.channels}, key=lambda name: (len(name), name))
     names += [ros_name(topic) for topic in topics[:1]]
     return names[0] if names else "anybody on the network" if place.outsider else "what is not there, or was not read"
 
 
-def _reading(case: Case, when: str) -> Told:
-    """Who reads a topic that is not encrypted against it, or (an insider) with the key of somebody who may."""
+def _somebody(case: Case, claim: ClaimAtom) -> Told:
+    """Who else may publish a topic, or reads one that is not encrypted against it or with the key of who may."""
+    publishing = claim.kind is ClaimKind.ONLY_PUBLISH
+    operation = Operation.PUBLISH if publishing else Operation.SUBSCRIBE
+    does = f"{'may publish' if publishing else 'can read'} {case.topic}"
     if Role.CERTIFICATE in case.witness:
-        return _stranger_reading(case, case.witness[Role.CERTIFICATE], when)
-    does = f"can read {case.topic}"
+        return _stranger(case, does, operation)
     if Role.ENCLAVE in case.witness:
-        enclave = case.witness[Role.ENCLAVE]
+        enclave, who = case.witness[Role.ENCLAVE], case.enclave.label
+        if publishing:
+            return f"{who} {does} too", case.right_steps(enclave, operation) or case.governance_steps()
         why, steps = case.kinds(), case.governance_steps()
         if not case.view.abilities(enclave).overhears >> case.number & 1:
-            why, steps = way(case, enclave, Operation.SUBSCRIBE, alone=False)
-        return f"{case.enclave.label}, which may not, {does}: {why}{when}.", steps
-    if case.view.readable >> case.number & 1:
-        return f"Anybody on the network {does}: {case.kinds()}{when}.", case.governance_steps()
-    free = f"enable_join_access_control is false, and {_read_by(case)}"
-    return _known(case, does, f"{does} without a grant to, robots elsewhere too, since {free}", when)
+            why, steps = way(case, enclave, operation, alone=False)
+        return f"{who}, which may not, {does}: {why}", steps
+    if case.witness.get(Role.WITH_IDENTITY):
+        return _known(case, does, _let_in(case, operation))
+    if publishing:
+        does = (
+            f"may join without an identity and publish {case.topic}, since allow_unauthenticated_participants is true"
+        )
+    return f"Anybody on the network {does}: {case.kinds()}", case.governance_steps()
 
 
-def _known(case: Case, signing: str, joining: str, when: str) -> Told:
+def _known(case: Case, does: str, joining: str) -> Told:
     """What whoever has an identity of the CA does: by permissions that it signs itself, or since it joins at all."""
     if not case.view.granted_by_known >> case.number & 1:
         grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
-        return f"Whoever has an identity of the CA{grant} {joining}{when}.", case.governance_steps()
+        why = f"robots elsewhere too, since enable_join_access_control is false, and {joining}"
+        return f"Whoever has an identity of the CA{grant} {does} without a grant to, {why}", case.governance_steps()
     authority = case.system.certificates[min(case.view.issuing_signers)]
     text = (
-        f"Whoever has an identity of the CA that is fit to sign {signing}, robots elsewhere too, by permissions that "
-        f"it signs itself: {shorten(authority.label, MAX_SUBJECT)} stands for identities and for permissions, and "
-        f"these implementations accept any signer that it issued{when}."
+        f"Whoever has an identity of the CA that is fit to sign {does}, robots elsewhere too, by permissions that it "
+        f"signs itself: {shorten(authority.label, MAX_SUBJECT)} stands for identities and for permissions, and these "
+        "implementations accept any signer that it issued"
     )
     return text, (case.step(authority.location),)
 
 
-def _read_by(case: Case) -> str:
-    """Why who has joined the domain reads a topic without a grant to: nobody asks, or all have the keys."""
-    controlled = case.view.protection.read_controlled >> case.number & 1
-    return case.kinds() if controlled else "enable_read_access_control is false"
+def _let_in(case: Case, operation: Operation) -> str:
+    """Why who has joined the domain needs no grant: nobody asks, or all have the keys."""
+    protection, writes = case.view.protection, operation is Operation.PUBLISH
+    controlled = protection.write_controlled if writes else protection.read_controlled
+    if controlled >> case.number & 1:
+        return case.kinds()
+    return f"enable_{'write' if writes else 'read'}_access_control is false"
 
 
-def _stranger_reading(case: Case, identity: int, when: str) -> Told:
-    """Why somebody who has a certificate that no enclave has, or one that was left out, reads a topic."""
-    view, able = case.view, case.view.elsewhere[identity]
-    who, place, _unread = _stranger(case, identity, case.permissions.admitting(identity, view.accepted))
-    why, foreign = _read_by(case), view.accepted - view.genuine
-    signed = [each.location for each in case.rights_by(identity, Operation.SUBSCRIBE) if each.document in foreign]
-    if signed and (able.may_read & view.protection.read_controlled & ~able.overhears) >> case.number & 1:
-        place, why = signed[0], "peers accept a grant that the permissions CA did not sign"
-    text = f"{who} can read {case.topic} without a right to: {why}{when}."
-    return text, (case.step(place), *case.governance_steps())
+def _stranger(case: Case, does: str, operation: Operation) -> Told:
+    """By what somebody does it who has a certificate that no enclave has, or one that was left out."""
+    system, view, identity = case.system, case.view, case.witness[Role.CERTIFICATE]
+    able, writes = view.elsewhere[identity], operation is Operation.PUBLISH
+    documents = view.accepted if writes else view.accepted - view.genuine if able.may_read >> case.number & 1 else ()
+    taken = [each.location for each in case.rights_by(identity, operation) if each.document in documents]
+    steps = (case.step(taken[0] if taken else system.certificates[identity].location),)
+    who, known = f"Whoever is {shorten(system.certificates[identity].label, MAX_SUBJECT)}", left_out(system, identity)
+    beside = [
+        enclave.label
+        for number, enclave in enumerate(system.enclaves)
+        if not view.authenticated(number) and identity in same_elsewhere(system, number)
+    ]
+    read = "that could be read" if any(each.identity is None for each in system.left_out) else "of this keystore"
+    if known is not None:
+        who = known
+    elif beside:
+        who = f"{who} beside {beside[0]}, whose certificate peers refuse,"
+    else:
+        who = f"{who}, which is no enclave {read},"
+    why = f"peers take the grant in {taken[0]} from whoever has that subject" if taken else _let_in(case, operation)
+    text = f"{who} {does}{'' if writes else ' without a right to'}: {why}"
+    return text, (*steps, *(() if writes and taken else case.governance_steps()))
 
 
-def _publisher(case: Case, when: str) -> Told:
-    """Who else may publish: an enclave, whoever has a subject that is no enclave's here, or anybody."""
-    does = f"may publish {case.topic}"
-    if Role.ENCLAVE in case.witness:
-        steps = case.right_steps(case.witness[Role.ENCLAVE], Operation.PUBLISH) or case.governance_steps()
-        return f"{case.enclave.label} {does} too{when}.", steps
-    if Role.CERTIFICATE in case.witness:
-        return _stranger_publishing(case, case.witness[Role.CERTIFICATE], when)
-    if case.view.joining_anybody >> case.number & 1:
-        text = (
-            f"Anybody on the network may join without an identity and publish {case.topic}, since "
-            f"allow_unauthenticated_participants is true: {case.kinds()}{when}."
-        )
-        return text, case.governance_steps()
-    free = "enable_join_access_control and enable_write_access_control are false"
-    return _known(case, does, f"{does}, robots elsewhere too, since {free}", when)
-
-
-def _stranger_publishing(case: Case, identity: int, when: str) -> Told:
-    """By what somebody may publish who has a certificate that no enclave has, or one that was left out."""
-    rights = case.rights_by(identity, Operation.PUBLISH)
-    taken = [right.location for right in rights if right.document in case.view.accepted]
-    who, place, unread = _stranger(case, identity, taken)
-    steps = (case.step(taken[0]),) if taken else (case.step(place), *case.governance_steps())
-    does = f"{who} may publish {case.topic}"
-    if unread:
-        return f"{does}{when}.", steps
-    if _left_out(case.system, identity) is not None:
-        return f"{does} too{when}.", steps
-    why = (
-        f"peers take the grant in {taken[0]} from whoever has that subject" if taken else "nobody asks for such a grant"
-    )
-    return f"{does}{when}: {why}.", steps
-
-
-def _stranger(case: Case, identity: int, admitting: Sequence[object]) -> tuple[str, Location, bool]:
-    """Who has a certificate that no enclave has, and its place; or, as nothing known is `admitting` it, whoever is let
-    in by what could not be read, and that this is why.
-    """
-    unread = None if admitting else case.opaque_document()
-    if unread is None:
-        return _who_has(case, identity), case.system.certificates[identity].location, False
-    return f"Whoever {unread.location.path}, which could not be read, lets in", unread.location, True
-
-
-def _left_out(system: System, certificate: int) -> str | None:
+def left_out(system: System, certificate: int) -> str | None:
     """The enclave that has a certificate and was left out."""
     return next((each.label for each in system.left_out if each.identity == certificate), None)
 
 
-def _who_has(case: Case, certificate: int) -> str:
-    """Who has a certificate that no enclave has, or one that was left out, as the beginning of a sentence."""
-    system, view = case.system, case.view
-    left_out = _left_out(system, certificate)
-    if left_out is not None:
-        return left_out
-    who = f"Whoever is {shorten(system.certificates[certificate].label, MAX_SUBJECT)}"
-    for number, enclave in enumerate(system.enclaves):
-        if not view.authenticated(number) and certificate in same_elsewhere(system, number):
-            return f"{who} beside {enclave.label}, whose certificate peers refuse,"
-    unknown = any(each.identity is None for each in system.left_out) or any(each.opaque for each in system.enclaves)
-    return f"{who}, which is no enclave {'that could be read' if unknown else 'of this keystore'},"
-
-
-def then_at(system: System, answer: Answer) -> tuple[str, System]:
+def _then_at(system: System, moment: int) -> tuple[str, System]:
     """Since when it is so, where that is not now, and the system as it is then."""
-    moment = answer.moment
-    if moment is None:
-        moment = 2 * (answer.path[0].instant if answer.path else system.now)
     index, after = divmod(moment, 2)
     since = f", {'after' if after else 'from'} {instant(system.instants[index])}{'' if after else ' on'}"
     return since if moment != 2 * system.now else "", moments.at(system, moment)
 
 
-def route(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> str:
+def at_hop(case: Case, leg: Leg) -> Case:
+    """The channel of a hop as its receiver's peers protect it."""
+    enclave = leg.sender if leg.receiver is None else leg.receiver
+    if enclave is None:
+        return case.at({Role.TRUST_DOMAIN: 0, Role.CHANNEL: leg.channel})
+    trust_domain = case.system.enclaves[enclave].trust_domain
+    return case.at({Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: leg.channel, Role.ENCLAVE: enclave})
+
+
+def _route(claim: ClaimAtom, hops: Sequence[tuple[Case, Leg]]) -> str:
     """`/random -> /low_priority -> /multiplexer -> ...`: participants and topics in turn."""
 
-    def who(enclave: int | None) -> str:
-        return "anybody on the network" if enclave is None else system.enclaves[enclave].label
+    def who(case: Case, enclave: int | None) -> str:
+        return "anybody on the network" if enclave is None else case.system.enclaves[enclave].label
 
-    words = [] if claim.source.channels else [who(path[0].sender)]
-    for number, hop in enumerate(path):
-        words.append(_case(system, hop).topic)
-        if number < len(path) - 1 or not claim.target.channels:
-            words.append(who(hop.receiver))
+    words = [] if claim.source.channels else [who(hops[0][0], hops[0][1].sender)]
+    for number, (case, leg) in enumerate(hops):
+        words.append(case.topic)
+        if number < len(hops) - 1 or not claim.target.channels:
+            words.append(who(case, leg.receiver))
     return " -> ".join(words)
 
 
-def _case(system: System, hop: Hop) -> Case:
-    """The channel of a hop as its receiver's peers protect it."""
-    enclave = hop.receiver if hop.receiver is not None else hop.sender
-    trust_domain = 0 if enclave is None else system.enclaves[enclave].trust_domain
-    witness = {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: hop.channel}
-    return Case(system, witness if enclave is None else {**witness, Role.ENCLAVE: enclave})
-
-
-def by_right(system: System, claim: ClaimAtom, path: Sequence[Hop]) -> bool:
+def _by_right(claim: ClaimAtom, hops: Sequence[tuple[Case, Leg]]) -> bool:
     """Whether it needs no attack: at each hop, in one trust domain, who sends may write and who gets it may read.
 
     A flow begins and ends by itself at a channel that the claim names.
     """
-    for number, hop in enumerate(path):
-        honest = _case(system, hop).view.honest
+    for number, (case, leg) in enumerate(hops):
+        honest, enclaves = case.view.honest, case.system.enclaves
         begins = number == 0 and bool(claim.source.channels)
-        ends = number == len(path) - 1 and bool(claim.target.channels)
-        sent = begins if hop.sender is None else honest(hop.sender).may_write >> hop.channel & 1
-        got = ends if hop.receiver is None else honest(hop.receiver).may_read >> hop.channel & 1
-        trust_domains = {system.enclaves[each].trust_domain for each in (hop.sender, hop.receiver) if each is not None}
-        if not (sent and got) or len(trust_domains) != 1:
+        ends = number == len(hops) - 1 and bool(claim.target.channels)
+        sent = begins if leg.sender is None else honest(leg.sender).may_write >> leg.channel & 1
+        got = ends if leg.receiver is None else honest(leg.receiver).may_read >> leg.channel & 1
+        if (
+            not (sent and got)
+            or len({enclaves[e].trust_domain for e in (leg.sender, leg.receiver) if e is not None}) > 1
+        ):
             return False
     return True
 
 
-def hop_ways(system: System, claim: ClaimAtom, hop: Hop) -> list[Told]:
+def hop_ways(claim: ClaimAtom, case: Case, leg: Leg) -> list[Told]:
     """Why a sample gets over: one way for the end that sends and one for the end that gets it.
 
-    A channel that the claim names is a place, where a flow begins or ends by itself.
+    A channel that the claim names is a place, where a flow begins or ends by itself. Who gets the sample and listens,
+    or attacks, asks for no right: its sender need only make a writer.
     """
-    case = _case(system, hop)
+    sender, receiver = leg.sender, leg.receiver
+    shows = sender is not None and (
+        (receiver is None and not claim.target.channels)
+        or (claim.attacker is Attacker.RELAYS and not case.view.abilities(sender).forges >> leg.channel & 1)
+    )
     ways: list[Told | None] = []
     for enclave, operation, place, alone in (
-        (hop.sender, Operation.PUBLISH, claim.source, _shows_it(case, claim, hop)),
-        (hop.receiver, Operation.SUBSCRIBE, claim.target, True),
+        (sender, Operation.PUBLISH, claim.source, shows),
+        (receiver, Operation.SUBSCRIBE, claim.target, True),
     ):
         if enclave is not None:
             why, steps = way(case, enclave, operation, alone=alone)
-            ways.append((f"{system.enclaves[enclave].label}: {why}" if why else "", steps))
+            ways.append((f"{case.system.enclaves[enclave].label}: {why}" if why else "", steps))
         elif not place.channels:
             ways.append(as_anybody(case, operation, None))
     return [each for each in ways if each is not None]
 
 
-def _shows_it(case: Case, claim: ClaimAtom, hop: Hop) -> bool:
-    """Whether the sender need only make a writer: who gets the sample listens, or attacks, and asks for no right."""
-    if hop.sender is None:
-        return False
-    if hop.receiver is None and not claim.target.channels:
-        return True
-    return claim.attacker is Attacker.RELAYS and not case.view.abilities(hop.sender).forges >> hop.channel & 1
-
-
-def _shared_domain(case: Case, claim: ClaimAtom, when: str) -> Told:
+def _shared_domain(case: Case, claim: ClaimAtom) -> Told:
     asked, rule = case.witness[Role.DOMAIN], case.domain_rule
     domain = case.system.domains[asked].label
     step = step_at(None if rule is None else rule.location, domain, channel=domain)
@@ -295,52 +265,26 @@ def _shared_domain(case: Case, claim: ClaimAtom, when: str) -> Told:
         for peers in (case.views, [case.view])
     )
     sides = claim.source.enclaves | claim.target.enclaves
-    names = [_with_its_key(case.system, each, sides) for each in sorted(both, key=lambda each: each not in joining)]
+    one, other = (_with_its_key(case.system, each, sides) for each in sorted(both, key=lambda n: n not in joining))
     if both[0] == both[1]:
-        text = f"As {names[0]} both sides {'may' if case.enclave.opaque else 'can'} join {domain}{when}."
+        text = f"As {one} both sides can join {domain}"
     elif len(joining) == 1:
         text = (
-            f"{names[0]} can join {domain}, where {names[1]} starts too, by what its own implementation makes of "
-            f"its permissions{when}: it refuses nobody who may be there, and who attacks takes it."
+            f"{one} can join {domain}, where {other} starts too, by what its own implementation makes of its "
+            "permissions: it refuses nobody who may be there, and who attacks takes it"
         )
     else:
         how = "" if len(here) > 1 else ", each let in by other peers"
         if case.view.protection.unauthenticated >> asked & 1:
             how = ", where anybody is let in without an identity"
-        text = f"{names[0]} and {names[1]} can both join {domain}{when}{how}."
+        text = f"{one} and {other} can both join {domain}{how}"
     return text, (step,)
 
 
 def _with_its_key(system: System, enclave: int, among: frozenset[int]) -> str:
-    """An enclave, with who else has its key, or that nobody knows whose it is."""
-    atom, key = system.enclaves[enclave], system.key_of(enclave)
-    if atom.opaque:
-        return f"{atom.label}, whose identity could not be read,"
+    """An enclave, with who else has its key."""
+    key, label = system.key_of(enclave), system.enclaves[enclave].label
     others = [system.enclaves[each].label for each in sorted(among - {enclave}) if system.key_of(each) == key]
     if key is None or not others:
-        return atom.label
-    return f"{atom.label}, whose key {some(others, 1)} {'have' if len(others) > 1 else 'has'} too,"
-
-
-def forgers(system: System, claim: ClaimAtom) -> tuple[str, ...]:
-    """Who is not among the permitted publishers and could pass for one with the keys that they hold; ANYBODY last."""
-    asked = bits(claim.target.channels)
-    names: dict[str, None] = {}
-    permissions = Permissions(system)
-    views = trust_domain_views(system, permissions)
-    flows = Flows(system, views)
-    foreign = [number for number in range(len(system.enclaves)) if number not in claim.source.enclaves]
-    for view in views:
-        for number in foreign:
-            others = (view.abilities(other) for other in flows.acting(number) if other != number)
-            forged = view.abilities(number).forges | union(able.forges | able.may_write for able in others)
-            if forged & asked:
-                names[system.enclaves[number].label] = None
-        for certificate, able in view.elsewhere.items():
-            if able.forges & asked and certificate not in claim.source.certificates:
-                named = permissions.admitting(certificate, view.accepted)  # else by what could not be read alone
-                who = shorten(system.certificates[certificate].label, MAX_SUBJECT) if named else UNREAD_IDENTITY
-                names[_left_out(system, certificate) or f"whoever is {who}"] = None
-    if any(view.injectable & asked for view in views):
-        names[ANYBODY] = None
-    return tuple(names)
+        return label
+    return f"{label}, whose key {some(others, 1)} {'have' if len(others) > 1 else 'has'} too,"

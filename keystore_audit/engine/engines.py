@@ -1,19 +1,50 @@
-"""Runs the engines that were asked for; one that did not answer is recorded, never taken for an answer."""
+"""Runs the engines that were asked for, and brings their answers together, failing closed.
+
+One that did not answer is recorded, never taken for an answer; readings, kinds of implementation and labels come
+together here too.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.engine.agreement import EngineAnswers
+from keystore_audit.assumptions import WORLD
+from keystore_audit.engine.case import plainest
+from keystore_audit.engine.counterexample import describe
+from keystore_audit.engine.counterexample_claims import describe_claim, describe_flow
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
-from keystore_audit.properties.result import Answer, EngineRun, EngineStatus, Status
+from keystore_audit.model.claims.named import Determinism
+from keystore_audit.model.claims.stated import Claim, LabelPair
+from keystore_audit.model.formal.asked import ClaimKind
+from keystore_audit.model.formal.system import System
+from keystore_audit.properties import PROPERTIES, Answer, Status
+from keystore_audit.properties.result import (
+    AssertedResult,
+    Counterexample,
+    EngineRun,
+    EngineStatus,
+    LabelResult,
+    ProfileResult,
+    Property,
+    PropertyResult,
+)
 from keystore_audit.resources import in_ci
+
+if TYPE_CHECKING:
+    from keystore_audit.engine.native_claims import KeptFlows
+
+Tell = Callable[[int, Answer], Counterexample | None]
+"""Says what an answer about the system of this number means."""
+
+
+Answers = Mapping[str, Sequence[Mapping[str, Answer]]]
+"""By engine what it said of each system, parallel to the systems asked."""
 
 
 class Engines(Struct, frozen=True, kw_only=True):
@@ -30,24 +61,24 @@ class Engines(Struct, frozen=True, kw_only=True):
 
 def run_engines(
     native: NativeEngine, engines: Engines, stage: Callable[[str], None] | None
-) -> tuple[tuple[EngineRun, ...], tuple[EngineAnswers, ...]]:
+) -> tuple[tuple[EngineRun, ...], Answers]:
     """How each engine fared about the systems of `native`, and the answers of those that did."""
     choice = engines.choice
     runs: list[EngineRun] = []
-    answers: list[EngineAnswers] = []
+    answers: dict[str, Sequence[Mapping[str, Answer]]] = {}
     if choice == "native":
         runs.append(_not_run("alloy", "--engine native"))
     else:
         run, found = _alloy(native, engines, stage)
         runs.append(run)
         if found is not None:
-            answers.append(EngineAnswers(engine="alloy", answers=tuple(found)))
+            answers["alloy"] = found
     if choice == "alloy":
         runs.append(_not_run("native", "--engine alloy"))
     else:
-        answers.append(EngineAnswers(engine="native", answers=native.answers))
+        answers["native"] = native.answers
         runs.append(EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True))
-    return tuple(runs), tuple(answers)
+    return tuple(runs), answers
 
 
 def _alloy(
@@ -90,3 +121,195 @@ _FAILURES: Final[dict[type[EngineError], EngineStatus]] = {
 
 def _not_run(name: str, reason: str) -> EngineRun:
     return EngineRun(name=name, version=None, status=EngineStatus.NOT_RUN, reason=reason, required=False)
+
+
+# What they say together.
+
+
+def combine(systems: Sequence[System], engines: Answers, profiles: Sequence[str]) -> tuple[PropertyResult, ...]:
+    """The result of every property under every profile.
+
+    A status is HOLDS or VIOLATED only where at least one engine answered and all that did say so in both
+    readings.
+    """
+    asked = AskedSystems(systems, engines, profiles)
+
+    def told(prop: Property) -> Tell:
+        return lambda at, answer: describe(systems[at], prop, plainest(systems[at], answer.witnesses))
+
+    return tuple(PropertyResult(prop=prop, profiles=asked.by_profile(prop.id, told(prop))) for prop in PROPERTIES)
+
+
+def combine_claims(
+    claims: Sequence[Claim], systems: Sequence[System], engines: Answers, profiles: Sequence[str]
+) -> tuple[AssertedResult, ...]:
+    """The result of every claim under every profile, as for properties."""
+    asked = AskedSystems(systems, engines, profiles)
+    kept: dict[int, KeptFlows] = {}
+
+    def combined(number: int, claim: Claim) -> AssertedResult:
+        results = asked.by_profile(
+            claim.id, lambda at, answer: describe_claim(systems[at], systems[at].claims[number], answer)
+        )
+        if claim.kind is ClaimKind.NO_FLOW and claim.until is not None:
+            kinds = {asked.kind(profile): each for profile, each in results.items() if each.status is Status.HOLDS}
+            over = {kind: _over_time(number, kind, result, systems, kept) for kind, result in kinds.items()}
+            results = {profile: over.get(asked.kind(profile), result) for profile, result in results.items()}
+        return _asserted(claim, claim.attacker.value, results)
+
+    return tuple(combined(number, claim) for number, claim in enumerate(claims))
+
+
+def _over_time(
+    number: int, kind: tuple[int, ...], result: ProfileResult, systems: Sequence[System], kept: dict[int, KeptFlows]
+) -> ProfileResult:
+    """Of what holds at each moment, whether it does over all of them, since who gets something may keep it."""
+    from keystore_audit.engine.native_claims import KeptFlows  # few claims are about a time
+
+    kept.update({at: KeptFlows(systems[at]) for at in kind if at not in kept})
+    flows = {at: kept[at].flow(systems[at].claims[number]) for at in kind}
+    for at, stages in flows.items():
+        if stages is not None:
+            status = _both_readings([Status.HOLDS if each is None else Status.VIOLATED for each in flows.values()])
+            example = describe_flow(systems[at], systems[at].claims[number], stages)
+            return ProfileResult(status=status, engines={"native": status}, counterexample=example)
+    if any(kept[at].looks_beyond(systems[at].claims[number]) for at in kind):
+        return replace(result, engines={"native": result.status})
+    return result
+
+
+def combine_determinism(
+    claims: Sequence[Determinism], systems: Sequence[System], engines: Answers, profiles: Sequence[str]
+) -> tuple[AssertedResult, ...]:
+    """The result of every claim of determinism under every profile, as for properties."""
+    from keystore_audit.engine.native_determinism import describe_determinism, why_undecided
+
+    asked = AskedSystems(systems, engines, profiles)
+
+    def combined(number: int, claim: Determinism) -> AssertedResult:
+        results = asked.by_profile(
+            claim.id, lambda at, answer: describe_determinism(systems[at], systems[at].determinism[number], answer)
+        )
+        unknown = (asked.kind(profile) for profile, result in results.items() if result.status is Status.UNKNOWN)
+        undecided = next((systems[kind[0]] for kind in unknown if kind), None)
+        reason = why_undecided(undecided, undecided.determinism[number]) if undecided is not None else ""
+        return replace(_asserted(claim, "nobody", results), reason=reason)
+
+    return tuple(combined(number, claim) for number, claim in enumerate(claims))
+
+
+def _asserted(claim: Claim | Determinism, attacker: str, results: Mapping[str, ProfileResult]) -> AssertedResult:
+    """The result of what is claimed, as of a property."""
+    prop = Property(
+        id=claim.id,
+        statement=claim.statement,
+        attacker=attacker,
+        clause=f"asserted in {claim.location.path}",
+        roles=(),
+    )
+    return AssertedResult(
+        prop=prop, profiles=results, severity=claim.severity, location=claim.location, meaning=claim.meaning
+    )
+
+
+class AskedSystems(NamedTuple):
+    """The systems that engines were asked about, what they said, and under which profiles it counts."""
+
+    systems: Sequence[System]
+    engines: Answers
+    profiles: Sequence[str]
+
+    def by_profile(self, name: str, tell: Tell) -> dict[str, ProfileResult]:
+        """The result under each profile; profiles that read the keystore alike have one."""
+        kinds = {profile: self.kind(profile) for profile in self.profiles}
+        results = {kind: self._result(name, kind, tell) for kind in dict.fromkeys(kinds.values())}
+        return {profile: results[kind] for profile, kind in kinds.items()}
+
+    def kind(self, profile: str) -> tuple[int, ...]:
+        """The systems that say how `profile` reads the keystore."""
+        return tuple(number for number, system in enumerate(self.systems) if profile in system.profiles)
+
+    def _result(self, name: str, kind: tuple[int, ...], tell: Tell) -> ProfileResult:
+        statuses = {
+            engine: _both_readings([_status(answers[number].get(name)) for number in kind])
+            for engine, answers in self.engines.items()
+        }
+        distinct = set(statuses.values())
+        status = distinct.pop() if len(distinct) == 1 else Status.UNKNOWN
+        return ProfileResult(status=status, engines=statuses, counterexample=self._counterexample(name, kind, tell))
+
+    def _counterexample(self, name: str, kind: tuple[int, ...], tell: Tell) -> Counterexample | None:
+        """A counterexample in the user's names: from the MUST reading where it has one, since that is certain.
+
+        The native engine's comes first, so that a finding tells the same story whichever engines ran.
+        """
+        native_first = sorted(self.engines, key=lambda engine: engine != "native")
+        told = (number for number in kind if self.systems[number].assumed >= WORLD)  # else nothing here is why
+        certain_first = sorted(told, key=lambda number: self.systems[number].may)
+        for number in certain_first:
+            for engine in native_first:
+                answer = self.engines[engine][number].get(name)
+                if answer is not None and answer.witnesses:
+                    return tell(number, answer)
+        return None
+
+
+def _status(answer: Answer | None) -> Status:
+    """No answer is no "holds"."""
+    return Status.UNKNOWN if answer is None else answer.status
+
+
+def _both_readings(statuses: Sequence[Status]) -> Status:
+    """One status where all readings agree, else unknown; unknown as well where there is none."""
+    return statuses[0] if statuses and len(set(statuses)) == 1 else Status.UNKNOWN
+
+
+def with_label_answers(claims: Sequence[Claim], results: Sequence[AssertedResult]) -> tuple[PropertyResult, ...]:
+    """The results, parallel to `claims`, with one in place of all that the same two labels make."""
+    pairs: dict[str, tuple[LabelPair, list[AssertedResult]]] = {}
+    told: list[PropertyResult] = []
+    for claim, result in zip(claims, results, strict=True):
+        if claim.labels is None:
+            told.append(result)
+        else:
+            pairs.setdefault(claim.labels.id, (claim.labels, []))[1].append(result)
+    return (*told, *(_joint(pair, parts) for pair, parts in pairs.values()))
+
+
+def _joint(pair: LabelPair, parts: Sequence[AssertedResult]) -> LabelResult:
+    """Violated if one part is."""
+    first = parts[0]
+    return LabelResult(
+        prop=replace(first.prop, id=pair.id),
+        profiles={name: _worst([part.profiles[name] for part in parts]) for name in first.profiles},
+        source=pair.source,
+        target=pair.target,
+        meaning="\0".join(part.meaning for part in parts),
+        severity=first.severity,
+        location=first.location,
+        breaches=_together([part.breaches for part in parts]),
+    )
+
+
+def _together(parts: Sequence[tuple[str, ...] | None]) -> tuple[str, ...] | None:
+    """What violates them; None where that of one is not known."""
+    if None in parts:
+        return None
+    return tuple(f"{number}: {each}" for number, part in enumerate(parts) for each in part or ())
+
+
+def _worst(parts: Sequence[ProfileResult]) -> ProfileResult:
+    """Of the parts under one profile; where engines contradict each other about one part, that is the answer."""
+    disputed = next((part for part in parts if len(set(part.engines.values())) > 1), None)
+    if disputed is not None:
+        return disputed
+    order = (Status.VIOLATED, Status.UNKNOWN, Status.HOLDS)
+    status = min((part.status for part in parts), key=order.index)
+    alike = [part for part in parts if part.status is status]
+    examples = [part.counterexample for part in alike if part.counterexample is not None]
+    decided = frozenset.intersection(*(frozenset(part.engines) for part in parts)) or {"native"}
+    return ProfileResult(
+        status=status,
+        engines=dict.fromkeys(sorted(decided), status),
+        counterexample=min(examples, key=lambda example: len(example.steps), default=None),
+    )

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import islice
+from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
+from keystore_audit.engine.moments import changes
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
-from keystore_audit.model.formal.flow import Flows, Leg, search_of
+from keystore_audit.model.formal.flow import Flows, Leg, Search, search_of
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
-from keystore_audit.properties.result import Answer, Hop, Role, Status, Witness
+from keystore_audit.properties.result import Answer, Role, Status, Witness
 
 Found = tuple[Witness, tuple[Leg, ...]]
 """What violates a claim: who plays which role, and the flow, where its kind has flows."""
@@ -47,9 +50,13 @@ class Claims:
         if claim.kind is ClaimKind.NO_FLOW:
             found = self.violation(claim)
             return _violated(found, moment) if found is not None else Answer(status=Status.UNKNOWN)
-        shown = (each.items() for each in told.witnesses)
-        so = all(any(each <= found.items() for found, _legs in self.violations(claim)) for each in shown)
-        return told if so else Answer(status=Status.UNKNOWN)
+        shown = tuple(
+            found
+            for each in told.witnesses
+            for found in islice((one for one, _legs in self.violations(claim) if each.items() <= one.items()), 1)
+        )
+        so = len(shown) == len(told.witnesses)
+        return replace(told, witnesses=shown) if so else Answer(status=Status.UNKNOWN)
 
     def flows(self, claim: ClaimAtom) -> Iterator[Found]:
         """A shortest flow from source to target."""
@@ -73,8 +80,8 @@ class Claims:
                             {Role.TRUST_DOMAIN: trust_domain, Role.CERTIFICATE: certificate, Role.CHANNEL: channel},
                             (),
                         )
-            for channel in members((view.joining_anybody | view.joining_known) & asked):
-                yield {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel}, ()
+            for witness in _nameless(trust_domain, view.joining_anybody, view.joining_known, asked):
+                yield witness, ()
 
     def readings(self, claim: ClaimAtom) -> Iterator[Found]:
         """Channels of the target whose payload somebody reads without a grant to: enclaves, who is none, anybody."""
@@ -100,18 +107,7 @@ class Claims:
                 for channel in members(learnt & asked):
                     yield {Role.TRUST_DOMAIN: trust_domain, Role.CERTIFICATE: certificate, Role.CHANNEL: channel}
         for trust_domain, view in enumerate(self._trust_domains):
-            for channel in members(view.learnt_known & asked):
-                yield {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel}
-
-    def by_anybody(self, claim: ClaimAtom, witness: Witness) -> bool:
-        """Whether what violates the claim needs no identity, where others of the CA violate it that have no name."""
-        asks_insiders = claim.kind is ClaimKind.ENCRYPTED and claim.attacker is Attacker.INSIDER
-        if witness.keys() != {Role.TRUST_DOMAIN, Role.CHANNEL} or not (
-            asks_insiders or claim.kind is ClaimKind.ONLY_PUBLISH
-        ):
-            return False
-        view = self._trust_domains[witness[Role.TRUST_DOMAIN]]
-        return bool((view.readable if asks_insiders else view.joining_anybody) >> witness[Role.CHANNEL] & 1)
+            yield from _nameless(trust_domain, view.readable, view.learnt_known, asked)
 
     def shared_domains(self, claim: ClaimAtom) -> Iterator[Found]:
         """Domains that an enclave of the source and one of the target can join, or the one can and the other starts in.
@@ -167,6 +163,13 @@ class Claims:
         return claim.stopping if self.violation(starting) is None else frozenset()
 
 
+def _nameless(trust_domain: int, anybody: int, known: int, asked: int) -> Iterator[Witness]:
+    """Of the channels asked about, those of anybody, and of whoever has an identity of the CA."""
+    for channel in members((anybody | known) & asked):
+        needs = int(not anybody >> channel & 1)
+        yield {Role.TRUST_DOMAIN: trust_domain, Role.CHANNEL: channel, Role.WITH_IDENTITY: needs}
+
+
 def _publishes(able: Abilities) -> int:
     """Channels on which readers take somebody's samples for those of a writer."""
     return able.may_write | able.unannounced
@@ -194,8 +197,7 @@ def claims_at(system: System, moment: int, decisions: Decisions) -> Claims:
 
 def _violated(found: Found, moment: int) -> Answer:
     witness, legs = found
-    path = tuple(Hop(sender=s, channel=c, receiver=r, instant=moment // 2) for s, c, r in legs)
-    return Answer(status=Status.VIOLATED, witnesses=(witness,), path=path, moment=moment)
+    return Answer(status=Status.VIOLATED, witnesses=(witness,), path=legs, moment=moment)
 
 
 def answer(system: System, claim: ClaimAtom, now: Claims, moment: int, decisions: Decisions) -> Answer:
@@ -208,3 +210,76 @@ def answer(system: System, claim: ClaimAtom, now: Claims, moment: int, decisions
         if found is not None:
             return _violated(found, each)
     return Answer(status=Status.HOLDS)
+
+
+# Flows over time: what somebody got at one moment it may keep, and pass on at a later one (docs/model.md, Claims).
+#
+# Each engine decides each moment by itself. This is worked out natively alone, and only where no moment violates a
+# claim that must hold until a date; so what is said of several moments is the native engine's answer alone.
+
+MAX_AT_HAND: Final = 16
+"""Moments whose flows are kept for the next claim; those of a large fleet take some ten megabytes each."""
+
+
+class Stage(NamedTuple):
+    """The hops of a flow that are taken at one moment (as `Permissions` takes it)."""
+
+    moment: int
+    legs: tuple[Leg, ...]
+
+
+class KeptFlows:
+    """Flows of one system from the audit on, over moments in order."""
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._decisions = Decisions(system)
+        self._flows = lru_cache(MAX_AT_HAND)(self._flows_at)
+
+    def flow(self, claim: ClaimAtom) -> tuple[Stage, ...] | None:
+        """A flow that the claim excludes, however many moments it takes until the claim's end; None: there is none."""
+        if claim.kind is not ClaimKind.NO_FLOW or claim.until is None:
+            return None
+        search, kept = search_of(claim), list[frozenset[int]]()
+        moments = [*changes(self._system, claim.until)]
+        keeping: frozenset[int] = frozenset()
+        for moment in moments:
+            kept.append(keeping)
+            stages = self._stages(search, moments, kept)
+            if stages is not None:
+                return stages
+            keeping = self._flows(moment).reached(replace(search, keeping=keeping))
+        return None
+
+    def looks_beyond(self, claim: ClaimAtom) -> bool:
+        """Whether there are several moments until the claim's end, so that each by itself does not decide it."""
+        return claim.until is not None and len([*changes(self._system, claim.until)]) > 1
+
+    def takes_time(self, claim: ClaimAtom) -> bool:
+        """Whether there is such a flow, and none as soon at one moment alone."""
+        return len(self.flow(claim) or ()) > 1
+
+    def _stages(
+        self, search: Search, moments: Sequence[int], kept: Sequence[frozenset[int]]
+    ) -> tuple[Stage, ...] | None:
+        """A flow that ends at the last moment of which it is said who had `kept` what; at that one alone if it can."""
+        moment = moments[len(kept) - 1]
+        flows = self._flows(moment)
+        alone = flows.shortest(search)
+        if alone is not None:
+            return (Stage(moment, alone),)
+        legs = flows.shortest(replace(search, keeping=kept[-1])) if kept[-1] else None
+        if legs is None:
+            return None
+        begun = legs[0].sender
+        holder = Place(outsider=True) if begun is None else Place(enclaves=frozenset({begun}))
+        [node] = flows.nodes(holder)
+        first = next(place for place, keeping in enumerate(kept) if node in keeping)
+        before = self._stages(replace(search, target=holder), moments, kept[:first])
+        if before is None:
+            raise AssertionError("what was kept came from nowhere")
+        return (*before, Stage(moment, legs))
+
+    def _flows_at(self, moment: int) -> Flows:
+        permissions = Permissions(self._system, moment, self._decisions)
+        return Flows(self._system, trust_domain_views(self._system, permissions))

@@ -12,6 +12,7 @@ from msgspec import Struct
 from keystore_audit.assumptions import Assumption
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.blast_radius import BlastRadius, Ground
+from keystore_audit.model.formal.flow import Leg
 from keystore_audit.profiles import SubjectComparison, doing
 from keystore_audit.text import some
 
@@ -60,6 +61,8 @@ class Role(str, Enum):
     """An enclave, a certificate that no enclave has, or (none of both) anybody; a witness names what it is."""
     INSIDER = "insider"
     """Likewise."""
+    WITH_IDENTITY = "with identity"
+    """(native alone) Whether who violates it and has no name needs an identity of the CA: 1, or 0 for anybody."""
 
 
 class Property(Struct, frozen=True, kw_only=True):
@@ -93,19 +96,6 @@ Witness = Mapping[Role, int]
 """A counterexample: the index of the atom that plays each role."""
 
 
-class Hop(Struct, frozen=True, kw_only=True):
-    """One step of a flow: a participant hands a sample of the channel to the next.
-
-    Enclaves by index; None: the outsider, or, at the first and last hop, that the flow begins or ends at the channel.
-    `instant`: at which (index).
-    """
-
-    sender: int | None
-    channel: int
-    receiver: int | None
-    instant: int
-
-
 Content = tuple[int | None, ...]
 """What each publishes, or what is in each slot (`model.formal.asked`): one of two values, None for nothing."""
 
@@ -125,7 +115,7 @@ class Answer(Struct, frozen=True, kw_only=True):
 
     status: Status
     witnesses: tuple[Witness, ...] = ()
-    path: tuple[Hop, ...] = ()
+    path: tuple[Leg, ...] = ()
     moment: int | None = None
     rounds: tuple[Round, ...] = ()
     behaviour: int = 0

@@ -157,7 +157,7 @@ def test_whom_an_unread_document_names_is_no_certificate_that_happens_to_be_ther
     asked_for = every["all"]
     assert asked_for["status"] == "unknown"
     assert {each["counterexample"]["text"] for each in asked_for["profiles"].values()} == {
-        "Whoever enclaves/talker/governance.p7s, which could not be read, lets in may publish /x (topic) in domain 0."
+        "It cannot be excluded of /x (topic) in domain 0: enclaves/talker/governance.p7s, a CA file could not be read."
     }
     assert [each for each in asked_for["forgers"] if "CA" in each] == []
 

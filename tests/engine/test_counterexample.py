@@ -6,36 +6,32 @@ from collections.abc import Mapping
 from typing import Any
 
 import pytest
-from msgspec import structs
 from msgspec.structs import replace
 
 from keystore_audit.engine.case import Case, plainest
 from keystore_audit.engine.counterexample import describe
-from keystore_audit.engine.counterexample_claims import describe_claim, hop_ways
+from keystore_audit.engine.counterexample_claims import at_hop, describe_claim, hop_ways
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.findings import Location
 from keystore_audit.keystore.typed import Operation, ProtectionKind
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID, PROPERTIES
-from keystore_audit.properties.result import Counterexample, Role, Status, Step
+from keystore_audit.properties.result import Counterexample, Role, Status
 from tests.amount import tried
 from tests.engine.alloy.flow_builders import THIRD, at, chain, claim, shut_out, weak
 from tests.engine.systems import (
     CHATTER,
     GOVERNANCE,
-    IDENTITY_CA,
     LISTENER,
     OTHER_TOPIC,
     PERMISSIONS_CA,
     TALKER,
     TALKER_IDENTITY,
     TALKER_PERMISSIONS,
-    Builder,
     healthy,
     healthy_builder,
     random_system,
-    stock,
     with_claims,
 )
 
@@ -49,24 +45,6 @@ def tell(system: System, identifier: str, **atoms: int) -> Counterexample:
     return describe(system, BY_ID[identifier], {Role(role): index for role, index in atoms.items()})
 
 
-def test_a_reader_that_forges_in_a_stock_keystore() -> None:
-    told = tell(stock(), "readers-cannot-forge", trust_domain=0, enclave=LISTENER, channel=CHATTER)
-    assert told.text.startswith("/listener, which may only subscribe to /chatter (topic) in domains 0 to 0, can pass")
-    assert "rtps_protection_kind is SIGN, metadata_protection_kind ENCRYPT" in told.text
-    channel = "domains 0 to 0, topic rt/chatter"
-    assert told.steps == (
-        Step(
-            enclave="/listener",
-            channel=channel,
-            witness="rt/chatter",
-            path="enclaves/listener/permissions.p7s",
-            line=13,
-        ),
-        Step(enclave=None, channel=channel, witness="rt/chatter", path="enclaves/governance.p7s", line=20),
-        Step(enclave=None, channel=channel, witness="rt/chatter", path="enclaves/governance.p7s", line=6),
-    )
-
-
 def test_the_topic_rule_that_decides_is_named_and_not_one_after_it() -> None:
     b = healthy_builder()
     b.topic_rules[0] = replace(b.topic_rules[0], channels=frozenset({CHATTER}))
@@ -75,30 +53,6 @@ def test_the_topic_rule_that_decides_is_named_and_not_one_after_it() -> None:
     assert [(step.path, step.line) for step in told.steps] == [("0.p7s", 101)]
     assert 'topics such as "any"' in told.text
     assert "enable_read_access_control is false" in told.text
-
-
-@pytest.mark.parametrize("fitness", [{"fit_to_sign": True}, {"fit_to_sign": False, "authority": True}])
-def test_an_enclave_that_signs_for_itself_is_told_by_its_certificate(fitness: dict[str, bool]) -> None:
-    """Or by a signer whom it issues a certificate."""
-    b = Builder(**{**structs.asdict(healthy_builder()), "pins_signer": False})
-    b.trust_domains[0] = replace(b.trust_domains[0], permissions_ca=frozenset({IDENTITY_CA}))
-    b.certificates[TALKER_IDENTITY] = replace(b.certificates[TALKER_IDENTITY], **fitness)
-    told = tell(b.system(), "no-enclave-grants-itself-rights", trust_domain=0, enclave=TALKER)
-    assert "/talker can sign itself permissions" in told.text
-    assert [step.path for step in told.steps] == ["2.cert.pem"]
-
-
-@pytest.mark.parametrize(
-    ("changed", "why"),
-    [
-        ({"issuers": frozenset()}, "no certificate of its identity CA has issued it"),
-        ({"not_after": 1}, "it is not in force"),
-    ],
-)
-def test_why_an_identity_is_not_trusted(changed: dict[str, object], why: str) -> None:
-    b = healthy_builder()
-    b.certificates[TALKER_IDENTITY] = replace(b.certificates[TALKER_IDENTITY], **changed)  # type: ignore[arg-type]
-    assert why in tell(b.system(), "identities-chain-to-the-identity-ca", enclave=TALKER).text
 
 
 def test_what_could_not_be_read_is_said_to_be_so() -> None:
@@ -113,33 +67,13 @@ def test_what_could_not_be_read_is_said_to_be_so() -> None:
         "nobody-writes-without-a-grant": {"enclave": LISTENER, "channel": CHATTER},
     }.items():
         told = tell(b.system(), identifier, trust_domain=0, **atoms)
-        assert "could not be read" in told.text
+        assert told.text.startswith("It cannot be excluded of ")
+        assert told.text.endswith(": 0.p7s could not be read.")
         assert told.steps[0].path == "0.p7s"
-
-
-def test_authorities_that_could_not_be_read_are_said_to_be_so() -> None:
     b = healthy_builder()
     b.unread(0)
-    for identifier, atoms in {
-        "identities-chain-to-the-identity-ca": {"enclave": TALKER},
-        "documents-signed-by-the-permissions-ca": {"enclave": TALKER, "document": TALKER_PERMISSIONS},
-        "no-enclave-grants-itself-rights": {"enclave": TALKER},
-        "one-ca-for-one-role": dict.fromkeys(("certificate", "other_certificate"), len(b.certificates) - 1),
-    }.items():
-        assert "could not be read" in tell(b.system(), identifier, trust_domain=0, **atoms).text
-
-
-def test_grants_that_could_not_be_read_are_said_to_be_so() -> None:
-    b = healthy_builder()
-    b.documents[TALKER_PERMISSIONS] = replace(b.documents[TALKER_PERMISSIONS], opaque=True)
-    b.rules.clear()
-    atoms = {"trust_domain": 0, "enclave": LISTENER, "other": TALKER, "channel": CHATTER}
-    for identifier in ("no-subject-serves-two-enclaves", "readers-cannot-forge"):
-        assert "could not be read" in tell(b.system(), identifier, **atoms).text
-    assert tell(b.system(), "no-enclave-grants-itself-rights", trust_domain=0, enclave=TALKER).text == (
-        "enclaves/talker/permissions.p7s, which /talker uses, could not be read: the permissions CA may not have "
-        "signed it, and peers may accept it."
-    )
+    told = tell(b.system(), "identities-chain-to-the-identity-ca", trust_domain=0, enclave=TALKER)
+    assert told.text == "It cannot be excluded of /talker: 3.p7s, a CA file could not be read."
 
 
 @pytest.mark.parametrize(
@@ -171,15 +105,6 @@ def test_an_enclave_that_has_the_key_of_the_permissions_ca() -> None:
     b.certificates[TALKER_IDENTITY] = replace(b.certificates[TALKER_IDENTITY], key=key)
     told = tell(b.system(), "no-enclave-grants-itself-rights", trust_domain=0, enclave=TALKER)
     assert told.text == "/talker can sign itself permissions: its key is that of the permissions CA."
-
-
-def test_a_permissions_document_of_another_signer_is_named() -> None:
-    b = healthy_builder()
-    b.documents[TALKER_PERMISSIONS] = replace(b.documents[TALKER_PERMISSIONS], signers=frozenset({TALKER_IDENTITY}))
-    told = tell(b.system(), "documents-signed-by-the-permissions-ca", enclave=TALKER, document=TALKER_PERMISSIONS)
-    assert told.text == (
-        "enclaves/talker/permissions.p7s, which /talker uses, is signed by /talker, not by the permissions CA alone."
-    )
 
 
 def test_where_there_is_no_authority_nobody_is_said_to_be_another() -> None:
@@ -283,7 +208,8 @@ def test_every_hop_is_explained() -> None:
                 ends = (hop.sender is not None or not asked.source.channels) + (
                     hop.receiver is not None or not asked.target.channels
                 )
-                assert len(hop_ways(system, asked, hop)) == ends, (seed, asked.id, hop)
+                case = at_hop(Case(system, {Role.TRUST_DOMAIN: 0}), hop)
+                assert len(hop_ways(asked, case, hop)) == ends, (seed, asked.id, hop)
                 told += 1
     assert told > tried(100)
 
@@ -302,7 +228,7 @@ def test_a_way_that_needs_no_attack_is_told_so_whoever_is_asked_about(
 
 def test_what_is_told_to_need_no_attack_needs_none() -> None:
     told = 0
-    for seed in range(tried(240)):
+    for seed in range(tried(480)):
         system = with_claims(random_system(seed), seed, 6)
         for asked in system.claims:
             answer = NativeEngine([system]).answers[0][asked.id]

@@ -6,7 +6,7 @@ import random
 
 from msgspec.structs import replace
 
-from keystore_audit.engine.kept import KeptFlows, Stage
+from keystore_audit.engine.native_claims import KeptFlows, Stage
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System

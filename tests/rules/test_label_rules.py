@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from keystore_audit.engine.agreement import with_label_answers
+from keystore_audit.engine.engines import with_label_answers
 from keystore_audit.findings import Location, Severity
 from keystore_audit.model.claims.globs import Globs
 from keystore_audit.model.claims.stated import Claim, Labelled, Labelling, LabelPair, chain

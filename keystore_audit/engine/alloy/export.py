@@ -14,7 +14,8 @@ from typing import Final
 from msgspec.structs import replace
 
 from keystore_audit import resources, text
-from keystore_audit.engine.alloy import claims, moments
+from keystore_audit.engine import moments
+from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.atoms import Atom, Relations, Sort, declare, make_sort, name_atoms
 from keystore_audit.engine.alloy.claims import write_places
 from keystore_audit.engine.alloy.facts import CONSISTENCY, KEYSTORE, MAIN, MODULES, facts

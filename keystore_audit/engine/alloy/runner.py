@@ -16,7 +16,8 @@ from typing import Final
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.engine.alloy import claims, moments
+from keystore_audit.engine import moments
+from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.claims import Question
 from keystore_audit.engine.alloy.facts import (
     CONSISTENCY,

@@ -22,17 +22,17 @@ from keystore_audit.engine.alloy.facts import MODULES, count_atoms, fact_modules
 from keystore_audit.engine.alloy.process import Analyzer, Command, Job, Output, run, skolems
 from keystore_audit.engine.alloy.runner import MAX_ATOMS, MEMORY_MB
 from keystore_audit.engine.alloy.user_file import CONSISTENT, Asked, UserFile
-from keystore_audit.engine.engines import Engines
+from keystore_audit.engine.engines import AskedSystems, Engines
 from keystore_audit.errors import EngineError, EngineFailed, EngineOutOfScale, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import ros_name
 from keystore_audit.properties.result import (
     AlloyResult,
+    Answer,
     Counterexample,
     EngineRun,
     EngineStatus,
-    ProfileResult,
     Property,
     Status,
     Step,
@@ -188,16 +188,10 @@ def _result(
     asked: Asked, text: str, systems: Sequence[System], told: Sequence[Told], profiles: Sequence[str]
 ) -> AlloyResult:
     """The result of one command: HOLDS or VIOLATED only where every reading says so."""
-    by_profile = {}
-    for profile in profiles:
-        mine = [(system, one) for system, one in zip(systems, told, strict=True) if profile in system.profiles]
-        statuses = {one.status for _system, one in mine}
-        status = statuses.pop() if len(statuses) == 1 else Status.UNKNOWN
-        certain_first = sorted(mine, key=lambda pair: pair[0].may)
-        example = next((one.example for _system, one in certain_first if one.example is not None), None)
-        answered = bool(mine) and not any(one.reason for _system, one in mine)
-        engines = {"alloy": status} if answered else {}
-        by_profile[profile] = ProfileResult(status=status, engines=engines, counterexample=example)
+    examples = [each.example for each in told]
+    answers = [{asked.id: Answer(status=each.status, witnesses=({},) * (each.example is not None))} for each in told]
+    engines = {} if all(each.reason for each in told) else {"alloy": answers}
+    combined = AskedSystems(systems, engines, profiles)
     return AlloyResult(
         prop=Property(
             id=asked.id,
@@ -206,7 +200,7 @@ def _result(
             clause=f"asserted in {asked.location.path}",
             roles=(),
         ),
-        profiles=by_profile,
+        profiles=combined.by_profile(asked.id, lambda at, _answer: examples[at]),
         severity=asked.severity,
         location=asked.location,
         meaning=text,

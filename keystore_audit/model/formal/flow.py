@@ -65,7 +65,7 @@ class Search(Struct, frozen=True, kw_only=True):
     """What a flow is asked for. `through`: enclaves that it may not pass. `left_out`: channels that no hop takes.
 
     `own`: every enclave uses its own permissions document alone (attacker HONEST only). `keeping`: participants who
-    got it before and may have kept it, so that it goes on from them too (`engine/kept.py`).
+    got it before and may have kept it, so that it goes on from them too (`engine/native_claims.py`).
     """
 
     attacker: Attacker

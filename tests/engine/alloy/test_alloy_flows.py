@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from keystore_audit.engine.alloy import claims, export, moments
+from keystore_audit.engine import moments
+from keystore_audit.engine.alloy import claims, export
 from keystore_audit.engine.alloy.facts import MODULES, facts
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.runner import examine

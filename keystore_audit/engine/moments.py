@@ -24,19 +24,28 @@ _TICK: Final = timedelta(microseconds=1)
 Dated = TypeVar("Dated", CertificateAtom, GrantAtom)
 
 
-def later(system: System, until: int) -> Iterator[int]:
-    """Yield the moments after the audit instant, up to the instant `until`, at which other grants are in force,
-    others are revoked or refused, or implementations make other endpoints.
+def changes(system: System, until: int) -> Iterator[int]:
+    """Yield the audit instant, and the moments after it, up to the instant `until`, at which other grants are in force
+    than just before, others are revoked or refused, or implementations make other endpoints.
 
     A moment is twice the index of an instant, plus one for the time between it and the next (as in
-    `model.formal.permission.Permissions`). Of several moments that are alike the first counts.
+    `model.formal.permission.Permissions`).
     """
-    known = {_in_force(system, 2 * system.now)}
-    for moment in range(2 * system.now + 1, 2 * until + 1):
-        grants = _in_force(system, moment)
-        if grants not in known:
-            known.add(grants)
+    before: object = None
+    for moment in range(2 * system.now, max(until, system.now) * 2 + 1):
+        now = _in_force(system, moment)
+        if now != before:
             yield moment
+        before = now
+
+
+def later(system: System, until: int) -> Iterator[int]:
+    """Yield those after the audit instant; of several that are alike the first counts."""
+    known = set()
+    for moment in changes(system, until):
+        if (now := _in_force(system, moment)) not in known and moment != 2 * system.now:
+            yield moment
+        known.add(now)
 
 
 def at(system: System, moment: int) -> System:
