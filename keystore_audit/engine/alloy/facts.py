@@ -92,13 +92,40 @@ REFERENCES: Final[Mapping[str, Mapping[str, str]]] = {
 }
 """By sort: the fields, besides an entry's parent, that name atoms of what `merging` may leave out, and their sort."""
 
+_BELONGING: Final[Mapping[str, Mapping[str, str]]] = {
+    "enclaves": {"trust_domain": "trust_domains"},
+    "channels": {"domain": "domains"},
+}
+"""By sort the field that names what an entry lies in, which is never left out."""
+
+_FLAGS: Final = {
+    "certificates": ("authority", "fit_to_sign"),
+    "documents": ("intact",),
+    "domain_rules": ("allow_unauthenticated_participants", "enable_join_access_control"),
+    "topic_rules": (
+        "enable_discovery_protection",
+        "enable_liveliness_protection",
+        "enable_read_access_control",
+        "enable_write_access_control",
+    ),
+    "grants": ("default_allow",),
+    "rules": ("allow",),
+}
+"""By sort its flags: a set each."""
+
+_KINDS: Final = {"domain_rules": ("discovery", "liveliness", "rtps"), "topic_rules": ("metadata", "data")}
+"""By sort its protection kinds."""
+
 _RELATIONS: Final = {
     "issuers": "issuer",
     "signers": "signer",
     "channels": "topic_expression",
     "names": "subject_name",
+    "trust_domain": "in_trust_domain",
+    "domain": "in_domain",
+    "allow": "allow_rule",
 }
-"""By such a field its relation, where that is called otherwise."""
+"""By such a field its relation or set, where that is called otherwise."""
 
 CONSISTENCY: Final = "FactsAreConsistent"
 """The run that must have an instance: no check means anything without it."""
@@ -202,39 +229,51 @@ class _Facts:
         self._relations = Relations()
 
     def sections(self) -> Iterator[str]:
-        for title, functions in (
-            ("certificates and dates", self._certificates()),
-            ("documents", self._documents()),
-            ("trust domains and enclaves", self._enclaves()),
-            ("order: each entry and its next sibling", self._precedes()),
-            ("governance: domain rules", self._domain_rules()),
-            ("governance: topic rules", self._topic_rules()),
-            ("permissions", self._permissions()),
-            ("channels", self._channels()),
-        ):
-            written = list(functions)  # before its helpers are taken
-            yield "\n".join([f"-- {title}", *self._relations.take_private(), *written])
+        """What the tables say of each sort, then what is its own."""
+        more: dict[str, Iterator[str]] = {
+            "certificates": self._dates(),
+            "documents": self._taken_for_granted(),
+            "trust_domains": self._refusals(),
+            "domain_rules": self._order(),
+            "grants": self._out_of_date(),
+            "channels": iter([self._map("meets", "channels", "channels", self._system.meets)]),
+        }
+        for sort in self._atoms:
+            written = [*self._tables(sort), *more.get(sort, ())]  # before its helpers are taken
+            if written:
+                yield "\n".join([f"-- {sort.replace('_', ' ')}", *self._relations.take_private(), *written])
 
-    def _certificates(self) -> Iterator[str]:
-        atoms, system = self._atoms, self._system
+    def _tables(self, sort: str) -> Iterator[str]:
+        atoms, entries = self._atoms[sort], getattr(self._system, sort, ())
+        if sort in CHILDREN:
+            yield self._children(sort)
+        for field, to in {**_BELONGING.get(sort, {}), **REFERENCES.get(sort, {})}.items():
+            declared = f"{atoms.sig} -> {self._atoms[to].sig}"
+            yield self._relations.relation(_RELATIONS.get(field, field), declared, self._rows(sort, field, to))
+        for flag in _FLAGS.get(sort, ()):
+            yield self._relations.subset(_RELATIONS.get(flag, flag), atoms, self._those(sort, flag))
+        for name in (f"{each}_protection_kind" for each in _KINDS.get(sort, ())):
+            kinds = [getattr(rule, name).value for rule in entries]
+            rows = self._relations.constant_rows(atoms, kinds)
+            yield self._relations.relation(name, f"{atoms.sig} -> ProtectionKind", rows)
+
+    def _dates(self) -> Iterator[str]:
+        system = self._system
         keys = {key: number for number, key in enumerate(keys_of(system))}
-        yield from self._references("certificates")
-        yield from self._flags("certificates", "authority", "fit_to_sign")
         yield self._map("public_key", "certificates", "keys", [{keys[c.key]} for c in system.certificates])
         yield self._map("following", "instants", "instants", [{n + 1} for n in range(len(system.instants) - 1)])
         if self._moving:
             yield _CLOCK
-        now = atoms["instants"].name(system.now)
+        now = self._atoms["instants"].name(system.now)
         yield function("Beginning" if self._moving else "audit_instant", "one Instant", now)
         for name in ("not_before", "not_after"):
             rows = [*self._rows("certificates", name, "instants"), *self._rows("grants", name, "instants")]
             yield self._relations.relation(name, "(Certificate + Grant) -> Instant", rows)
 
-    def _documents(self) -> Iterator[str]:
+    def _taken_for_granted(self) -> Iterator[str]:
         system = self._system
-        yield from self._flags("documents", "intact")
-        yield from self._references("documents")
-        found = [self._members(sort, "opaque") for sort in ("documents", "enclaves", "certificates")]
+        sorts = ("documents", "enclaves", "certificates")
+        found = [self._relations.atoms(self._atoms[sort], self._those(sort, "opaque")) for sort in sorts]
         opaque = " + ".join(members for members in found if members != "none") or "none"
         yield function("opaque", "set Document + Enclave + Certificate", opaque)
         assumed = " + ".join(sorted(each.atom for each in system.assumed)) or "none"
@@ -242,16 +281,15 @@ class _Facts:
         for name in ("asks_announced_only", "pins_signer", "requires_grant"):
             yield function(name, "set TrustDomain", "TrustDomain" if getattr(system, name) else "none")
 
-    def _enclaves(self) -> Iterator[str]:
+    def _refusals(self) -> Iterator[str]:
         trust_domains = self._system.trust_domains
-        yield from self._references("trust_domains")
         refused = [{n for n, other in enumerate(trust_domains) if not r.talks_to(other)} for r in trust_domains]
         yield self._map("refuses_trust_domain", "trust_domains", "trust_domains", refused)
-        yield self._reference("in_trust_domain", "enclaves", "trust_domain", "trust_domains")
-        yield from self._references("enclaves")
 
-    def _precedes(self) -> Iterator[str]:
-        """Siblings are entries of one sort with one parent, in the order of their indices."""
+    def _order(self) -> Iterator[str]:
+        """Where rules count; and siblings, which are entries of one sort with one parent, by their indices."""
+        covered = [*self._rows("domain_rules", "domains", "domains"), *self._rows("rules", "domains", "domains")]
+        yield self._relations.relation("domains", "(DomainRule + Rule) -> Domain", covered)
         rows: list[Row] = []
         for sort, (_name, parent, _parents) in CHILDREN.items():
             entries = self._atoms[sort]
@@ -263,71 +301,17 @@ class _Facts:
                 last[above] = index
         yield self._relations.relation("precedes", "Entry -> Entry", rows)
 
-    def _domain_rules(self) -> Iterator[str]:
-        yield self._children("domain_rules")
-        covered = [*self._rows("domain_rules", "domains", "domains"), *self._rows("rules", "domains", "domains")]
-        yield self._relations.relation("domains", "(DomainRule + Rule) -> Domain", covered)
-        yield from self._flags("domain_rules", "allow_unauthenticated_participants", "enable_join_access_control")
-        yield from self._kinds("domain_rules", "discovery", "liveliness", "rtps")
-
-    def _topic_rules(self) -> Iterator[str]:
-        yield self._children("topic_rules")
-        yield from self._references("topic_rules")
-        yield from self._flags(
-            "topic_rules",
-            "enable_discovery_protection",
-            "enable_liveliness_protection",
-            "enable_read_access_control",
-            "enable_write_access_control",
-        )
-        yield from self._kinds("topic_rules", "metadata", "data")
-
-    def _permissions(self) -> Iterator[str]:
+    def _out_of_date(self) -> Iterator[str]:
         system = self._system
-        yield self._children("grants")
-        yield from self._references("grants")
         for name, of_all in (
             ("skipped_out_of_date", system.skips_grants_out_of_date),
             ("joins_out_of_date", system.joins_out_of_date),
         ):
             yield function(name, "set Grant", "Grant" if of_all and system.grants else "none")
-        yield from self._flags("grants", "default_allow")
-        yield self._children("rules")
-        yield self._relations.subset("allow_rule", self._atoms["rules"], self._those("rules", "allow"))
-        yield from self._references("rules")
-
-    def _channels(self) -> Iterator[str]:
-        yield self._reference("in_domain", "channels", "domain", "domains")
-        yield self._map("meets", "channels", "channels", self._system.meets)
 
     def _those(self, sort: str, flag: str) -> Iterator[int]:
         """The atoms of which a flag is true."""
         return (index for index, atom in enumerate(getattr(self._system, sort)) if getattr(atom, flag))
-
-    def _members(self, sort: str, flag: str) -> str:
-        return self._relations.atoms(self._atoms[sort], self._those(sort, flag))
-
-    def _flags(self, sort: str, *flags: str) -> Iterator[str]:
-        """A set for each flag, of the same name."""
-        for flag in flags:
-            yield self._relations.subset(flag, self._atoms[sort], self._those(sort, flag))
-
-    def _kinds(self, sort: str, *protected: str) -> Iterator[str]:
-        atoms = self._atoms[sort]
-        for name in (f"{each}_protection_kind" for each in protected):
-            kinds = [getattr(rule, name).value for rule in getattr(self._system, sort)]
-            rows = self._relations.constant_rows(atoms, kinds)
-            yield self._relations.relation(name, f"{atoms.sig} -> ProtectionKind", rows)
-
-    def _references(self, sort: str) -> Iterator[str]:
-        """A relation for each field that names atoms."""
-        for field, to in REFERENCES[sort].items():
-            yield self._reference(_RELATIONS.get(field, field), sort, field, to)
-
-    def _reference(self, name: str, sort: str, field: str, to: str) -> str:
-        """The relation of this name, to what the field names of another sort."""
-        declared = f"{self._atoms[sort].sig} -> {self._atoms[to].sig}"
-        return self._relations.relation(name, declared, self._rows(sort, field, to))
 
     def _map(self, name: str, sort: str, to: str, rows: Sequence[Iterable[int]]) -> str:
         left, right = self._atoms[sort], self._atoms[to]
