@@ -132,7 +132,7 @@ def read_access_table(path: str | os.PathLike[str], given: Circumstances) -> Acc
     errors.BudgetExceeded where
     there are too many classes of names.
     """
-    from keystore_audit.model.tables.access_table import access_table  # single questions need none of it
+    from keystore_audit.model.tables.access_table import TableBuilder  # single questions need none of it
 
     keystore = given.keystore(path)
-    return access_table(keystore, given.profiles, given.at, given.accesses(keystore), given.domain)
+    return TableBuilder(keystore, given.profiles, given.at, given.accesses(keystore), given.domain).table()

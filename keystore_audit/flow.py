@@ -23,6 +23,7 @@ from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.participants.doubt import keystore_doubts
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.properties.result import (
@@ -89,7 +90,8 @@ def find_flow(
     keystore = given.keystore(path)
     profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
     builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
-    native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}))
+    usabilities = Usabilities(None, accesses)
+    native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}, usabilities))
     runs, answers = _decide(native, engines or Engines())
     results = combine_claims(claims, native.systems, answers, given.names)
     results = with_conditions(results, native.systems)

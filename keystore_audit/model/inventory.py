@@ -176,29 +176,23 @@ def certificates_of(keystore: Keystore, at: datetime) -> tuple[Certificate, ...]
 
     Systems number them so. With what makes a participant of whoever has an authority's key, which need not lie here.
     """
-    documents = system_documents(keystore)
     found: dict[str, Certificate] = {}
-    for enclave in keystore.enclaves:
-        for file in (enclave.identity_ca, enclave.permissions_ca):
-            for certificate in file.certificates if file else ():
-                found.setdefault(certificate.sha256, certificate)
-        if enclave.identity is not None:
-            found.setdefault(enclave.identity.sha256, enclave.identity)
-    for document in documents:
-        signed = (document.file.signed,) if document.file else ()
-        for signer in (signer for each in signed for trust in _BY_SIGNERS for signer in signers_taken(each, trust)):
-            found.setdefault(signer.sha256, signer)
-    for certificate in embedded_authorities(documents):
+    for certificate in _playing_a_part(keystore, at):
         found.setdefault(certificate.sha256, certificate)
-    for certificate in embeddable(keystore, at):
-        found.setdefault(certificate.sha256, certificate)
-    for identity in unmanaged_identities(keystore, at):
-        found.setdefault(identity.certificate.sha256, identity.certificate)
-    keys = {certificate.key for certificate in authorities_of(keystore)} if keystore.identities.keyless else ()
-    for certificate in keystore.identities.keyless:
-        if certificate.key in keys:
-            found.setdefault(certificate.sha256, certificate)
     return tuple(sorted(found.values(), key=lambda c: (c.path, c.line, c.sha256)))
+
+
+def _playing_a_part(keystore: Keystore, at: datetime) -> Iterator[Certificate]:
+    for enclave in keystore.enclaves:
+        yield from (*enclave.trusts(Role.IDENTITY_CA), *enclave.trusts(Role.PERMISSIONS_CA))
+        yield from filter(None, (enclave.identity,))
+    documents = system_documents(keystore)
+    for signed in (document.file.signed for document in documents if document.file is not None):
+        yield from (signer for trust in _BY_SIGNERS for signer in signers_taken(signed, trust))
+    yield from (*embedded_authorities(documents), *embeddable(keystore, at))
+    yield from (identity.certificate for identity in unmanaged_identities(keystore, at))
+    keys = {certificate.key for certificate in authorities_of(keystore)} if keystore.identities.keyless else ()
+    yield from (certificate for certificate in keystore.identities.keyless if certificate.key in keys)
 
 
 def issuers_of(keystore: Keystore, certificates: Sequence[Certificate]) -> tuple[frozenset[int], ...]:
@@ -206,9 +200,8 @@ def issuers_of(keystore: Keystore, certificates: Sequence[Certificate]) -> tuple
 
     Raises errors.BudgetExceeded.
     """
-    files = [file for each in keystore.enclaves for file in (each.identity_ca, each.permissions_ca) if file is not None]
-    found = [c for file in dict.fromkeys(files) for c in file.certificates]
-    listed = {certificate.sha256 for certificate in found}
+    every = (*_trusted(keystore, Role.IDENTITY_CA), *_trusted(keystore, Role.PERMISSIONS_CA))
+    listed = {certificate.sha256 for certificate in every}
     pool = [(n, c) for n, c in enumerate(certificates) if c.sha256 in listed or is_authority(c)]
     if len(pool) * len(certificates) > MAX_ISSUER_CHECKS:
         raise BudgetExceeded(
@@ -249,11 +242,15 @@ def authorities_of(keystore: Keystore) -> Iterator[Certificate]:
 
     Any other certificate there is an identity like one that lies elsewhere.
     """
-    for file in dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca):
-        yield from filter(is_authority, file.certificates)
+    yield from filter(is_authority, _trusted(keystore, Role.IDENTITY_CA))
     for file in dict.fromkeys(e.permissions_ca for e in keystore.enclaves if e.permissions_ca):
         yield from file.certificates[:1]
         yield from filter(is_authority, file.certificates[1:])
+
+
+def _trusted(keystore: Keystore, role: Role) -> Iterator[Certificate]:
+    """What is in the files of this authority, each of which is looked at once."""
+    yield from dict.fromkeys(certificate for enclave in keystore.enclaves for certificate in enclave.trusts(role))
 
 
 def _standing_elsewhere(keystore: Keystore) -> Iterator[Certificate]:
@@ -261,8 +258,7 @@ def _standing_elsewhere(keystore: Keystore) -> Iterator[Certificate]:
 
     That one takes them (measured on Fast DDS), whatever their own CA file says, which is nothing to who has the key.
     """
-    files = dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca)
-    every = {certificate.sha256: certificate for file in files for certificate in file.certificates}
+    every = {certificate.sha256: certificate for certificate in _trusted(keystore, Role.IDENTITY_CA)}
     for enclave in keystore.enclaves:
         identity = enclave.identity
         if identity is None or identity.sha256 not in every:
@@ -298,8 +294,7 @@ def unmanaged_identities(keystore: Keystore, at: datetime) -> tuple[UnmanagedIde
     found = _outside(keystore)
     if not found:  # nearly always
         return ()
-    trusted = dict.fromkeys(e.identity_ca for e in keystore.enclaves if e.identity_ca)
-    every = tuple(dict.fromkeys(c for file in trusted for c in file.certificates))
+    every = tuple(_trusted(keystore, Role.IDENTITY_CA))
     vouching = [c for c in every if is_authority(c)]
     lasting = [each for each in found.values() if at <= each.certificate.not_after]
     lasting.sort(key=lambda each: (each.certificate.path, each.certificate.line, each.certificate.sha256))

@@ -20,6 +20,7 @@ from keystore_audit.model.claims.stated import (
     chain,
     ordered,
     powerset,
+    turned,
 )
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
 from keystore_audit.model.matching.expression import has_wildcard
@@ -102,7 +103,7 @@ def read_labels(root: SettingsTable, source: Source) -> Labelling | None:
         here.wrong(f"expected two labels in use at least, found {len(used)}: nothing would be compared")
     lattice = names.lattice or powerset(names.sets)
     return Labelling(
-        lattice=lattice.turned if table.preset == "biba" else lattice,
+        lattice=turned(lattice) if table.preset == "biba" else lattice,
         labelled=labelled,
         declassifiers=declassifiers,
         attacker=Attacker(table.attacker),
@@ -144,8 +145,8 @@ class _Names:
             name = ", ".join(categories) or NO_CATEGORY
             self.sets[name] = categories
             return name
-        if not isinstance(label, str) or label not in self.lattice.targets:
-            source.wrong(f"{label!r} is no label of the lattice; expected {', '.join(self.lattice.targets)}")
+        if not isinstance(label, str) or label not in self.lattice:
+            source.wrong(f"{label!r} is no label of the lattice; expected {', '.join(self.lattice)}")
         return label
 
 

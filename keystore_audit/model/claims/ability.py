@@ -67,22 +67,22 @@ def pairs(
     return tuple((one, other) for one in sources for other in targets if one != other or not one.enclaves)
 
 
-def unusable(system: System, channels: Channels, keystore: Keystore, usabilities: Usabilities | None) -> frozenset[int]:
+def unusable(system: System, channels: Channels, keystore: Keystore, usabilities: Usabilities) -> frozenset[int]:
     """The channels of other domains than the one that the robots use, if it is said, and of other partitions than the
     default one, those whose name some implementation of the system has for no topic, and those of domains in which an
     enclave does not start although it does elsewhere.
 
-    `usabilities`: who starts, in that domain; None: everybody.
+    `usabilities`: who starts, in that domain.
     """
     profiles = [VARIANTS[name] for name in system.profiles]
     found = set(range(len(channels.channels))) - channels.regions[IN_DEFAULT_PARTITION]
-    domain = usabilities.domain if usabilities is not None else None
+    domain = usabilities.domain
     if domain is not None:
         inside = {n for n, each in enumerate(channels.domains) if contains(each.intervals, domain)}
         found.update(n for n, channel in enumerate(channels.channels) if channel.domain not in inside)
     for legal in {profile.local.topic_names for profile in profiles} - {None}:
         found.update(illegal_names(channels, legal or ""))
-    if usabilities is not None and domain is None:
+    if domain is None:
         at = system.instants[system.now]
         closed = set(_closed(system, channels, keystore.enclaves, usabilities, profiles, at))
         found.update(n for n, channel in enumerate(channels.channels) if closed and channel.domain in closed)
@@ -102,10 +102,10 @@ def stopped(system: System, keystore: Keystore, usability: Mapping[tuple[str, st
     return _among(system, paths)
 
 
-def stopping(system: System, keystore: Keystore, usabilities: Usabilities | None, until: datetime) -> frozenset[int]:
+def stopping(system: System, keystore: Keystore, usabilities: Usabilities, until: datetime) -> frozenset[int]:
     """Enclaves that start no more, or not yet, at some instant until then: of certificates, lists and grants."""
     now = system.instants[system.now]
-    if usabilities is None or until <= now:
+    if until <= now:
         return frozenset()
     paths = set()
     for enclave in keystore.enclaves:

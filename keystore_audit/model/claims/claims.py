@@ -6,13 +6,13 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from datetime import datetime
 from functools import cached_property
 from hashlib import sha256
-from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
 from keystore_audit.errors import UsageError
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.channels import Channels, ReadRegion
+from keystore_audit.model.claims.ability import pairs, starts_alone, stopped, stopping, unusable, with_refusals
 from keystore_audit.model.claims.globs import (
     IN_DEFAULT_PARTITION,
     Globs,
@@ -25,6 +25,7 @@ from keystore_audit.model.claims.globs import (
     unmanaged,
     with_all_certificates,
 )
+from keystore_audit.model.claims.named import permitted, with_subjects_elsewhere
 from keystore_audit.model.claims.stated import (
     RESTING_ON_STARTS,
     RESTING_ON_SUBJECTS,
@@ -39,11 +40,9 @@ from keystore_audit.model.claims.stated import (
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System, apart, together
 from keystore_audit.model.names import AMBIENT
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
-
-if TYPE_CHECKING:
-    from keystore_audit.model.participants.usability import Usabilities
 
 
 def lasting(
@@ -90,7 +89,7 @@ def with_claims(
     channels: Channels,
     keystore: Keystore,
     usability: Mapping[tuple[str, str], Usability],
-    usabilities: Usabilities | None = None,
+    usabilities: Usabilities,
 ) -> tuple[System, ...]:
     """The systems with the claims as facts. `usability`: by directory and profile, as in `Meaning`, and `usabilities`
     at later instants. For claims that rest on who starts.
@@ -109,8 +108,6 @@ def with_claims(
         return tuple(map(resolved, systems))
     systems = apart(systems)
     if not kinds.isdisjoint(RESTING_ON_SUBJECTS):
-        from keystore_audit.model.claims.named import with_subjects_elsewhere  # most settings have none
-
         systems = with_subjects_elsewhere(systems)
     if kinds.isdisjoint(RESTING_ON_STARTS):
         return together(map(resolved, systems))
@@ -174,13 +171,12 @@ class _Resolution:
         channels: Channels,
         keystore: Keystore,
         usability: Mapping[tuple[str, str], Usability],
-        usabilities: Usabilities | None,
+        usabilities: Usabilities,
     ) -> None:
         self._system = system
         self._usabilities = usabilities
         self._channels = channels
         self._known = {enclave.path for enclave in keystore.enclaves}
-        self._labels = [enclave.label for enclave in system.enclaves]
         self._keystore = keystore
         self._usability = usability
         self._digests: dict[int, str] = {}
@@ -188,14 +184,10 @@ class _Resolution:
     @cached_property
     def _elsewhere(self) -> frozenset[int]:
         """Channels on which no claim of ability counts."""
-        from keystore_audit.model.claims.ability import unusable  # most settings claim none
-
         return unusable(self._system, self._channels, self._keystore, self._usabilities)
 
     def _away(self, until: datetime | None) -> tuple[frozenset[int], frozenset[int]]:
         """Enclaves that take no part in what a claim of ability asks for; and who else at some instant until then."""
-        from keystore_audit.model.claims.ability import stopped, stopping  # most settings claim none
-
         now = stopped(self._system, self._keystore, self._usability) | unmanaged(self._system)
         if until is None:
             return now, frozenset()
@@ -204,8 +196,6 @@ class _Resolution:
     def resolved(self, claims: Sequence[Claim]) -> System:
         """The system with the claims."""
         if any(claim.kind is ClaimKind.ABLE for claim in claims):
-            from keystore_audit.model.claims.ability import with_refusals  # most settings claim none
-
             self._system = with_refusals(self._system, self._keystore)
         return replace(self._system, claims=tuple(self._named(self._atom(claim)) for claim in claims))
 
@@ -238,21 +228,12 @@ class _Resolution:
             until=None if claim.until is None else self._until(claim.until),
             location=claim.location,
             starts=self._starts(claim) if claim.kind is ClaimKind.SEPARATE_DOMAINS else frozenset(),
-            pairs=self._pairs(claim) if able else (),
+            pairs=pairs(claim, self._system, self._channels, self._known, self._elsewhere) if able else (),
             stopping=later,
         )
 
-    def _pairs(self, claim: Claim) -> tuple[tuple[Place, Place], ...]:
-        from keystore_audit.model.claims.ability import pairs  # most settings claim none
-
-        return pairs(claim, self._system, self._channels, self._known, self._elsewhere)
-
     def _starts(self, claim: Claim) -> frozenset[tuple[int, int]]:
         """Where enclaves of a claim of separate domains start although peers do not let them in."""
-        if self._usabilities is None:
-            return frozenset()
-        from keystore_audit.model.claims.ability import starts_alone  # most settings claim none
-
         named = self._enclaves((*claim.source.enclaves, *claim.target.enclaves), unread=False)
         joining = sorted(with_all_certificates(self._system, named))
         return starts_alone(self._system, self._keystore, self._channels, self._usabilities, joining, claim.until)
@@ -261,8 +242,6 @@ class _Resolution:
         """As the claim says; else the one enclave that may publish, if one may. That no other does, engines ask."""
         if claim.kind is not ClaimKind.ONLY_PUBLISH:
             return self._place(claim, claim.source, away)
-        from keystore_audit.model.claims.named import permitted  # most settings ask for none
-
         asked = self._place(claim, claim.target, frozenset()).channels
         return permitted(self._system, claim.source.enclaves, self._known, asked)
 

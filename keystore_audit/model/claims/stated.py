@@ -113,43 +113,30 @@ MAX_CLAIMS: Final = 400
 """Claims that labels make: a hundred pairs of labels between which nothing may flow."""
 
 
-class Lattice(Struct, frozen=True, kw_only=True):
-    """Labels, and by label the labels of what it may flow to, itself among them: a partial order.
+Lattice = Mapping[str, frozenset[str]]
+"""Labels, and by label the labels of what it may flow to, itself among them: a partial order.
 
-    Every partial order lies in a lattice in which its own labels stand as they did (its completion by cuts), so that
-    none has to be filled up by hand: data of two labels counts as having both.
-    """
+Every partial order lies in a lattice in which its own labels stand as they did (its completion by cuts), so that none
+has to be filled up by hand: data of two labels counts as having both.
+"""
 
-    targets: Mapping[str, frozenset[str]]
 
-    def flows(self, source: str, target: str) -> bool:
-        """Whether what has the label `source` may go to what has the label `target`."""
-        return target in self.targets[source]
-
-    @property
-    def turned(self) -> Lattice:
-        """The same upside down."""
-        return Lattice(
-            targets={
-                label: frozenset(other for other, ends in self.targets.items() if label in ends)
-                for label in self.targets
-            }
-        )
+def turned(lattice: Lattice) -> Lattice:
+    """The same upside down."""
+    return {label: frozenset(other for other, ends in lattice.items() if label in ends) for label in lattice}
 
 
 def chain(levels: Sequence[str]) -> Lattice:
     """Levels from the lowest up; data flows up."""
-    return Lattice(targets={level: frozenset(levels[number:]) for number, level in enumerate(levels)})
+    return {level: frozenset(levels[number:]) for number, level in enumerate(levels)}
 
 
 def powerset(sets: Mapping[str, Collection[str]]) -> Lattice:
     """Labels that are sets of categories, by name; data flows to larger sets."""
-    return Lattice(
-        targets={
-            label: frozenset(other for other, larger in sets.items() if set(larger) >= set(one))
-            for label, one in sets.items()
-        }
-    )
+    return {
+        label: frozenset(other for other, larger in sets.items() if set(larger) >= set(one))
+        for label, one in sets.items()
+    }
 
 
 def ordered(below: Mapping[str, Collection[str]]) -> Lattice:
@@ -171,7 +158,7 @@ def ordered(below: Mapping[str, Collection[str]]) -> Lattice:
 
     for each in below:
         descend(each, ())
-    return Lattice(targets=down).turned
+    return turned(down)
 
 
 class CyclicOrder(ValueError):
@@ -223,9 +210,9 @@ class Labelling(Struct, frozen=True, kw_only=True):
         used = {one.label for one in self.labelled}
         sources = used | {one.given for one in self.declassifiers}
         targets = used | {one.taken for one in self.declassifiers}
-        for source in self.lattice.targets:
-            for target in self.lattice.targets:
-                if source in sources and target in targets and not self.lattice.flows(source, target):
+        for source in self.lattice:
+            for target in self.lattice:
+                if source in sources and target in targets and target not in self.lattice[source]:
                     yield source, target
 
     def sources(self, label: str) -> tuple[Globs, ...]:

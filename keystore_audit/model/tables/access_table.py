@@ -181,24 +181,12 @@ class AccessTable(Struct, frozen=True, kw_only=True):
         return any(group.has_unknown for group in self.groups)
 
 
-def access_table(
-    keystore: Keystore, profiles: Sequence[Profile], at: datetime, accesses: AccessViews, domain: int | None
-) -> AccessTable:
-    """The rights in the domain (0..232), None: in the lowest that some governance covers, 0 where none does.
+class TableBuilder:
+    """Works out the rights in the domain (0..232), None: in the lowest that some governance covers, 0 where none does.
 
-    Raises errors.BudgetExceeded where the names are of too many classes.
+    `window`, `local`, `systems` (by profile, MAY): what they are read off. Raises errors.BudgetExceeded where the names
+    are of too many classes.
     """
-    read = accesses.by_row(profiles, (document.file for document in documents_of(keystore)))
-    if domain is None:
-        domain = next((lowest for lowest, _highest in governed_domains(read)), 0)
-    names, rest = names_of(read)
-    table = _Table(keystore, profiles, at, accesses, domain, names)
-    groups = sorted(table.groups(), key=lambda group: len(group.profiles))
-    return AccessTable(root=keystore.root, at=at, domain=domain, names=names, rest=rest, groups=tuple(groups))
-
-
-class _Table:
-    """Works out the table of one domain."""
 
     def __init__(
         self,
@@ -206,16 +194,23 @@ class _Table:
         profiles: Sequence[Profile],
         at: datetime,
         accesses: AccessViews,
-        domain: int,
-        names: Sequence[Named],
+        domain: int | None,
     ) -> None:
+        read = accesses.by_row(profiles, (document.file for document in documents_of(keystore)))
+        if domain is None:
+            domain = next((lowest for lowest, _highest in governed_domains(read)), 0)
+        names, self._rest = names_of(read)
         builder = SystemBuilder(keystore, profiles, at, accesses, [(name.topic, name.partition) for name in names])
         systems = builder.systems()
-        self._enclaves = keystore.enclaves
+        self.systems = {name: system for system in systems if system.may for name in system.profiles}
+        self.window = Window(builder.channels, domain, len(names))
+        self.local = LocalRights(accesses, builder.channels, at)
+        self._keystore = keystore
         self._profiles = profiles
         self._at = at
+        self._domain = domain
+        self._names = names
         self._usabilities = Usabilities(domain, accesses)
-        self._local = LocalRights(accesses, builder.channels, at)
         self._effective = EffectiveRights(systems)
         self._unclear = {
             profile.name: bits(
@@ -226,16 +221,25 @@ class _Table:
             for profile in profiles
         }
         self._several = bits(number for number, name in enumerate(names) if name.several)
-        self._window = Window(builder.channels, domain, len(names))
-        self._systems = {name: system for system in systems if system.may for name in system.profiles}
 
-    def groups(self) -> list[Group]:
+    def table(self) -> AccessTable:
+        """The whole table."""
+        return AccessTable(
+            root=self._keystore.root,
+            at=self._at,
+            domain=self._domain,
+            names=self._names,
+            rest=self._rest,
+            groups=tuple(sorted(self._groups(), key=lambda group: len(group.profiles))),
+        )
+
+    def _groups(self) -> list[Group]:
         """Profiles by equal answers."""
         kinds = grouped(self._profiles, lambda profile: (self._usabilities.kind(profile), self._unclear[profile.name]))
         groups: list[Group] = []
         for alike in kinds.values():
-            enclaves = {enclave.path: self._rights(enclave, alike[0]) for enclave in self._enclaves}
-            protected = self._window.safeguards(self._systems[alike[0].name])
+            enclaves = {enclave.path: self._rights(enclave, alike[0]) for enclave in self._keystore.enclaves}
+            protected = self.window.safeguards(self.systems[alike[0].name])
             names = tuple(profile.name for profile in alike)
             for number, group in enumerate(groups):
                 if (group.enclaves, group.safeguards) == (enclaves, protected):
@@ -250,12 +254,12 @@ class _Table:
         rights = {}
         unclear = self._unclear[profile.name]
         for operation in Operation:
-            decided = Bounds(0, self._window.all if usability.usable.may else 0)
+            decided = Bounds(0, self.window.all if usability.usable.may else 0)
             if usability.usable.must:
                 decided = Bounds.exact(self._allowed(enclave, profile, operation)).but(unclear)
             taken = self._effective.accepted(enclave.path, profile.name, operation)
-            taken = Bounds(self._window.of(taken.must), self._window.of(taken.may)).but(unclear)
-            rights[operation] = Rights(names=self._window.all, decided=decided, taken=taken)
+            taken = Bounds(self.window.of(taken.must), self.window.of(taken.may)).but(unclear)
+            rights[operation] = Rights(names=self.window.all, decided=decided, taken=taken)
         return EnclaveRights(usable=usability.usable, reasons=usability.reasons, rights=rights)
 
     def _allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
@@ -263,9 +267,9 @@ class _Table:
 
         That it creates no topic of a witness's name says nothing of the other names of the class.
         """
-        allowed = self._window.of(self._local.allowed(enclave, profile, operation))
+        allowed = self.window.of(self.local.allowed(enclave, profile, operation))
         if profile.local.topic_names is None or not self._several:
             return allowed
         any_name = replace(profile, local=replace(profile.local, topic_names=None))
-        by_rules = self._window.of(self._local.allowed(enclave, any_name, operation))
+        by_rules = self.window.of(self.local.allowed(enclave, any_name, operation))
         return allowed & ~self._several | by_rules & self._several

@@ -30,8 +30,7 @@ from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import certificates_of
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.rights import Window
-from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.tables.access_table import AccessTable, access_table
+from keystore_audit.model.tables.access_table import AccessTable, TableBuilder
 from keystore_audit.model.trust.revocation import lists_carried
 from keystore_audit.profiles import Profile
 
@@ -352,21 +351,18 @@ def overview(
     issued = issuance(keystore, systems[0])
     dates = periods(keystore, systems[0], issued)
     try:
-        table = access_table(keystore, profiles, at, accesses, domain)
+        built = TableBuilder(keystore, profiles, at, accesses, domain)
     except BudgetExceeded as exceeded:
         return _nothing(exceeded.message, issued, dates)
+    table, window = built.table(), built.window
     shown = next(profile for profile in profiles if profile.name == table.groups[-1].profiles[0])
-    points = [(name.topic, name.partition) for name in table.names]
-    builder = SystemBuilder(keystore, [shown], at, accesses, points)
-    window = Window(builder.channels, table.domain, len(points))
-    local = LocalRights(accesses, builder.channels, at)
-    system = builder.systems()[0]
+    system = built.systems[shown.name]
     many = len(system.trust_domains) * len(system.enclaves) > MAX_VIEWS
     ambient = bits(number for number, name in enumerate(table.names) if name.topic in AMBIENT and not name.several)
     return Overview(
         access=table,
         refused="",
-        allowances={each.path: tuple(_allowances(each, shown, local, window)) for each in keystore.enclaves},
+        allowances={each.path: tuple(_allowances(each, shown, built.local, window)) for each in keystore.enclaves},
         neighbourhoods=() if many else neighbourhoods(system, window, ambient, MAX_NEIGHBOURHOODS),
         undrawn=f"{len(system.trust_domains)} ways to trust are too many to hold each enclave against each."
         if many
