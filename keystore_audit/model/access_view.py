@@ -215,34 +215,32 @@ class AccessViews:
         return replace(access, **{name: specified[name] for name in idle}) if idle else access
 
     def _document(self, file: Typed, access: Access) -> ReadDocument:
-        governance = file.governance if isinstance(file, GovernanceFile) else None
-        permissions = file.permissions if isinstance(file, PermissionsFile) else None
-        if governance is None and permissions is None:
+        typed = file.governance if isinstance(file, GovernanceFile) else file.permissions
+        if typed is None:
             return _UNPARSED
         if _is_1_0(file) and not access.reads_1_0:
             return ReadDocument(refusal="it has the form of DDS-Security 1.0")
         undefined = _undefined_expression(file, access)
         if undefined is not None:
             return ReadDocument(doubt=undefined)
-        if governance is not None:
-            ranges = list(_governance_ranges(governance))
-            refusal = _range_refusal(ranges, access)
-            if refusal is None and _unbounded_below(ranges, access) is not None:
-                refusal = "it has an <id_range> without <min>"
-            if refusal is None and _opens_protected_rtps(governance) and access.refuses_unauthenticated_with_rtps:
-                refusal = "it allows unauthenticated participants beside a protected RTPS"
-            return ReadDocument(
-                refusal=refusal, domain_rules=None if refusal else read_domain_rules(governance, access)
-            )
-        return self._permissions_document(file, permissions, access) if permissions is not None else _UNPARSED
+        ranges, highest = [*_ranges(typed)], access.highest_domain
+        if highest is not None and any(max(each.low or 0, each.high or 0) > highest for each in ranges):
+            return ReadDocument(refusal=f"it names a domain above {highest}")
+        unbounded = next((each for each in ranges if each.low is None), None)
+        unbounded = unbounded if access.open_ranges is OpenRange.LONE_MAX_REFUSED else None
+        if isinstance(typed, Permissions):
+            if unbounded is None:
+                return self._permissions_document(file, typed, access)
+            # In permissions it is not refused: coming to it ends the process (measured).
+            doubt = "an <id_range> without <min> ends the process that comes to it", unbounded.line
+            return ReadDocument(doubt=doubt)
+        if unbounded is not None:
+            return ReadDocument(refusal="it has an <id_range> without <min>")
+        if _opens_protected_rtps(typed) and access.refuses_unauthenticated_with_rtps:
+            return ReadDocument(refusal="it allows unauthenticated participants beside a protected RTPS")
+        return ReadDocument(domain_rules=read_domain_rules(typed, access))
 
     def _permissions_document(self, file: Typed, permissions: Permissions, access: Access) -> ReadDocument:
-        refusal = _range_refusal(_permissions_ranges(permissions), access)
-        if refusal is not None:
-            return ReadDocument(refusal=refusal)
-        unbounded = _unbounded_below(_permissions_ranges(permissions), access)
-        if unbounded is not None:  # in permissions it is not refused: coming to it ends the process (measured)
-            return ReadDocument(doubt=("an <id_range> without <min> ends the process that comes to it", unbounded.line))
         grants = []
         for grant, rules in zip(permissions.grants, self._readings[file].rules.of(access), strict=True):
             dates = [read_date(date.text, access.dates, self._zone) for date in (grant.not_before, grant.not_after)]
@@ -290,19 +288,6 @@ def _undefined_expression(file: Typed, access: Access) -> tuple[str, int | None]
     return None
 
 
-def _range_refusal(ranges: Iterable[DomainRange], access: Access) -> str | None:
-    highest = access.highest_domain
-    if highest is None or all(max(entry.low or 0, entry.high or 0) <= highest for entry in ranges):
-        return None
-    return f"it names a domain above {highest}"
-
-
-def _unbounded_below(ranges: Iterable[DomainRange], access: Access) -> DomainRange | None:
-    """A range without a lower bound, where the implementation wants one."""
-    unbounded = next((entry for entry in ranges if entry.low is None), None)
-    return unbounded if unbounded is not None and access.open_ranges is OpenRange.LONE_MAX_REFUSED else None
-
-
 def _opens_protected_rtps(governance: Governance) -> bool:
     return any(
         rule.allow_unauthenticated_participants and rule.rtps_protection_kind is not ProtectionKind.NONE
@@ -310,12 +295,8 @@ def _opens_protected_rtps(governance: Governance) -> bool:
     )
 
 
-def _governance_ranges(governance: Governance) -> Iterator[DomainRange]:
-    for rule in governance.domain_rules:
-        yield from rule.domains
-
-
-def _permissions_ranges(permissions: Permissions) -> Iterator[DomainRange]:
-    for grant in permissions.grants:
-        for rule in grant.rules:
-            yield from rule.domains
+def _ranges(document: Governance | Permissions) -> Iterator[DomainRange]:
+    if isinstance(document, Governance):
+        yield from (each for rule in document.domain_rules for each in rule.domains)
+    else:
+        yield from (each for grant in document.grants for rule in grant.rules for each in rule.domains)

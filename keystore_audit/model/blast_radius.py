@@ -62,13 +62,13 @@ class BlastRadius(Struct, frozen=True, kw_only=True):
     what somebody else may write.
     """
 
-    written: int
-    forged: int
-    read: int
-    passes_for: frozenset[str]
-    reached_alone: frozenset[str]
-    reached: frozenset[str]
-    learns: bool
+    written: int = 0
+    forged: int = 0
+    read: int = 0
+    passes_for: frozenset[str] = frozenset()
+    reached_alone: frozenset[str] = frozenset()
+    reached: frozenset[str] = frozenset()
+    learns: bool = False
 
     @property
     def beyond_itself(self) -> bool:
@@ -76,15 +76,7 @@ class BlastRadius(Struct, frozen=True, kw_only=True):
         return bool(self.passes_for or self.reached or self.learns)
 
 
-NOTHING: Final = BlastRadius(
-    written=0,
-    forged=0,
-    read=0,
-    passes_for=frozenset(),
-    reached_alone=frozenset(),
-    reached=frozenset(),
-    learns=False,
-)
+NOTHING: Final = BlastRadius()
 
 
 class Radii:
@@ -107,7 +99,12 @@ class Radii:
         acting = frozenset(self._flows.acting(enclave))
         written, forged, read = self.abilities(acting)
         mine = bits(acting)
-        others = self._written(number for number in self._everybody if number not in acting)
+        others = union(  # by right, or though honest peers refuse it
+            view.abilities(number).writes_at_all
+            for number in self._everybody
+            if number not in acting
+            for view in self._trust_domains
+        )
         return BlastRadius(
             written=written,
             forged=forged,
@@ -130,26 +127,19 @@ class Radii:
                 read |= able.knows
         return written, forged & ~written, read
 
-    def _written(self, enclaves: Iterable[int]) -> int:
-        """Channels that some of the enclaves write: by right, or though honest peers refuse it."""
-        return union(view.abilities(number).writes_at_all for number in enclaves for view in self._trust_domains)
-
     def acting(self, enclave: int) -> Iterable[int]:
         """The enclaves whose key it has, or may have."""
         return self._flows.acting(enclave)
 
     def reached(self, enclave: int) -> int:
         """The enclaves that its data can get to if all on the way are compromised."""
-        return self._to_enclaves(self._attacked[enclave])
+        return self._attacked[enclave] & self._enclaves
 
     def reached_alone(self, enclave: int) -> int:
         """The enclaves that its data can get to if nobody else is."""
         by_right = self._by_right
         forged_to = members(self._forged_to[enclave] & ~by_right[enclave])
-        return self._to_enclaves(by_right[enclave] | union(by_right[node] for node in forged_to))
-
-    def _to_enclaves(self, participants: int) -> int:
-        return participants & self._enclaves
+        return (by_right[enclave] | union(by_right[node] for node in forged_to)) & self._enclaves
 
     @cached_property
     def _attacked(self) -> list[int]:

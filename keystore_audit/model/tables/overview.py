@@ -69,9 +69,9 @@ class Issuance(Struct, frozen=True, kw_only=True):
     which that cannot be told.
     """
 
-    certificates: tuple[IssuedCertificate, ...]
-    unsigned: tuple[str, ...]
-    unread: tuple[str, ...]
+    certificates: tuple[IssuedCertificate, ...] = ()
+    unsigned: tuple[str, ...] = ()
+    unread: tuple[str, ...] = ()
 
 
 def issuance(keystore: Keystore, system: System) -> Issuance:
@@ -323,14 +323,14 @@ class Overview(Struct, frozen=True, kw_only=True):
     leave out.
     """
 
-    access: AccessTable | None
-    refused: str
-    allowances: Mapping[str, tuple[Allowance, ...]]
-    neighbourhoods: tuple[Neighbourhood, ...]
-    undrawn: str
-    ambient: int
-    issuance: Issuance
-    periods: tuple[Period, ...]
+    access: AccessTable | None = None
+    refused: str = ""
+    allowances: Mapping[str, tuple[Allowance, ...]] = {}
+    neighbourhoods: tuple[Neighbourhood, ...] = ()
+    undrawn: str = ""
+    ambient: int = 0
+    issuance: Issuance = Issuance()
+    periods: tuple[Period, ...] = ()
 
 
 def overview(
@@ -347,13 +347,14 @@ def overview(
     are none, nothing could be worked out.
     """
     if not systems:
-        return _nothing("The classes of names are too many.")
+        why = "The classes of names are too many."
+        return Overview(refused=why, undrawn=why)
     issued = issuance(keystore, systems[0])
     dates = periods(keystore, systems[0], issued)
     try:
         built = TableBuilder(keystore, profiles, at, accesses, domain)
     except BudgetExceeded as exceeded:
-        return _nothing(exceeded.message, issued, dates)
+        return Overview(refused=exceeded.message, undrawn=exceeded.message, issuance=issued, periods=dates)
     table, window = built.table(), built.window
     shown = next(profile for profile in profiles if profile.name == table.groups[-1].profiles[0])
     system = built.systems[shown.name]
@@ -361,7 +362,6 @@ def overview(
     ambient = bits(number for number, name in enumerate(table.names) if name.topic in AMBIENT and not name.several)
     return Overview(
         access=table,
-        refused="",
         allowances={each.path: tuple(_allowances(each, shown, built.local, window)) for each in keystore.enclaves},
         neighbourhoods=() if many else neighbourhoods(system, window, ambient, MAX_NEIGHBOURHOODS),
         undrawn=f"{len(system.trust_domains)} ways to trust are too many to hold each enclave against each."
@@ -369,19 +369,6 @@ def overview(
         else "",
         ambient=ambient,
         issuance=issued,
-        periods=dates,
-    )
-
-
-def _nothing(why: str, issued: Issuance | None = None, dates: tuple[Period, ...] = ()) -> Overview:
-    return Overview(
-        access=None,
-        refused=why,
-        allowances={},
-        neighbourhoods=(),
-        undrawn=why,
-        ambient=0,
-        issuance=issued or Issuance(certificates=(), unsigned=(), unread=()),
         periods=dates,
     )
 

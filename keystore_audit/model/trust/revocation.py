@@ -106,15 +106,30 @@ def revoked(
     )
 
 
+def _lists_about(
+    enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime | None
+) -> Iterator[tuple[RevocationList, bool]]:
+    """Of the lists that are read those that OpenSSL may look the identity up in `at` the instant, or ever; and whether
+    each can be used: a signature that cannot be checked counts.
+
+    One that can be used names the identity's issuer, is signed by the certificate of that name which OpenSSL takes for
+    the list's issuer, whose keyUsage allows it, and holds identities of every kind.
+    """
+    lists = lists_read(enclave, trust)
+    authorities = identity_authorities(enclave, trust) if lists else ()
+    for each in lists:
+        signers = [*_signers(each, certificate, authorities, trust, at)] if _is_about(each, certificate) else ()
+        if signers:
+            yield each, any(crl_signed_by(each, signer).may and _lets_sign_lists(each, signer) for signer in signers)
+
+
 def list_used(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> RevocationList | None:
     """Of the lists that can be used for the identity, the one that OpenSSL looks it up in.
 
     One in force `at` the instant goes before others, then the newest, then the first (`get_crl_score` in x509_vfy.c;
     measured on Fast DDS 2.9.1).
     """
-    authorities = identity_authorities(enclave, trust)
-    lists = lists_read(enclave, trust)
-    return _chosen((each for each in lists if _usable(each, certificate, authorities, trust, at)), at)
+    return _chosen((each for each, usable in _lists_about(enclave, certificate, trust, at) if usable), at)
 
 
 def list_broken(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime) -> bool:
@@ -122,14 +137,9 @@ def list_broken(enclave: Enclave, certificate: Certificate, trust: Trust, at: da
 
     It chooses before it asks for signature and keyUsage (get_crl_score and check_crl in x509_vfy.c; measured).
     """
-    authorities = identity_authorities(enclave, trust)
-    fitting = (
-        each
-        for each in lists_read(enclave, trust)
-        if _is_about(each, certificate) and any(_signers(each, certificate, authorities, trust, at))
-    )
-    chosen = _chosen(fitting, at)
-    return chosen is not None and not _usable(chosen, certificate, authorities, trust, at)
+    found = [*_lists_about(enclave, certificate, trust, at)]
+    chosen = _chosen((each for each, _usable in found), at)
+    return any(each is chosen and not usable for each, usable in found)
 
 
 def list_looked_up(authority: Certificate, lists: Iterable[RevocationList], at: datetime) -> RevocationList | None:
@@ -163,30 +173,10 @@ def names_revoked(revocations: RevocationList, certificate: Certificate) -> bool
 
 
 def list_missing(enclave: Enclave, certificate: Certificate, trust: Trust, at: datetime | None = None) -> bool:
-    """Whether lists are read and none of them can be used for the identity `at` the instant, or ever: it is refused.
-
-    One that can be used names the identity's issuer, is signed by the certificate of that name which OpenSSL takes for
-    the list's issuer, whose keyUsage allows it, and holds identities of every kind.
-    """
-    lists = lists_read(enclave, trust)
-    if not lists:  # nearly always
+    """Whether lists are read and none of them can be used for the identity `at` the instant, or ever: it is refused."""
+    if not lists_read(enclave, trust):  # nearly always
         return False
-    authorities = identity_authorities(enclave, trust)
-    return not any(_usable(each, certificate, authorities, trust, at) for each in lists)
-
-
-def _usable(
-    revocations: RevocationList,
-    certificate: Certificate,
-    authorities: Sequence[Certificate],
-    trust: Trust,
-    at: datetime | None,
-) -> bool:
-    """Whether a list can be used for a certificate; a signature that cannot be checked counts."""
-    return _is_about(revocations, certificate) and any(
-        crl_signed_by(revocations, signer).may and _lets_sign_lists(revocations, signer)
-        for signer in _signers(revocations, certificate, authorities, trust, at)
-    )
+    return not any(usable for _each, usable in _lists_about(enclave, certificate, trust, at))
 
 
 def _is_about(revocations: RevocationList, certificate: Certificate) -> bool:
