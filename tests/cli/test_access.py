@@ -11,7 +11,6 @@ from io import StringIO
 from itertools import product
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape
 
 import pytest
 from hypothesis import given, settings
@@ -218,7 +217,7 @@ def test_what_peers_accept_elsewhere_is_said_in_place_of_what_stands_below(tmp_p
 
 def test_hostile_names(tmp_path: Path) -> None:
     topics = ("=1+1", "@cmd", "rt/\u00e9", 'a","x', "<b>a</b>")
-    store = keystore(tmp_path / "k", {"/talker": (rule(tuple(map(escape, topics))),)})
+    store = keystore(tmp_path / "k", {"/talker": (rule(topics),)})
     args = ("access", store, "--at", AT, "--profile", "spec")
     _code, text = answer(*args)
     assert all(character.isprintable() or character == "\n" for character in text)

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape
 
 import pytest
 from msgspec.structs import replace
@@ -57,7 +56,7 @@ STEERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u206
 def test_hostile_names_are_shown_and_steer_nothing(diff: Diff, tmp_path: Path, what: str) -> None:
     """Topics as far as XML can hold them, and directories."""
     printable = "".join(each for each in NAMES[what] if each >= " ")
-    topic = escape(printable).translate(dict.fromkeys(map(ord, "*?[\\")))
+    topic = printable.translate(dict.fromkeys(map(ord, "*?[\\")))
     path = "/" + MARK + NAMES[what].replace("/", "")[:16]
     plain = (rule(publish=("rt/x",)),)
     old = keystore(tmp_path / "old", {"/a": plain})

@@ -39,7 +39,7 @@ MAX_SUBJECT = 60
 def attacks(root: Path) -> Path:
     """An enclave for each payload that XML and a file system can hold; it publishes that, and hears all the others."""
     printable = [payload for payload in PAYLOADS if payload.isprintable()]
-    topics = tuple(f"rt/{escape(payload, quote=False)}" for payload in printable)
+    topics = tuple(f"rt/{payload}" for payload in printable)
     made = {}
     for number, payload in enumerate(printable):
         name = payload.replace("/", "\u2215").encode()[:MAX_SUBJECT].decode("utf-8", "ignore")  # a slash is a directory

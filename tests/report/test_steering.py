@@ -53,7 +53,7 @@ def keystore(root: Path, name: str, topic: str) -> Path:
     printable = "".join(each for each in name if each.isprintable())
     identity, permissions = authority(name[:60]), authority(f"{name[:50]}p")
     for path in (f"/{printable[:40]}", "/b"):
-        document = document_of(grant_of(escape(path), rule((escape(topic),), (escape(topic),))))
+        document = document_of(grant_of(escape(path), rule((topic,), (topic,))))
         directory = root / "enclaves" / path.strip("/")
         write_enclave(directory, certificate(path, identity), document, identity, permissions, GOVERNANCE)
     (root / "enclaves" / f"{name[:40].replace('/', '')}.pem").write_text("no key")
