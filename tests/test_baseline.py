@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from datetime import date
 from pathlib import Path
@@ -23,7 +22,6 @@ from keystore_audit.report.content import Verdict
 from keystore_audit.settings.settings import Baseline, read_baseline
 from keystore_audit.settings.suppressions import Fate, Suppression, acceptable, accepted, uses
 from keystore_audit.text import terminal
-from tests.cli.keystores import answer
 from tests.schemas import schema
 from tests.settings.files import plain
 from tests.test_samples import SAMPLES, as_built, given_options, name
@@ -150,23 +148,6 @@ def test_a_baseline_accepts_what_was_found_and_nothing_of_the_audit_itself(
     assert (gone.kept, {use.fate for use in gone.dropped} <= {Fate.ENDED}) == (0, True)
 
 
-def test_the_least_severity_and_what_settings_accept_already(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(SAMPLES)
-    expectation = SAMPLES / "rules/KA910-suppression-unused/good.toml"
-    keystore, _expected = as_built(expectation, tmp_path / "keys")
-    options = given_options(expectation, keystore)
-    assert [a.code for a in made(options, keystore, tmp_path / "b.toml").suppressions] == ["KA230", "KA513", "KA636"]
-    plain = replace(options, settings=None)
-    assert [a.code for a in made(plain, keystore, tmp_path / "c.toml").suppressions] == [
-        "KA205",
-        "KA230",
-        "KA513",
-        "KA636",
-    ]
-    medium = made(plain, keystore, tmp_path / "d.toml", least=Severity.MEDIUM)
-    assert [a.code for a in medium.suppressions] == ["KA205", "KA636"]
-
-
 def test_entries_that_nothing_matches_stay_while_anything_is_undecided(tmp_path: Path) -> None:
     expectation = SAMPLES / "unknown/unreadable_enclave.toml"
     keystore, _expected = as_built(expectation, tmp_path / "keys")
@@ -223,21 +204,3 @@ def test_a_baseline_of_the_good_sample_hides_no_defect_of_the_bad_one(
             before = found["good"][f.fingerprint, f.meaning]
             assert (f.code, f.enclave) == (before.code, before.enclave)
             assert before.severity.at_least(f.severity)
-
-
-def test_an_suppression_repeats_no_finding(tmp_path: Path) -> None:
-    """Undecided properties share one finding, which stays one when something else is accepted."""
-    keystore, expected = as_built(SAMPLES / "unknown/unreadable_enclave.toml", tmp_path / "keys")
-    settings = tmp_path / "settings.toml"
-    settings.write_text(
-        '[[suppression]]\ncode = "KA108"\nwhere = "/talker"\nreason = "r"\nowner = "o"\nuntil = 2026-12-31\n',
-        encoding="utf-8",
-    )
-    at = ("--at", expected["at"], "--engine", "native", "--format", "json")
-    plain, accepting = (_found(keystore, *at, *more) for more in ((), ("--settings", str(settings))))
-    assert Counter(plain) == Counter(each for each in accepting if each[0] != "KA910")  # nothing there is accepted
-
-
-def _found(keystore: Path, *options: str) -> list[tuple[str, str]]:
-    _code, out = answer("audit", *options, keystore)
-    return [(each["code"], each["fingerprint"]) for each in json.loads(out)["findings"]]

@@ -183,19 +183,6 @@ def test_a_flow_of_another_topic_is_another_violation(name: str, tmp_path: Path)
     assert (code, [each["suppressed"] for each in found.values()]) == (1, [None])
 
 
-def test_a_flow_in_another_domain_is_another_violation(tmp_path: Path) -> None:
-    settings = tmp_path / "keystore-audit.toml"
-    settings.write_text(f'[[property]]\nname = "x"\n{TOPICS["to-topics"]}\n', "utf-8")
-    governance = GOVERNANCE.replace(b"<id>0</id>", b"<id>0</id><id>1</id>")
-    led, told = rule(("rt/out/led",)), (rule((), ("rt/out/led",)), rule((), ("rt/out/led",)).replace(">0<", ">1<"))
-    root = keystore(tmp_path / "before", {"/planner": (led,), "/motor": told}, governance=governance)
-    options = ("--settings", settings, "--baseline", accepted(tmp_path, root, settings))
-    assert audited(root, *options)[0] == 0
-    worse = {"/planner": (led, led.replace(">0<", ">1<")), "/motor": told}
-    code, found = audited(keystore(tmp_path / "worse", worse, governance=governance), *options)
-    assert (code, [each["suppressed"] for each in found.values()]) == (1, [None])
-
-
 def test_all_claims_together_have_a_budget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Those beyond it are accepted with the keystore as a whole, so that any change of it counts."""
     monkeypatch.setattr(breaches, "MAX_STEPS", 1)

@@ -312,24 +312,6 @@ def test_a_property_that_findings_explain_is_about_the_whole_keystore_too(tmp_pa
     assert before != after
 
 
-def read_freely(relayed: tuple[str, ...], data: str = "NONE") -> Store:
-    """Nobody asks who reads rt/open; the listener may relay, and reads what has payloads in the clear."""
-    relay = enclave("/listener", Rule(subscribe=("rt/b",), relay=relayed))
-    topics = (
-        TopicRule(expression="rt/open", read_access_control=False),
-        TopicRule(expression="rt/chatter", data=data),
-        TopicRule(),
-    )
-    return replace(TWO, enclaves=(TALKER, relay), governance=Governance(rules=(replace(QUIET, topics=topics),)))
-
-
-def test_what_no_finding_explains_beside_what_one_does_makes_another_violation(tmp_path: Path) -> None:
-    """KA405 explains that rt/open is read without a grant, and not that a relay reads rt/chatter."""
-    stores = read_freely(()), read_freely(("rt/chatter",)), read_freely(("rt/chatter",), "ENCRYPT")
-    found = [{*prints(store, tmp_path / str(n), "KA723", "spec")} for n, store in enumerate(stores)]
-    assert len(set.union(*found)) == 3
-
-
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_a_grant_that_gets_an_effect_is_another_finding(effect: str, tmp_path: Path) -> None:
     """It was accepted while nobody asked it."""
@@ -351,16 +333,6 @@ def test_a_certificate_renewed_with_its_key_makes_no_other_finding_and_a_new_key
     found = [{*prints(store, tmp_path / str(n), "KA511")} for n, store in enumerate(stores)]
     assert found[0] == found[1]
     assert found[0].isdisjoint(found[2])
-
-
-def test_an_identity_at_large_that_is_granted_more_elsewhere_is_another_finding(tmp_path: Path) -> None:
-    """Its own document grants it little, and the talker's more."""
-    more = Grant(path="/spare", rules=(Rule(publish=("rt/cmd_vel",)),))
-    few = replace(TWO, changes=beside("backup", "/spare"))
-    talker = replace(TALKER, permissions=Permissions(grants=(*TALKER.permissions.grants, more)))
-    stores = few, replace(few, enclaves=(talker, LISTENER))
-    before, after = ({*prints(store, tmp_path / str(n), "KA668")} for n, store in enumerate(stores))
-    assert before.isdisjoint(after)
 
 
 def renewed(store: Store) -> Store:
@@ -386,12 +358,6 @@ def test_dates_of_grants_and_the_order_within_a_rule_make_no_other_finding(code:
     """As where a document is signed again in time."""
     before, after = ALIKE[code]
     assert {*prints(before, tmp_path / "before", code)} == {*prints(after, tmp_path / "after", code)}
-
-
-def test_a_document_that_the_authority_did_not_sign_is_accepted_as_it_is(tmp_path: Path) -> None:
-    before = self_signed("rt/a")
-    after = {*prints(renewed(before), tmp_path / "after", "KA302")}
-    assert after.isdisjoint(prints(before, tmp_path / "before", "KA302"))
 
 
 def test_another_certificate_inside_a_message_is_another_finding(tmp_path: Path) -> None:

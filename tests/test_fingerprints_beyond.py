@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
 
-from keystore_audit.circumstances import Circumstances
-from keystore_audit.diff import compare_keystores
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
-from keystore_audit.profiles import resolve
 from tests.rules.evidence import AT
 from tests.test_fingerprints import beside, enclave, prints, renewed
 from tools.samples.base import IDENTITY_CA, LISTENER, PERMISSIONS_CA, QUIET, TALKER, TWO
@@ -186,41 +182,6 @@ def authority(*more: Enclave) -> Store:
     """A weak authority whom all trust."""
     both = {"public/identity_ca.cert.pem": IDENTITY_CA.pem() + STRAY_CA.pem()}
     return replace(TWO, enclaves=(*TWO.enclaves, *more), changes=both)
-
-
-def test_another_weak_digest_is_another_finding_and_both_more_and_less(tmp_path: Path) -> None:
-    """MD5 goes with RSA alone."""
-    (scratch := tmp_path / "scratch").mkdir()
-
-    def openssl(*arguments: str) -> None:
-        subprocess.run(["openssl", *arguments], cwd=scratch, check=True, capture_output=True)
-
-    openssl(
-        "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "999", "-subj", "/CN=ca", "-keyout", "k", "-out", "c"
-    )
-    places = [tmp_path / name for name in ("sha1", "md5")]
-    for place in places:
-
-        def sealed(document: bytes, digest: str = place.name) -> bytes:
-            (scratch / "x").write_bytes(document)
-            openssl("smime", "-sign", "-text", "-md", digest, "-in", "x", "-out", "y", "-signer", "c", "-inkey", "k")
-            return (scratch / "y").read_bytes()
-
-        authority = {"public/permissions_ca.cert.pem": (scratch / "c").read_bytes()}
-        enclaves = tuple(replace(each, seal=sealed) for each in TWO.enclaves)
-        write(replace(TWO, enclaves=enclaves, governance_seal=sealed, changes=authority).tree(), place)
-    sha1, md5 = (
-        {
-            each.fingerprint
-            for each in audit(str(place), Options(at=AT, engine="native")).findings
-            if each.code == "KA309"
-        }
-        for place in places
-    )
-    assert sha1
-    assert sha1.isdisjoint(md5)
-    found = compare_keystores(*map(str, places), Circumstances(profiles=resolve(()), at=AT))
-    assert {(each.kind, each.direction.value) for each in found.changes} == {("document-form", "mixed")}
 
 
 ALIKE = {

@@ -131,15 +131,6 @@ def test_a_link_in_the_place_of_a_summary_is_replaced(tmp_path: Path) -> None:
     assert (tmp_path / "shown.json").read_text() == "mine"
 
 
-def test_a_run_that_writes_no_summary_leaves_the_one_that_is_there(tmp_path: Path) -> None:
-    """The reports that it speaks of stay as well."""
-    run = ("-r", robots(tmp_path / "all", 1), *NATIVE, "-o")
-    answer(*run, f"json={tmp_path}/out/")
-    before = summary(tmp_path / "out")
-    answer(*run, f"html={tmp_path}/out/")
-    assert summary(tmp_path / "out") == before
-
-
 def test_a_summary_that_cannot_be_replaced_is_wrong_usage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "out/summary.json").mkdir(parents=True)
     code, _ = answer("-r", robots(tmp_path / "all", 1), *NATIVE, "-o", f"json={tmp_path}/out/")
@@ -190,14 +181,6 @@ def test_a_broken_one_hides_no_other(fleet: Path, tmp_path: Path) -> None:
     assert "r004" in page
 
 
-def test_where_there_is_none_it_is_3(tmp_path: Path) -> None:
-    (tmp_path / "logs").mkdir()
-    assert answer("-r", tmp_path, *NATIVE) == (3, "")
-    assert answer("-r", tmp_path / "nowhere", *NATIVE) == (3, "")
-    (tmp_path / "more").symlink_to("/")
-    assert answer("-r", tmp_path, *NATIVE) == (4, "")
-
-
 def test_each_directory_named_has_a_keystore(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What is packed, or has another name now, is out of the gate otherwise."""
     root = robots(tmp_path / "all", 1)
@@ -228,13 +211,6 @@ def test_nothing_is_written_into_a_keystore(fleet: Path) -> None:
     assert answer("-r", fleet, *NATIVE, "-o", f"json={inside}/")[0] == 2
     assert answer("-r", fleet, *NATIVE, "-o", f"json={fleet}/")[0] == 2
     assert sorted(path for path in fleet.rglob("*")) == before
-
-
-def test_one_place_for_two_reports_is_refused(fleet: Path, tmp_path: Path) -> None:
-    one = fleet / "r000/keys"
-    assert answer(one, f"{one}/.", *NATIVE, "-o", f"json={tmp_path}/out/")[0] == 2
-    targets = ("-o", f"json={tmp_path}/out/", "-o", f"json={tmp_path}/out//")
-    assert answer("-r", fleet, *NATIVE, *targets)[0] == 2
 
 
 @pytest.mark.parametrize("name", ["report.json", "summary.json", "..", "a b", "é\n[red]"])

@@ -126,12 +126,6 @@ def test_what_ends_soon(repository: Path, run: Path, monkeypatch: pytest.MonkeyP
     assert keystores[0]["safe_until"] - instant(AT) < dt.timedelta(days=30)
 
 
-def test_who_shares_an_identity(repository: Path, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ((only,),) = printed(repository, run, 1, monkeypatch)
-    assert sorted(map(name, only["keystore_distinct"])) == ["a", "b"]
-    assert only["enclave_distinct"] == ["/talker"]
-
-
 def test_where_humble_accepts_what_jazzy_refuses(repository: Path, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (rows,) = printed(repository, run, 2, monkeypatch)
     assert [(name(row["keystore"]), row["enclave"]) for row in rows] == [("odd", "/talker")]
@@ -155,19 +149,6 @@ def table_at(place: Path) -> list[dict[str, Any]]:
 
     found: list[dict[str, Any]] = dataset.dataset(place).to_table().to_pylist()
     return found
-
-
-def test_older_rows_are_not_mixed_in(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = sorted((run / "results").rglob("*"))
-    assert answer("-r", run / "fleet", *NATIVE, "-o", f"parquet={run}/results")[0] == 2
-    assert "not empty" in capsys.readouterr().err
-    assert sorted((run / "results").rglob("*")) == before
-
-
-def test_one_keystore_keeps_its_own_form(run: Path, tmp_path: Path) -> None:
-    code, out = answer(run / "fleet/a", *NATIVE, "-f", "json", "-o", f"parquet={tmp_path}/results")
-    assert (code, out) == answer(run / "fleet/a", *NATIVE, "-f", "json")
-    assert len(table_at(tmp_path / "results/identities")) == 1
 
 
 @pytest.mark.parametrize(("module", "option"), [("pyarrow", "parquet"), ("distributed", "dask")])
