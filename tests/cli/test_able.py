@@ -153,3 +153,38 @@ def test_one_whom_the_other_does_not_take_is_cut_off(
     assert {name: each["status"] for name, each in found.items()} == {
         name: "violated" if name in violated else "holds" for name in found
     }
+
+
+def test_one_that_may_be_behind_a_link_leaves_it_open(tmp_path: Path) -> None:
+    """Where a pattern may name it."""
+    root = keystore(tmp_path / "keys", ENCLAVES)
+    assert asked(root, 'from = "/button/*t", to = "/motor"')["status"] == "holds"
+    (root / "enclaves/button/last").symlink_to(tmp_path)
+    assert asked(root, 'from = "/button/*t", to = "/motor"')["status"] == "unknown"
+    assert asked(root, 'from = ["/button/left", "/button/right"], to = "/motor"')["status"] == "holds"
+
+
+def test_what_is_accepted_is_what_is_cut_off_for_certain(tmp_path: Path) -> None:
+    """It is the same finding whether a pair that may be cut off can be read or not, and is about all that is read."""
+    able = 'from = ["/button/left", "/button/broken"], to = "/motor"'
+    root = keystore(tmp_path / "keys", ENCLAVES)
+    settings = tmp_path / "keystore-audit.toml"
+
+    def found() -> tuple[int, str, str]:
+        assert asked(root, able)["status"] == "violated"
+        every = ("--engine", "native", "--at", AT, "--profile", "jazzy", "--settings", settings, "-f", "json")
+        code, text = answer("audit", root, *every)
+        finding = next(each for each in json.loads(text)["findings"] if each["code"] == "KA740")
+        return code, finding["fingerprint"], finding["meaning"]
+
+    code, same, read = found()
+    assert code == 1
+    left = root / "enclaves/button/left/key.pem"
+    key = left.read_bytes()
+    left.write_bytes(b"#" * 5_000_000)
+    assert found()[:2] == (4, same)
+    left.unlink()
+    assert found()[:2] == (1, same)
+    assert found()[2] != read
+    left.write_bytes(key)
+    assert found() == (1, same, read)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from keystore_audit import api
 from tests.cli.conftest import Run
 
 SAMPLES = Path(__file__).parents[2] / "sample_keystores"
@@ -134,3 +135,17 @@ def test_what_is_declared_is_not_assumed(keystore_audit: Run, settings: Path) ->
     for given, expected in ([], 4), (["--settings", settings], 0):
         code, _report = audited(keystore_audit, GOOD, "--no-assume", "authorities-as-found", *given)
         assert code == expected
+
+
+def test_python_declares_it_too(settings: Path) -> None:
+    files = {f"expect_{role}_ca": [f"sha256:{key}"] for role, key in KEYS.items()}
+    for given in ({"settings": settings}, files):
+        report = api.audit(GOOD, engine="native", **given)
+        assert report.authorities_declared
+        assert not api.audit(GOOD, engine="native").authorities_declared
+        found = {each.code for each in api.audit(BAD, engine="native", **given).findings}
+        assert found - {"KA108"} == {"KA223", "KA230", "KA636"}  # KA108: by the modes of a checkout
+    with pytest.raises(api.UsageError, match="is no fingerprint"):
+        api.audit(GOOD, expect_identity_ca=["sha256:"])
+    with pytest.raises(api.UsageError, match="Expected `array`, got `str`"):
+        api.audit(GOOD, expect_identity_ca="sha256:")

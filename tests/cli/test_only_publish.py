@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from cryptography.hazmat.primitives.serialization import Encoding
 
-from tests.cli.keystores import document_of, grant_of, keystore, properties, rule, signed_keystore
+from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, properties, rule, signed_keystore
 from tests.keystore.builder import GOVERNANCE, authority, certificate, crl, write_enclave
 
 SETTINGS = """single_writer = ["/x"]
@@ -274,3 +274,39 @@ def test_who_is_named_by_parts_may_be_here_and_the_first_grant_decides(tmp_path:
     shared = signed_keystore(tmp_path / "more", {"/talker/arm": document_of(first, arm)})
     asked = properties(shared, settings, *PROFILE)["only-talker"]
     assert asked["also_named"] == {}
+
+
+def test_of_two_publishers_that_were_not_read_nobody_knows_that_they_are_two(tmp_path: Path) -> None:
+    root = unread(tmp_path / "keys", "talker", "cert.pem", "/third")
+    (root / "enclaves/third/cert.pem").write_bytes(b"#" * 5_000_000)
+    assert {each["status"] for each in found(root).values()} == {"unknown"}
+
+
+def test_the_one_writer_may_be_who_is_refused_here(tmp_path: Path) -> None:
+    """Whoever has its subject is one, wherever it runs."""
+    root = with_ghost(tmp_path / "keys", taken=False, publisher="/ghost")
+    assert properties(root, BOTH, *PROFILE)["single-writer-x"]["status"] == "holds"
+
+
+def test_an_outsider_that_only_forges_is_said_beside_and_violates_nothing(tmp_path: Path) -> None:
+    closed = OPEN.replace(b"<allow_unauthenticated_participants>true", b"<allow_unauthenticated_participants>false")
+    answers = found(built(tmp_path / "keys", governance=closed))
+    assert {each["status"] for each in answers.values()} == {"holds"}
+    assert {tuple(each["forgers"]) for each in answers.values()} == {("/listener", "anybody on the network")}
+
+
+@pytest.mark.parametrize("spelling", ["CN=/talker", 'CN="/talker"', "CN=/talker,"])
+def test_an_enclave_that_a_grant_names_in_other_words_is_nobody_else(tmp_path: Path, spelling: str) -> None:
+    talker = grant_of("/talker", rule(("rt/x",))).replace("CN=/talker", spelling)
+    root = signed_keystore(tmp_path / "keys", {"/talker": document_of(talker)})
+    every = properties(root, SETTINGS, "--profile", "fastdds-3.6")
+    assert every["only-talker"]["status"] == "holds"
+
+
+@pytest.mark.parametrize("form", ["text", "html", "markdown", "junit"])
+def test_who_could_forge_is_said_where_the_property_holds(tmp_path: Path, form: str) -> None:
+    root = built(tmp_path / "keys")
+    assert found(root)["only-talker"]["forgers"] == ["/listener"]
+    words = ("--engine", "native", "--at", AT, *PROFILE, "--settings", tmp_path / "keystore-audit.toml", "-f", form)
+    text = " ".join(answer("audit", root, *words, *(["-v"] if form == "text" else []))[1].replace("\\", "").split())
+    assert text.count("Could pass for a permitted publisher: /listener, with the keys they hold.") == 2

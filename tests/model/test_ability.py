@@ -194,3 +194,13 @@ def test_fastdds_compares_the_names_of_the_first_permissions_cas(
     store = replace(STORE, permissions=(ONE, OTHER), governance_signer=ONE).member("/f", signer=OTHER)
     files = {"enclaves/f/permissions_ca.cert.pem": b"".join(each.pem for each in theirs)}
     assert holds(replace(store, files=files), tmp_path, profiles=(profile,)) is expected
+
+
+@pytest.mark.parametrize(
+    ("profile", "blanks", "expected"),
+    [("fastdds-2.9", 59_000, True), ("fastdds-2.9", 62_000, False), ("cyclonedds-0.10", 62_000, True)],
+)
+def test_permissions_that_fit_in_no_handshake(profile: str, blanks: int, expected: bool, tmp_path: Path) -> None:
+    """Fast DDS sends certificate and permissions in one message of 64 kB (measured on 2.9.1), Cyclone DDS in parts."""
+    padded = LISTENER.permissions.replace("</permissions>", " " * blanks + "</permissions>")
+    assert holds(STORE.member("/f", permissions=padded), tmp_path / "k", profiles=(profile,)) is expected

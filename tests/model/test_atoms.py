@@ -172,3 +172,11 @@ def test_asking_many_expressions_about_many_names_is_bounded() -> None:
     assert len(classify(patterns_of(texts[:40]))) > 40
     with pytest.raises(BudgetExceeded):
         classify(patterns_of(texts), budget=10_000)
+
+
+def test_characters_beyond_ascii_and_surrogates_take_part() -> None:
+    classes = by_members(["rt/é", "rt/[à-ü]", "\U0001f600*", "[\ud800-\udfff]"])
+    assert classes[("rt/é", "rt/[à-ü]")].witness == "rt/é"
+    assert classes[("rt/[à-ü]",)].witness == "rt/à"
+    assert classes[("\U0001f600*",)].witness == "\U0001f600"
+    assert ("[\ud800-\udfff]",) in classes

@@ -292,3 +292,20 @@ def test_what_cannot_be_read_is_undecided(tmp_path: Path) -> None:
     for held in (enclave("/talker", permissions=ambiguous), enclave("/talker", permissions=None, files=unread)):
         found = compared(policy_of(tmp_path, CHATTER), keystore(held, enclave("/listener")))
         assert (found.enclaves, [doubt.enclave for doubt in found.undecided]) == ((), ["/talker"])
+
+
+def test_of_several_reasons_that_of_the_first_profile_is_told(tmp_path: Path) -> None:
+    """Whatever order a set of implementations has."""
+    policy = policy_of(tmp_path, CHATTER)
+    held = store({"/talker": [Listed(True, ("rt/[[=a][b",), ())]})
+    for profiles, said in ((("spec", "opendds"), "[= in brackets"), (("opendds", "spec"), "OpenDDS reads on")):
+        (doubt,) = compared(policy, held, *profiles).undecided
+        assert said in doubt.reason
+
+
+def test_an_expression_that_means_nothing_is_undecided(tmp_path: Path) -> None:
+    policy = policy_of(tmp_path, CHATTER.replace(">chatter<", ">arm_[!<"))
+    held = store({"/talker": [Listed(True, ("rt/chatter",), ())]})
+    assert compared(policy, held, "spec").undecided == ()
+    (doubt,) = compared(policy, held, "spec", "opendds").undecided
+    assert doubt.location.path.endswith("a.policy.xml")

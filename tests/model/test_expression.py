@@ -11,6 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from keystore_audit.model.matching.expression import parse
+from keystore_audit.model.matching.tokens import NO_CHARACTER
 from keystore_audit.profiles import Matcher
 from tests.steps import steps
 
@@ -123,3 +124,10 @@ def test_matching_does_not_backtrack_into_earlier_stars() -> None:
         assert pattern.matches(name) is found
         assert not pattern.matches("a" * 5_000)
         steps(partial(pattern.matches, name), most=10 * len(name))
+
+
+def test_nul_is_in_no_name() -> None:
+    pattern = parse("a\0b", Matcher.POSIX)
+    assert pattern.malformed is not None
+    assert NO_CHARACTER in pattern.tokens
+    assert not pattern.matches("a\0b")

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Sequence
 from datetime import datetime, timedelta, timezone
 
 import pytest
 
 from keystore_audit.findings import Location
 from keystore_audit.keystore.typed import Operation
-from keystore_audit.model.formal.bit_sets import members
+from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import ChannelAtom, DomainAtom, GrantAtom, RuleAtom, System
 from tests.amount import tried
@@ -107,3 +108,11 @@ def test_chosen_is_the_first_grant_in_force_of_each_document(seed: int) -> None:
                 ]
                 expected += named[:1]
             assert permissions.chosen(certificate, documents) == expected
+
+
+@pytest.mark.parametrize(
+    "numbers", [[], [0, 3, 64, 1000], range(9_000), range(10, 9_000), [3, 8_000], range(0, 300_000, 1_001)]
+)
+def test_bits_and_members_are_inverse(numbers: Sequence[int]) -> None:
+    assert list(members(bits(numbers))) == [*numbers]
+    assert bits(numbers) == sum(1 << number for number in numbers)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from keystore_audit.errors import UsageError
-from keystore_audit.model.validity import counts_at, read_date, time_zone
+from keystore_audit.model.validity import BEGINNING, END, counts_at, read_date, time_zone
 from keystore_audit.profiles import DateReading
 from keystore_audit.truth import Truth
 
@@ -169,3 +169,33 @@ def test_every_text_has_an_answer(text: str, reading: DateReading) -> None:
     for zone in (None, time_zone("Europe/Berlin")):
         dated = read_date(text, reading, zone)
         assert dated is None or dated.earliest <= dated.instant <= dated.latest
+
+
+@pytest.mark.parametrize("reading", list(DateReading))
+@pytest.mark.parametrize("zone", [None, "Pacific/Kiritimati", "Etc/GMT+12"])
+def test_the_ends_of_time(reading: DateReading, zone: str | None) -> None:
+    there = None if zone is None else time_zone(zone)
+    for text in ("0001-01-01T00:00:00", "9999-12-31T23:59:59", "9999-12-31T23:59:60", "0000-01-01T00:00:00"):
+        for suffix in ("", "+12:00", "-12:00"):
+            dated = read_date(text + suffix, reading, there)
+            assert dated is None or BEGINNING <= dated.earliest <= dated.latest <= END
+
+
+@pytest.mark.parametrize(
+    ("text", "zone", "expected"),
+    [
+        ("2026-11-21T10:00:00Z", "Asia/Tokyo", "2026-11-21T01:00:00"),
+        ("2026-11-21T10:00:00+05:00", "America/Los_Angeles", "2026-11-21T18:00:00"),
+        ("2026-11-21T10:00:00", "Pacific/Kiritimati", "2026-11-20T20:00:00"),
+        ("2026-07-01T12:00:00", "Europe/Berlin", "2026-07-01T11:00:00"),  # an hour after what a wall clock shows
+        ("2026-03-29T02:30:00", "Europe/Berlin", "2026-03-29T01:30:00"),
+        ("2026-10-25T02:30:00", "Europe/Berlin", "2026-10-25T01:30:00"),
+        ("2026-11-21", "UTC", "2026-11-21T00:00:00"),
+        ("2026-02-30T00:00:00", "UTC", "2026-03-02T00:00:00"),
+        ("2018-05-04T23:45:00", "Asia/Pyongyang", "1969-12-31T23:59:59"),  # there was no such time
+    ],
+)
+def test_fastdds_reads_the_standard_time_of_the_robot(text: str, zone: str, expected: str) -> None:
+    dated = read_date(text, DateReading.ROBOT_TIME, time_zone(zone))
+    assert dated is not None
+    assert (dated.instant, dated.local) == (instant(expected), False)

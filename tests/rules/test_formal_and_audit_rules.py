@@ -168,3 +168,19 @@ def test_a_grant_that_begins_today_is_open_under_fastdds_until_the_zone_is_said(
     open_now = [finding for finding in report.findings if finding.code == "KA901"]
     assert [finding.profiles for finding in open_now] == told
     assert all("`--time-zone" in finding.fix.text for finding in open_now)
+
+
+def test_a_property_that_nobody_answered_is_undecided() -> None:
+    empty = PropertyResult(prop=PROPERTIES[0], profiles={})
+    unanswered = result(PROPERTIES[0].id, spec=answer(UNKNOWN, {}))
+    for one in (empty, unanswered):
+        found = judged(results=(one,)).findings
+        assert [finding.code for finding in found] == ["KA906"]
+        assert "no engine gave an answer" in found[0].message
+
+
+@pytest.mark.parametrize("status", [HOLDS, UNKNOWN])
+def test_an_asserted_property_that_is_not_violated_is_no_finding_of_its_own(status: Status) -> None:
+    (asserted,) = CASES["KA740"]["results"]
+    judgement = judged(results=(replace(asserted, profiles={"spec": answer(status)}),))
+    assert {finding.code for finding in judgement.findings} == ({"KA906"} if status is UNKNOWN else set())

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.typed import DomainRule, ProtectionKind
+from keystore_audit.rules.governance import domain_rules
 from tests.cli.keystores import AT, answer, rule
 from tests.cli.keystores import keystore as built
 from tests.keystore.builder import GOVERNANCE
@@ -116,3 +117,29 @@ def test_permissions_name_domains_too(highest: int, profiles: tuple[str, ...] | 
     document = permissions("enclaves/talker/permissions.p7s", grant("/talker", allow(["rt/a"], domains=[(0, highest)])))
     found = findings("KA420", judged(keystore(enclave("/talker", permissions=document))))
     assert [finding.profiles for finding in found] == ([] if profiles is None else [profiles])
+
+
+def unread(kind: Kind) -> Change:
+    return governed(governance=None, defects=(defect(kind, P7S),))
+
+
+@given(
+    ranges=st.lists(st.tuples(st.integers(0, 12), st.integers(0, 12)), min_size=1, max_size=5),
+)
+def test_the_domain_rules_that_decide_are_those_that_come_first_somewhere(ranges: list[tuple[int, int]]) -> None:
+    rules = [domain_rule(domains=[(low, max(low, high))]) for low, high in ranges]
+    first = {
+        next(n for n, (low, high) in enumerate(ranges) if low <= domain <= max(low, high))
+        for domain in range(13)
+        if any(low <= domain <= max(low, high) for low, high in ranges)
+    }
+    found = [next(n for n, rule in enumerate(rules) if rule is alive) for alive in domain_rules(governance(*rules))]
+    assert found == sorted(first)
+
+
+def test_outcomes_of_a_document_that_could_not_be_read_are_no_pass() -> None:
+    outcomes = {
+        o.rule: o.outcome.value for o in judged(unread(Kind.SCHEMA_INVALID)(healthy())).outcomes if o.subject == P7S
+    }
+    assert outcomes["KA401"] == "open"
+    assert outcomes["KA403"] == outcomes["KA414"] == "notApplicable"

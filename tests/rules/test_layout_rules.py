@@ -11,11 +11,16 @@ from msgspec.structs import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.foreign import DeclaredFiles, Foreign
+from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
+from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.truth import Truth
 from tests.cli.keystores import AT, answer, rule
 from tests.cli.keystores import keystore as built
+from tests.rules.divergent import views
+from tests.rules.evidence import AT as NOW
 from tests.rules.evidence import (
     Change,
     absent,
@@ -227,3 +232,48 @@ def test_a_file_that_is_not_there_is_why_a_property_is_violated(name: str, broke
     assert found["KA102"]["fingerprint"] in found[broken]["explained_by"]
     _code, out = answer("audit", "--engine", "native", "--at", AT, store)
     assert out.index("KA102") < out.index(broken)
+
+
+def test_unsigned_documents_weigh_on_robots_alone() -> None:
+    store = laid_out(unsigned_governance=file("enclaves/governance.xml", b"<dds/>\n"))(healthy())
+    (here,), (there,) = (findings("KA122", judged(store, deployed=robot)) for robot in (False, True))
+    assert (here.severity, there.severity) == (Severity.INFO, Severity.LOW)
+    assert there.message == (
+        "1 unsigned document in a tree that goes on a robot: enclaves/governance.xml. No run time reads .xml."
+    )
+
+
+@pytest.mark.parametrize("path", ["notes/old.txt", "private/old.pem"])
+def test_no_other_private_key_goes_on_a_robot(path: str) -> None:
+    def left(store: Keystore) -> Keystore:
+        return replace(store, private_keys=(file(path, None, holds_private_key=True),))
+
+    assert becomes(left, deployed=True) == ["KA118", "KA665"]
+
+
+def test_the_key_of_an_authority_is_told_once() -> None:
+    key = file("private/ca.key.pem", None, holds_private_key=True)
+
+    def left(store: Keystore) -> Keystore:
+        return replace(store, private_keys=(key,), layout=replace(store.layout, authority_keys=(key,)))
+
+    assert becomes(left, deployed=True) == ["KA109", "KA665"]
+
+
+@pytest.mark.parametrize(
+    ("domain", "reasons"),
+    [
+        (0, ()),
+        (7, ("the grant allows nothing in domain 7",)),  # it allows domain 0, which the governance covers
+        (9, ("the governance does not cover domain 9",)),
+    ],
+)
+def test_what_keeps_it_from_a_domain_is_said_of_that_domain(domain: int, reasons: tuple[str, ...]) -> None:
+    store = keystore(enclave("/talker", governance=governance(domain_rule(domains=((0, 0), (7, 7))))))
+    usabilities = Usabilities(domain, views(store))
+    for name in ("spec", "cyclonedds-0.10", "cyclonedds-11"):
+        assert usabilities.of(store.enclaves[0], NOW, VARIANTS[name]).reasons == reasons, name
+
+
+def test_without_modes_nothing_is_said_of_them() -> None:
+    assert becomes(key_with(file=file(KEY, None, mode=None))) == []

@@ -214,3 +214,20 @@ def test_before_foxy_the_enclave_is_the_node() -> None:
 def test_the_folder_of_one_enclave_says_nothing_of_others() -> None:
     one = laid_out(kind=LayoutKind.ENCLAVE)(granted(CHATTER))
     assert spoken(one, graph(*TALKS.rights, log("/somewhere"))) == ()
+
+
+def test_a_middleware_that_no_profile_speaks_of() -> None:
+    """One that is not known here leaves the audit open."""
+    for value, undecided in (("rmw_zenoh_cpp", True), ("rmw_fastrtps_cpp", False)):
+        files = launch(uses("/talker", "/chatter"), variables=(variable("RMW_IMPLEMENTATION", value),))
+        (finding,) = spoken(granted(CHATTER), files, names=("cyclonedds-0.10",))
+        assert (finding.code, finding.severity, finding.undecided) == ("KA655", Severity.HIGH, undecided)
+
+
+@pytest.mark.parametrize("action", ["request", "reply", "call", "execute"])
+def test_half_of_a_service_or_action_is_not_enough(action: str) -> None:
+    asked = allow(["rq/addRequest", "rr/addReply", *(f"rq/add/_action/{each}Request" for each in ("send_goal", "a"))])
+    store = granted(CHATTER, asked)
+    intent = graph(*TALKS.rights, does("/talker", action, "/add"))
+    (missing,) = (finding for finding in spoken(store, intent) if finding.code == "KA650")
+    assert "/add" in missing.message

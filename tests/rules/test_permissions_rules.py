@@ -27,10 +27,14 @@ from tests.rules.evidence import (
     becomes,
     codes,
     defect,
+    domain_rule,
+    enclave,
     findings,
+    governance,
     grant,
     healthy,
     judged,
+    keystore,
     meaning,
     open_codes,
     permissions,
@@ -225,3 +229,17 @@ def test_how_bad_it_is_that_permissions_fit_in_no_handshake(
     store = granted(OWN, signed=padded(octets))(healthy())
     found = findings("KA522", judged(store, profiles=(VARIANTS[profile],)))
     assert [finding.severity for finding in found] == [severity] * (severity is not None)
+
+
+def test_the_first_grant_decides_whether_it_may_take_part() -> None:
+    outside, inside = allow(["rt/a"], domains=[(7, 7)]), allow(["rt/a"])
+    assert becomes(granted(grant("/talker", outside), grant("/talker", inside))) == ["KA504", "KA508"]
+    assert becomes(granted(grant("/talker", inside), grant("/talker", outside))) == ["KA504"]
+
+
+def test_a_deny_rule_gives_no_domain() -> None:
+    rules = (allow(["rt/a"], allows=False), allow(["rt/a"], domains=[(7, 9)]))
+    assert becomes(granted(grant("/talker", *rules))) == ["KA508"]
+    wide = governance(domain_rule(domains=[(9, 20)]))
+    store = keystore(enclave("/talker", governance=wide, permissions=permissions(P7S, grant("/talker", *rules))))
+    assert codes(store) == []

@@ -542,3 +542,12 @@ def test_a_year_is_not_too_long(fleet: Fleet, tmp_path: Path) -> None:
         fleet.document("/talker", "rt/chatter", start="2026", end="2027")
     )
     assert "KA665" not in found(root, deployed=True)
+
+
+def test_what_nobody_can_start_hides_nothing_below_it(fleet: Fleet, tmp_path: Path) -> None:
+    root = fleet.robot(tmp_path / "robot")
+    moved("/gripper", "backup")(fleet, root)
+    moved("/arm", "backup/old/arm")(fleet, root)
+    assert (inside(root), report(root).exit_code) == (["backup"], 4)
+    (root / "backup/key.pem").unlink()
+    assert (inside(root), report(root).exit_code) == (["backup", "backup/old/arm"], 4)

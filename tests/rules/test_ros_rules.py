@@ -224,3 +224,15 @@ def test_halves_that_are_too_hard_to_tell_are_said() -> None:
     (finding,) = (f for f in spoken(two(allow(hard))) if f.code == "KA630")
     assert finding.severity is Severity.LOW
     assert "could not be worked out" in finding.message
+
+
+GET, GET_REPLY = "rq/arm/get_parametersRequest", "rr/arm/get_parametersReply"
+
+
+GET, GET_REPLY = "rq/arm/get_parametersRequest", "rr/arm/get_parametersReply"
+
+
+def test_reading_parameters_weighs_less() -> None:
+    (finding,) = spoken(two(allow([GET], [GET_REPLY]), allow([GET_REPLY], [GET])))
+    assert (finding.code, finding.severity) == ("KA632", Severity.LOW)
+    assert "read parameters of the node /arm" in finding.message
