@@ -14,6 +14,7 @@ from keystore_audit.model.formal.bit_sets import bits
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.rights import OwnRights
 from keystore_audit.profiles import Profile
+from tests.amount import tried
 from tests.keystore.documents import criterion, domain_rule, governance, grant, permissions, rule, topic_rule
 from tests.model.comparing import Store
 from tests.model.test_ability import AFTER, BEFORE, LISTENER, TALKER, holds
@@ -67,7 +68,7 @@ def is_name(topic: str, profile: Profile) -> bool:
     return profile.local.topic_names is None or re.fullmatch(profile.local.topic_names, topic) is not None
 
 
-@pytest.mark.parametrize("start", range(0, 120, 40))
+@pytest.mark.parametrize("start", range(0, tried(120, 80), 40))
 def test_nothing_that_is_refused_is_missing(start: int, tmp_path: Path) -> None:
     """Of random documents whose rules compete: by the decision about each channel."""
     refused = 0
