@@ -9,13 +9,14 @@ from keystore_audit.model.meaning import Divergence
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.rules import RULES
 from keystore_audit.rules.judge import judge
-from tests.rules.divergent import OWN, P7S, Domains, chosen, compared, ruled, spoken, talking, views
+from tests.rules.divergent import OWN, P7S, Domains, chosen, codes, compared, ruled, spoken, talking, views
 from tests.rules.evidence import (
     AT,
     allow,
     context,
     domain_rule,
     governance,
+    healthy,
     meaning,
     text,
 )
@@ -104,3 +105,22 @@ def test_one_implementation_alone_is_compared_with_the_specification() -> None:
     plain = talking(ruled(publish=[(["rt/a"], ["p"])]))
     accesses = views(plain)
     assert interpret(plain, chosen("fastdds-3.6"), AT, accesses, Usabilities(None, accesses)).divergences == ()
+
+
+def test_opendds_starts_nobody_with_the_governance_of_sros2() -> None:
+    """One finding for all: no grant can mend it."""
+    (finding,) = spoken(healthy(), "spec", "opendds")
+    assert (finding.code, finding.severity, finding.profiles) == ("KA602", Severity.HIGH, ("opendds",))
+    assert finding.locations[0].path == "enclaves/governance.p7s"
+    assert "/listener, /talker: start under DDS-Security 1.1, and not under OpenDDS" in finding.message
+    assert "weakens" in finding.fix.text
+
+
+def test_dates_in_the_zone_of_the_robot() -> None:
+    """Until noon it is in force, and it is noon in London: in Berlin it is one, in New York seven."""
+    store = talking(not_after=text("2026-11-21T12:30:00", 41))
+    assert codes(store, zone="Europe/London") == []
+    assert codes(store, zone="America/New_York") == []
+    (finding,) = spoken(store, zone="Europe/Berlin")
+    assert (finding.code, finding.severity, finding.locations[0].line) == ("KA612", Severity.HIGH, 41)
+    assert [each.cause for each in compared(store)] == [], "unknown without the zone, which others say"
