@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from keystore_audit.findings import Severity
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.files import Status
@@ -84,6 +85,9 @@ def test_who_refuses_what_the_permissions_ca_signed() -> None:
     (without,) = findings("KA317", judged(by(embedded=())(healthy())))
     assert without.profiles == ("fastdds-2.6.4", "fastdds-2.9", "cyclonedds-0.10")
     assert "the message does not hold the signer's certificate" in without.message
+    pinning = (VARIANTS["cyclonedds-11"],)
+    (elsewhere,) = findings("KA317", judged(by(embedded=())(healthy()), profiles=pinning))
+    assert (without.severity, elsewhere.severity) == (Severity.HIGH, Severity.LOW), "nobody chosen refuses it"
     ca = certificates("public/permissions_ca.cert.pem", pem("oldCA", issuer="oldCA"), PERMISSIONS_CA)
     (second, *_) = findings("KA317", judged(talker(permissions_ca=ca)(healthy())))
     assert second.profiles == ("cyclonedds-0.10", "cyclonedds-11", "opendds")
