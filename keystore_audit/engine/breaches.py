@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from keystore_audit.engine.counterexample_claims import left_out
 from keystore_audit.engine.native_claims import KeptFlows, claims_at
 from keystore_audit.grouped import gathered
-from keystore_audit.keystore.permissions import Operation
+from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.claims.named import UNREAD_IDENTITY
 from keystore_audit.model.formal.asked import ATTACKERS, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.attacker import trust_domain_views
