@@ -1,10 +1,10 @@
 """Makes a system smaller that the Alloy Analyzer is asked about, without changing any answer.
 
 Instants on the same side of the audit instant become one; channels about which the rules of every grant say the same,
-in the same order, become one; of enclaves that are alike but for what is theirs alone, KEPT remain. Why that is sound,
-property by property, stands in docs/model.md ("Slices and merging"). Nothing is decided here: which rule comes first,
-who is vouched for, who may write is asked of the Analyzer, about what remains. What remains are atoms of the keystore,
-so that a counterexample is one, too.
+in the same order, become one; rules that follow each other and say the same become one; of enclaves that are alike but
+for what is theirs alone, KEPT remain. Why that is sound, property by property, stands in docs/model.md ("Slices and
+merging"). Nothing is decided here: which rule comes first, who is vouched for, who may write is asked of the Analyzer,
+about what remains. What remains are atoms of the keystore, so that a counterexample is one, too.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from keystore_audit.engine.moments import redated
 from keystore_audit.grouped import gathered
 from keystore_audit.model.formal.asked import ClaimAtom
 from keystore_audit.model.formal.system import (
+    RuleAtom,
     System,
     easiest,
 )
@@ -50,7 +51,7 @@ class Merged(Struct, frozen=True, kw_only=True):
     def original(self, answer: Answer) -> Answer:
         """Return an answer about `system` in the atoms of the one that it was made of."""
         witnesses = (
-            {role: self._before(ROLE_SORTS[role], atom) for role, atom in witness.items()}
+            {role: self._before(ROLE_SORTS.get(role, ""), atom) for role, atom in witness.items()}
             for witness in answer.witnesses
         )
         return replace(answer, witnesses=tuple(witnesses))
@@ -68,7 +69,7 @@ def merge(system: System) -> Merged:
     while True:
         smaller = _without(merged, *_spare(merged.system))
         if smaller.origin == merged.origin:
-            return merged
+            return replace(merged, system=_few_rules(merged.system))
         merged = smaller
 
 
@@ -198,3 +199,19 @@ def _meets(
         if known is not None:
             found[known] |= {numbers[other] for other in others if other in numbers} - {known}
     return tuple(map(frozenset, found)) if any(found) else ()
+
+
+def _few_rules(system: System) -> System:
+    """Rules of a grant that follow each other with one qualifier and the same domains become one."""
+    rules: list[RuleAtom] = []
+    last: dict[int, int] = {}
+    for rule in system.rules:
+        before = rules[last[rule.grant]] if rule.grant in last else None
+        if before is None or before.allow is not rule.allow or before.domains != rule.domains:
+            last[rule.grant] = len(rules)
+            rules.append(rule)
+        else:
+            operations = ("publish", "subscribe", "relay")
+            together = {name: getattr(before, name) | getattr(rule, name) for name in operations}
+            rules[last[rule.grant]] = replace(before, **together)
+    return replace(system, rules=tuple(rules))
