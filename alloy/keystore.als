@@ -75,7 +75,11 @@ one sig PR0 extends Rule {}
 -- enclaves/listener/permissions.p7s:13
 one sig PR1 extends Rule {}
 
--- certificates and dates
+-- channels
+fun in_domain: Channel -> Domain { Channel -> D0 }
+fun meets: Channel -> Channel { none -> none }
+
+-- certificates
 fun issuer: Certificate -> Certificate { Certificate -> C0_CN_sros2CA }
 fun authority: set Certificate { C0_CN_sros2CA }
 fun fit_to_sign: set Certificate { Certificate }
@@ -101,21 +105,23 @@ fun not_after: (Certificate + Grant) -> Instant {
 }
 
 -- documents
-fun intact: set Document { Document }
 fun signer: Document -> Certificate { Document -> C0_CN_sros2CA }
+fun intact: set Document { Document }
 fun opaque: set Document + Enclave + Certificate { none }
 fun assumed: set Assumption { Assumption }
 fun asks_announced_only: set TrustDomain { none }
 fun pins_signer: set TrustDomain { TrustDomain }
 fun requires_grant: set TrustDomain { none }
 
--- trust domains and enclaves
+-- trust domains
 fun identity_ca: TrustDomain -> Certificate { R0 -> C0_CN_sros2CA }
 fun permissions_ca: TrustDomain -> Certificate { R0 -> C0_CN_sros2CA }
 fun governance: TrustDomain -> Document { R0 -> P0_governance_p7s }
 fun revoked: TrustDomain -> Certificate { none -> none }
 fun refuses: TrustDomain -> Certificate { none -> none }
 fun refuses_trust_domain: TrustDomain -> TrustDomain { none -> none }
+
+-- enclaves
 fun in_trust_domain: Enclave -> TrustDomain { Enclave -> R0 }
 fun identity: Enclave -> Certificate {
 	E0_talker -> C1_talker
@@ -130,22 +136,20 @@ fun writes_alone: Enclave -> Channel { none -> none }
 fun refused_writes: Enclave -> Channel { none -> none }
 fun refused_reads: Enclave -> Channel { none -> none }
 
--- order: each entry and its next sibling
-fun precedes: Entry -> Entry { none -> none }
-
--- governance: domain rules
+-- domain rules
 fun domain_rule: Document -> DomainRule { P0_governance_p7s -> DR0 }
-fun domains: (DomainRule + Rule) -> Domain {
-	DR0 -> D0
-	+ Rule -> D0
-}
 fun allow_unauthenticated_participants: set DomainRule { none }
 fun enable_join_access_control: set DomainRule { DR0 }
 fun discovery_protection_kind: DomainRule -> ProtectionKind { DR0 -> ENCRYPT }
 fun liveliness_protection_kind: DomainRule -> ProtectionKind { DR0 -> ENCRYPT }
 fun rtps_protection_kind: DomainRule -> ProtectionKind { DR0 -> SIGN }
+fun domains: (DomainRule + Rule) -> Domain {
+	DR0 -> D0
+	+ Rule -> D0
+}
+fun precedes: Entry -> Entry { none -> none }
 
--- governance: topic rules
+-- topic rules
 fun topic_rule: DomainRule -> TopicRule { DR0 -> TR0 }
 fun topic_expression: TopicRule -> Channel { TR0 -> Channel }
 fun enable_discovery_protection: set TopicRule { TR0 }
@@ -155,7 +159,7 @@ fun enable_write_access_control: set TopicRule { TR0 }
 fun metadata_protection_kind: TopicRule -> ProtectionKind { TR0 -> ENCRYPT }
 fun data_protection_kind: TopicRule -> ProtectionKind { TR0 -> ENCRYPT }
 
--- permissions
+-- grants
 fun grant: Document -> Grant {
 	P1_permissions_p7s -> G0
 	+ P2_permissions_p7s -> G1
@@ -164,18 +168,16 @@ fun subject_name: Grant -> Certificate {
 	G0 -> C1_talker
 	+ G1 -> C2_listener
 }
+fun default_allow: set Grant { none }
 fun skipped_out_of_date: set Grant { Grant }
 fun joins_out_of_date: set Grant { none }
-fun default_allow: set Grant { none }
+
+-- rules
 fun rule: Grant -> Rule {
 	G0 -> PR0
 	+ G1 -> PR1
 }
-fun allow_rule: set Rule { Rule }
 fun publish: Rule -> Channel { PR0 -> T0_chatter }
 fun subscribe: Rule -> Channel { PR1 -> T0_chatter }
 fun relay: Rule -> Channel { none -> none }
-
--- channels
-fun in_domain: Channel -> Domain { Channel -> D0 }
-fun meets: Channel -> Channel { none -> none }
+fun allow_rule: set Rule { Rule }
