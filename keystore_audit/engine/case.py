@@ -225,8 +225,10 @@ def not_excluded(system: System, *about: str) -> Counterexample | None:
     if not names:
         return None
     files = some(dict.fromkeys(names), MAX_UNREAD)
-    text = f"It cannot be excluded of {' on '.join(about) or 'anybody'}: {files} could not be read."
-    return Counterexample(text=text, steps=tuple(step_at(each.location, each.label) for each in unread[:MAX_UNREAD]))
+    text = f"{' on '.join(about) or 'Anybody'} cannot be excluded: {files} could not be read."
+    shown = ((each, each.label != each.location.path) for each in unread[:MAX_UNREAD])
+    steps = (step_at(each.location, each.label if named else "could not be read") for each, named in shown)
+    return Counterexample(text=text, steps=tuple(steps))
 
 
 def step_at(location: Location | None, witness: str, *, channel: str | None = None, enclave: str | None = None) -> Step:

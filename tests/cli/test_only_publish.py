@@ -157,7 +157,7 @@ def test_whom_an_unread_document_names_is_no_certificate_that_happens_to_be_ther
     asked_for = every["all"]
     assert asked_for["status"] == "unknown"
     assert {each["counterexample"]["text"] for each in asked_for["profiles"].values()} == {
-        "It cannot be excluded of /x (topic) in domain 0: enclaves/talker/governance.p7s, a CA file could not be read."
+        "/x (topic) in domain 0 cannot be excluded: enclaves/talker/governance.p7s, a CA file could not be read."
     }
     assert [each for each in asked_for["forgers"] if "CA" in each] == []
 
