@@ -177,13 +177,16 @@ class Pairs:
 
     def meet_as(self, first: Side, second: Side, expected: Callable[[Meeting], bool]) -> Meeting:
         """Let them meet; where they do other than is expected, which a busy machine may be, again and with patience."""
-        meeting = self.meet(first, second)
-        return meeting if expected(meeting) else self.meet(first, second, 4 * PATIENCE)
+        return self.meet_all([(first, second)], lambda _number, meeting: expected(meeting))[0]
 
-    def meet_all(self, sides: Sequence[tuple[Side, Side]]) -> list[Meeting]:
-        """Let many pairs meet; they mostly wait, so several run at a time."""
+    def meet_all(self, sides: Sequence[tuple[Side, Side]], expected: Callable[[int, Meeting], bool]) -> list[Meeting]:
+        """The same of many pairs, by their numbers; they mostly wait, so several run at a time, but alone if again."""
         with ThreadPoolExecutor(10) as pool:
-            return list(pool.map(lambda pair: self.meet(*pair), sides))
+            meetings = list(pool.map(lambda pair: self.meet(*pair), sides))
+        return [
+            meeting if expected(number, meeting) else self.meet(*sides[number], 4 * PATIENCE)
+            for number, meeting in enumerate(meetings)
+        ]
 
 
 def _free(first_port: int) -> bool:

@@ -12,7 +12,7 @@ import pytest
 from keystore_audit.truth import Truth
 from tests.amount import tried
 from tests.oracles.vendors.ours import Asked, agree, of_all
-from tests.oracles.vendors.pairs import PATIENCE, Pairs, Side
+from tests.oracles.vendors.pairs import PATIENCE, Meeting, Pairs, Side
 from tests.oracles.vendors.remote import ENDPOINTS_OF_A_PAIR, random_remote
 
 pytestmark = pytest.mark.xdist_group("vendors-pairs")  # every keystore is asked about once
@@ -61,12 +61,14 @@ def accepted(
     vendor: str, vendors: dict[str, Pairs], sides: Mapping[int, tuple[Side, Side]], rulings: Rulings
 ) -> Accepted:
     """What the vendor accepted; where it was other than we say, asked again with patience."""
-    meetings = zip(sides, vendors[vendor].meet_all(list(sides.values())), strict=True)
-    seen = {seed: random_remote(seed).accepted(meeting) for seed, meeting in meetings}
-    for seed, pair in sides.items():
-        if any(_differences(seed, vendor, seen[seed], rulings[seed])):
-            seen[seed] = random_remote(seed).accepted(vendors[vendor].meet(*pair, patience=4 * PATIENCE))
-    return seen
+    seeds = list(sides)
+
+    def expected(number: int, meeting: Meeting) -> bool:
+        seed = seeds[number]
+        return not any(_differences(seed, vendor, random_remote(seed).accepted(meeting), rulings[seed]))
+
+    meetings = vendors[vendor].meet_all(list(sides.values()), expected)
+    return {seed: random_remote(seed).accepted(meeting) for seed, meeting in zip(seeds, meetings, strict=True)}
 
 
 def test_decisions_are_many_and_of_both_kinds(accepted: Accepted) -> None:
