@@ -28,7 +28,7 @@ from keystore_audit.given import GivenFile
 from keystore_audit.intent.intent import Action, IntendedNode, IntendedRight, Intent, Origin
 from keystore_audit.intent.source import MAX_DETAIL, Directory, Source, Unreadable, malformed, read_source, shown
 from keystore_audit.keystore.defect import Malformed
-from keystore_audit.keystore.document import elements, joined
+from keystore_audit.keystore.grammar import elements, joined
 from keystore_audit.keystore.root import Root
 from keystore_audit.keystore.xml import parse_unsigned, source_line
 from keystore_audit.resources import schemas

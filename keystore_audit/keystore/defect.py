@@ -37,6 +37,7 @@ class Kind(str, Enum):
     # XML
     XML_MALFORMED = "xml-malformed"
     XML_AMBIGUOUS = "xml-ambiguous"
+    XML_VARIES = "xml-varies"
     SCHEMA_INVALID = "schema-invalid"
     VALUE_INVALID = "value-invalid"
     BEYOND_LIMIT = "beyond-limit"
@@ -66,6 +67,7 @@ _OPAQUE = frozenset(
         Kind.UNSUPPORTED_ALGORITHM,
         Kind.XML_MALFORMED,
         Kind.XML_AMBIGUOUS,
+        Kind.XML_VARIES,
         Kind.SCHEMA_INVALID,
         Kind.VALUE_INVALID,
         Kind.BEYOND_LIMIT,

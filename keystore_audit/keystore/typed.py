@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from enum import Enum
 from typing import Any, Final
@@ -12,8 +11,9 @@ from msgspec import Struct
 
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect
-from keystore_audit.keystore.document import Document, DomainRange, Grammar, Text, elements, joined
+from keystore_audit.keystore.document import Document, DomainRange, Readings, Text, read_document
 from keystore_audit.keystore.files import File
+from keystore_audit.keystore.grammar import Grammar, elements, joined
 from keystore_audit.keystore.smime import Candidates, SignedDocument, read_signed
 
 
@@ -83,16 +83,21 @@ class Governance(Struct, frozen=True, kw_only=True):
 
 
 class GovernanceFile(Struct, frozen=True, kw_only=True, eq=False):
-    """A signed governance document; `governance` is None where the content has no single meaning."""
+    """A signed governance document."""
 
     signed: SignedDocument
-    governance: Governance | None
+    readings: Readings[Governance]
     defects: tuple[Defect, ...]
     """Of the XML; those of the envelope are in `signed`."""
 
     @property
+    def governance(self) -> Governance | None:
+        """What it says, to those that read it if not all do; None where that is known of nobody."""
+        return self.readings.first
+
+    @property
     def domain_rules(self) -> tuple[DomainRule, ...]:
-        """Those of the content, none where it has no single meaning."""
+        """Those of the content, none where it says nothing."""
         return self.governance.domain_rules if self.governance is not None else ()
 
     @property
@@ -107,9 +112,9 @@ def read_governance(file: File, candidates: Candidates | Iterable[Certificate]) 
     What is wrong with it is a defect; its content is read however the signature is. Raises AuditError only if the
     installation lacks its schemas.
     """
-    document = Document(read_signed(file, candidates), Grammar.GOVERNANCE)
-    governance = document.meaning(_governance)
-    return GovernanceFile(signed=document.signed, governance=governance, defects=document.defects)
+    signed = read_signed(file, candidates)
+    readings, defects = read_document(signed, Grammar.GOVERNANCE, _governance)
+    return GovernanceFile(signed=signed, readings=readings, defects=defects)
 
 
 def _governance(document: Document, root: etree._Element) -> Governance:
@@ -151,10 +156,6 @@ def _kind(document: Document, element: etree._Element) -> ProtectionKind:
 
 
 # --- permissions
-
-
-_FOUR_DIGIT_YEAR: Final = re.compile(r"[0-9]{4}-")
-"""xs:dateTime also has years before 1 and beyond 9999, which no implementation reads."""
 
 
 class Operation(str, Enum):
@@ -222,16 +223,26 @@ class Permissions(Struct, frozen=True, kw_only=True):
 
 
 class PermissionsFile(Struct, frozen=True, kw_only=True, eq=False):
-    """A signed permissions document; `permissions` is None where the content has no single meaning."""
+    """A signed permissions document."""
 
     signed: SignedDocument
-    permissions: Permissions | None
+    readings: Readings[Permissions]
     defects: tuple[Defect, ...]
     """Of the XML; those of the envelope are in `signed`."""
 
     @property
+    def permissions(self) -> Permissions | None:
+        """What it says, to those that read it if not all do; None where that is known of nobody."""
+        return self.readings.first
+
+    @property
+    def subjects(self) -> frozenset[str]:
+        """Whom its grants name, in each reading."""
+        return frozenset(grant.subject_name.text for read in self.readings.distinct for grant in read.grants)
+
+    @property
     def grants(self) -> tuple[Grant, ...]:
-        """Those of the content, none where it has no single meaning."""
+        """Those of the content, none where it says nothing."""
         return self.permissions.grants if self.permissions is not None else ()
 
 
@@ -241,9 +252,9 @@ def read_permissions(file: File, candidates: Candidates | Iterable[Certificate])
     What is wrong with it is a defect; its content is read however the signature is. Raises AuditError only if the
     installation lacks its schemas.
     """
-    document = Document(read_signed(file, candidates), Grammar.PERMISSIONS)
-    permissions = document.meaning(_permissions)
-    return PermissionsFile(signed=document.signed, permissions=permissions, defects=document.defects)
+    signed = read_signed(file, candidates)
+    readings, defects = read_document(signed, Grammar.PERMISSIONS, _permissions)
+    return PermissionsFile(signed=signed, readings=readings, defects=defects)
 
 
 def _permissions(document: Document, root: etree._Element) -> Permissions:
@@ -259,8 +270,8 @@ def _grant(document: Document, grant: etree._Element) -> Grant:
     return Grant(
         name=str(grant.get("name", "")),
         subject_name=document.leaf(subject_name),
-        not_before=_date(document, not_before),
-        not_after=_date(document, not_after),
+        not_before=document.leaf(not_before),
+        not_after=document.leaf(not_after),
         rules=tuple(_rule(document, rule) for rule in rules),
         default_allow=joined(default) == "ALLOW",
         default_line=document.line(default),
@@ -293,10 +304,3 @@ def _criterion(document: Document, criterion: etree._Element) -> Criterion:
 def _partitions(document: Document, element: etree._Element) -> tuple[Text, ...]:
     """Partition expressions; the empty one means the default partition, and sros2 of Crystal writes it."""
     return tuple(document.leaf(name, may_be_empty=True) for name in elements(element))
-
-
-def _date(document: Document, element: etree._Element) -> Text:
-    date = document.leaf(element)
-    if _FOUR_DIGIT_YEAR.match(date.text) is None:
-        document.invalid(element, f"expected a date of the years 1 to 9999, found {date.text[:40]!r}")
-    return date

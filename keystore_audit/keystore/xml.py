@@ -35,26 +35,28 @@ MAX_QUOTED: Final = 80
 """Characters of a value or name that a defect quotes."""
 
 _SCHEMA_INSTANCE: Final = "http://www.w3.org/2001/XMLSchema-instance"
-_LOCATION: Final = f"{{{_SCHEMA_INSTANCE}}}noNamespaceSchemaLocation"
+SCHEMA_LOCATION: Final = f"{{{_SCHEMA_INSTANCE}}}noNamespaceSchemaLocation"
 
 _CONTROLS: Final = bytes(code for code in (*range(0x20), 0x7F) if code not in b"\t\n\r")
 _DECLARED_ENCODING: Final = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([^"'>]*)["']""")
 _MARKUP: Final = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!\[CDATA\[|<!DOCTYPE", re.DOTALL)
-_BLANKS: Final = " \t\r\n"
+BLANKS: Final = " \t\r\n"
 _SPELLINGS: Final = (
     # What a tree does not show and parsers do not spell alike (measured: tinyxml2 9, Cyclone DDS 0.10.2).
-    (re.compile(rb"</[^\s<>]+\s"), facts.BLANK_IN_END_TAG),
+    (re.compile(rb"</[^\s<>]+\s"), Kind.XML_AMBIGUOUS, facts.BLANK_IN_END_TAG),
     (
         re.compile(rb"&#(?:0*(?:9|10|13|32)|[xX]0*(?:9|[aA]|[dD]|20));"),
+        Kind.XML_AMBIGUOUS,
         facts.REFERENCE_TO_BLANK,
     ),
     (
-        re.compile(rb"""\s[\w:.-]+\s*=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])"""),
+        re.compile(rb"""\s(?!xsi:noNamespaceSchemaLocation\s*=)[\w:.-]+\s*=\s*(?:"[^"<]*[\t\r\n]|'[^'<]*[\t\r\n])"""),
+        Kind.XML_VARIES,
         "a tab or line end in an attribute, which some parsers turn into a blank",
     ),
 )
 _COMMENT: Final = re.compile(rb"<!--.*?-->", re.DOTALL)
-_QUOTES: Final = ('"', "'", "\u2018", "\u201c")
+QUOTES: Final = ('"', "'", "\u2018", "\u201c")
 """Signs that begin a string for Cyclone DDS, whatever follows."""
 
 _LIMITS: Final = f"more than {MAX_BYTES} bytes or {MAX_TAGS} tags, which are not read here"
@@ -184,14 +186,14 @@ def _spelled(content: bytes) -> Iterator[_Said]:
         detail = "a carriage return without line feed: parsers read it differently"
         yield Kind.XML_AMBIGUOUS, _line_of(content, content.replace(b"\r\n", b"\n\n").find(b"\r")), detail
     text = _COMMENT.sub(_emptied, content) if b"<!--" in content else content
-    for pattern, detail in _SPELLINGS:
+    for pattern, kind, detail in _SPELLINGS:
         match = pattern.search(text)
         if match is not None:
-            yield Kind.XML_AMBIGUOUS, _line_of(text, match.start()), detail
+            yield kind, _line_of(text, match.start()), detail
     if content.startswith(_MARK):
         yield Kind.XML_AMBIGUOUS, 1, facts.BYTE_ORDER_MARK
     characters = "" if content.isascii() else content.removeprefix(_MARK).decode("utf-8", "replace")
-    invisible = _unseen(characters) - set(_BLANKS)
+    invisible = _unseen(characters) - set(BLANKS)
     for seen in re.finditer(f"[{re.escape(''.join(invisible))}]", characters) if invisible else ():
         detail = f"the invisible character U+{ord(seen.group()):04X}: what people see is not what is read"
         yield Kind.XML_AMBIGUOUS, characters.count("\n", 0, seen.start()) + 1, detail
@@ -229,8 +231,8 @@ def _ambiguities(root: etree._Element, content: bytes) -> Iterator[_Said]:
             yield from _of_element(node, node.tag)
 
 
-def _at(element: etree._Element, detail: str) -> _Said:
-    return Kind.XML_AMBIGUOUS, source_line(element), detail
+def _at(element: etree._Element, detail: str, kind: Kind = Kind.XML_VARIES) -> _Said:
+    return kind, source_line(element), detail
 
 
 def _of_element(element: etree._Element, tag: str) -> Iterator[_Said]:
@@ -238,33 +240,35 @@ def _of_element(element: etree._Element, tag: str) -> Iterator[_Said]:
         parent = element.getparent()
         if parent is None or str(parent.tag)[0] != "{":
             detail = f"the element {_shown(tag)} in a namespace: {facts.NAMESPACE_OF_ELEMENT}"
-            yield _at(element, detail)
+            yield _at(element, detail, Kind.XML_AMBIGUOUS if element.prefix else Kind.XML_VARIES)
     for name, value in element.items():
-        if str(name)[0] == "{" and (name != _LOCATION or element.getparent() is not None):
+        if str(name)[0] == "{" and (name != SCHEMA_LOCATION or element.getparent() is not None):
             yield _at(element, f"the attribute {_shown(name)}, {facts.ATTRIBUTE}")
         elif _unseen(str(value)):
-            yield _at(element, f"a control character in the attribute {_shown(name)}: {_shown(value)}")
+            what = f"a control character in the attribute {_shown(name)}: {_shown(value)}"
+            yield _at(element, what, Kind.XML_AMBIGUOUS)
     first = str(element.text or "")
     if len(element) == 0:
-        odd = _odd_value(first)
-        if odd:
-            yield _at(element, odd.format(value=_shown(first), name=_name(element)))
+        if _unseen(first.strip(BLANKS)):
+            what = f"a control or invisible character in the value {_shown(first)} of <{_name(element)}>"
+            yield _at(element, what, Kind.XML_AMBIGUOUS)
+        elif read := _read_apart(first):
+            yield _at(element, f"the value of <{_name(element)}> is {_shown(first)}{read}")
     elif not any(isinstance(child.tag, str) for child in element):  # comments, instructions, entity references
         joined = first + "".join(str(child.tail or "") for child in element)
-        what = "a comment" if all(_is(child, etree.Comment) for child in element) else "other nodes"
+        told = all(_is(child, etree.Comment) for child in element)
+        what = f"{'a comment' if told else 'other nodes'} inside the value of <{_name(element)}>"
         read = facts.PIECES.format(first=_shown(first), joined=_shown(joined))
-        yield _at(element, f"{what} inside the value of <{_name(element)}>: {read}")
+        yield _at(element, f"{what}: {read}", Kind.XML_VARIES if told else Kind.XML_AMBIGUOUS)
     elif tag == "dds" and _is(element[-1], etree.Comment) and element.find("domain_access_rules") is not None:
         yield _at(element[-1], facts.COMMENT_AT_END)
 
 
-def _odd_value(text: str) -> str:
-    """How implementations read a value differently, with places for it and its element; "" where they do not."""
-    if text.strip(_BLANKS) != text:
-        return f"the value of <{{name}}> is {{value}} with blanks around it: {facts.BLANKS_AROUND}"
-    if text.startswith(_QUOTES):
-        return f"the value of <{{name}}> is {{value}}, which begins with a quote: {facts.QUOTE_AT_START}"
-    return "a control or invisible character in the value {value} of <{name}>" if _unseen(text) else ""
+def _read_apart(text: str) -> str:
+    """How implementations read a value differently; "" where they do not."""
+    if text.strip(BLANKS) != text:
+        return f" with blanks around it: {facts.BLANKS_AROUND}"
+    return f", which begins with a quote: {facts.QUOTE_AT_START}" if text.startswith(QUOTES) else ""
 
 
 def _unseen(text: str) -> set[str]:
@@ -312,7 +316,7 @@ REPEATABLE: Final = frozenset(
 def duplicates(root: etree._Element, signed: SignedDocument) -> tuple[Defect, ...]:
     """Elements that may stand once and stand twice: Cyclone DDS takes the last or merges them, Fast DDS the first."""
     return tuple(
-        signed.defect(Kind.XML_AMBIGUOUS, line, detail) for line, detail in _duplicates(root.iter(etree.Element))
+        signed.defect(Kind.XML_VARIES, line, detail) for line, detail in _duplicates(root.iter(etree.Element))
     )[:MAX_DEFECTS]
 
 

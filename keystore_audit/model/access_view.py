@@ -12,8 +12,8 @@ from msgspec.structs import replace
 
 from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.findings import Location
-from keystore_audit.keystore.defect import Kind
-from keystore_audit.keystore.document import DomainRange
+from keystore_audit.keystore.defect import Defect
+from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Readings
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.typed import Governance, GovernanceFile, Permissions, PermissionsFile, ProtectionKind
 from keystore_audit.model.domains import Interval
@@ -215,12 +215,14 @@ class AccessViews:
         return replace(access, **{name: specified[name] for name in idle}) if idle else access
 
     def _document(self, file: Typed, access: Access) -> ReadDocument:
-        typed = file.governance if isinstance(file, GovernanceFile) else file.permissions
+        typed = typed_by(file, access)
         if typed is None:
             return _UNPARSED
-        if _is_1_0(file) and not access.reads_1_0:
-            return ReadDocument(refusal="it has the form of DDS-Security 1.0")
-        undefined = _undefined_expression(file, access)
+        if isinstance(typed, str):
+            return ReadDocument(refusal=typed)
+        if isinstance(typed, Defect):
+            return ReadDocument(doubt=(typed.detail, typed.line))
+        undefined = _undefined_expression(typed, access)
         if undefined is not None:
             return ReadDocument(doubt=undefined)
         ranges, highest = [*_ranges(typed)], access.highest_domain
@@ -236,6 +238,10 @@ class AccessViews:
             return ReadDocument(doubt=doubt)
         if unbounded is not None:
             return ReadDocument(refusal="it has an <id_range> without <min>")
+        if access.open_ranges is OpenRange.LONE_MAX_REFUSED and any(
+            (each.low or 0) > (each.high or MAX_DOMAIN) for each in ranges
+        ):
+            return ReadDocument(refusal="it has an <id_range> that ends before it begins")
         if _opens_protected_rtps(typed) and access.refuses_unauthenticated_with_rtps:
             return ReadDocument(refusal="it allows unauthenticated participants beside a protected RTPS")
         return ReadDocument(domain_rules=read_domain_rules(typed, access))
@@ -270,17 +276,19 @@ class AccessViews:
 
 
 def _rules_of(file: Typed, access: Access) -> tuple[tuple[ReadRule, ...], ...]:
-    return tuple(read_rules(grant, access) for grant in file.grants) if isinstance(file, PermissionsFile) else ()
+    typed = typed_by(file, access)
+    return tuple(read_rules(grant, access) for grant in typed.grants) if isinstance(typed, Permissions) else ()
 
 
-def _is_1_0(file: Typed) -> bool:
-    """Permissions of that form only mix their criteria, which every implementation reads (measured)."""
-    return isinstance(file, GovernanceFile) and any(defect.kind is Kind.DDS_SECURITY_1_0 for defect in file.defects)
+def typed_by(file: Typed, access: Access) -> Governance | Permissions | str | Defect | None:
+    """What an implementation finds in the XML, why it refuses it (a str), or why that is unknown (a defect, None)."""
+    readings: Readings[Governance] | Readings[Permissions] = file.readings
+    return readings.common or readings.by_syntax.get(access.syntax)
 
 
-def _undefined_expression(file: Typed, access: Access) -> tuple[str, int | None] | None:
+def _undefined_expression(typed: Governance | Permissions, access: Access) -> tuple[str, int | None] | None:
     """An expression whose meaning hangs on what an implementation has in its memory, and its line."""
-    for expression in expressions(file):
+    for expression in expressions(typed):
         if "[" in expression.text:
             pattern = parse(expression.text, access.matcher)
             if pattern.undefined:

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 from keystore_audit.keystore.document import Text
-from keystore_audit.keystore.typed import Governance, GovernanceFile, Grant, Permissions, PermissionsFile
+from keystore_audit.keystore.typed import Governance, Grant, Permissions
 from keystore_audit.model.inventory import Typed
 from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.validity import counts_at, read_date
@@ -31,16 +31,18 @@ class Occasions:
         return OCCASIONS[occasion](self, access)
 
     @cached_property
+    def _typed(self) -> list[Governance | Permissions]:
+        return [each for file in self.files for each in file.readings.distinct]
+
+    @cached_property
     def governances(self) -> list[Governance]:
-        """Those that could be parsed."""
-        files = [file for file in self.files if isinstance(file, GovernanceFile)]
-        return [file.governance for file in files if file.governance is not None]
+        """Those that could be parsed, in each reading."""
+        return [each for each in self._typed if isinstance(each, Governance)]
 
     @cached_property
     def permissions(self) -> list[Permissions]:
-        """Those that could be parsed."""
-        files = [file for file in self.files if isinstance(file, PermissionsFile)]
-        return [file.permissions for file in files if file.permissions is not None]
+        """Those that could be parsed, in each reading."""
+        return [each for each in self._typed if isinstance(each, Permissions)]
 
     @cached_property
     def grants(self) -> list[Grant]:
@@ -55,7 +57,7 @@ class Occasions:
     @cached_property
     def unusual_expressions(self) -> list[str]:
         """Expressions that a matcher may read in its own way."""
-        found = {expression.text for file in self.files for expression in expressions(file)}
+        found = {expression.text for typed in self._typed for expression in expressions(typed)}
         return list(filter(has_wildcard, found))
 
     def may_be_out_of_date(self, grant: Grant, access: Access) -> bool:
@@ -65,13 +67,13 @@ class Occasions:
         return start is None or end is None or not counts_at(start, end, self._at, access.dates).must
 
 
-def expressions(file: Typed) -> Iterator[Text]:
+def expressions(typed: Governance | Permissions) -> Iterator[Text]:
     """Every topic and partition expression of the document."""
-    if isinstance(file, GovernanceFile):
-        for domain_rule in file.governance.domain_rules if file.governance else ():
+    if isinstance(typed, Governance):
+        for domain_rule in typed.domain_rules:
             yield from (topic.expression for topic in domain_rule.topic_rules)
         return
-    for grant in file.grants:
+    for grant in typed.grants:
         for rule in grant.rules:
             for criterion in rule.criteria:
                 yield from criterion.topics

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Final
 
 from keystore_audit.profiles.peculiarities import Profile
@@ -56,6 +56,12 @@ def doing(name: str, *values: object) -> str:
 def told(name: str, values: Collection[object], sentence: str) -> str:
     """The sentence with who has one of these values for `{who}`, and its verbs, `[takes|take]`, accordingly."""
     who = _who(name, *values)
+    return inflected(sentence, several=len(who) > 1).replace("{who}", _listed(who))
+
+
+def doing_so(profiles: Iterable[Profile], sentence: str, common: Callable[[Profile], bool]) -> str:
+    """The sentence with these profiles for `{who}`, a family where what is `common` to them is so of all releases."""
+    who = sharing(profiles, common)
     return inflected(sentence, several=len(who) > 1).replace("{who}", _listed(who))
 
 

@@ -7,6 +7,15 @@ from enum import Enum
 from msgspec import Struct
 
 
+class Syntax(str, Enum):
+    """How the XML of a document is read where it is not of the plain form (`keystore.syntax`)."""
+
+    SCHEMA = "by-the-schema"
+    IN_ORDER = "in-the-order-of-the-schema"
+    ANY_ORDER = "in-any-order"
+    UNKNOWN = "not-known"
+
+
 class Matcher(str, Enum):
     """A pattern language: which names a text matches.
 
@@ -125,9 +134,9 @@ class Access(Struct, frozen=True, kw_only=True, eq=False):
 
     matcher: Matcher
     matches_octets: bool
+    syntax: Syntax
     open_ranges: OpenRange
     highest_domain: int | None
-    reads_1_0: bool
     refuses_unauthenticated_with_rtps: bool
     dates: DateReading
     skips_grants_out_of_date: bool

@@ -6,7 +6,7 @@ somebody may take it: what a document says that every implementation refuses is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from datetime import datetime
 from functools import lru_cache, partial
 from typing import Final
@@ -14,12 +14,15 @@ from typing import Final
 from msgspec.structs import replace
 
 from keystore_audit.findings import Act, Location, Remedy, Severity, decision
-from keystore_audit.keystore.defect import Kind
+from keystore_audit.grouped import grouped
+from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.typed import DomainRule, GovernanceFile, TopicRule
+from keystore_audit.model.access_view import typed_by
 from keystore_audit.model.domains import covered, describe, domain_bits
+from keystore_audit.model.inventory import Typed
 from keystore_audit.model.names import DISCOVERY_TOPIC
-from keystore_audit.profiles import facts
+from keystore_audit.profiles import VARIANTS, Profile, doing_so, facts
 from keystore_audit.rules.meaning import told
 from keystore_audit.rules.registry import Context, Violation, defective, of_kinds, paths, quoted, rule
 from keystore_audit.rules.remedies import in_governance, in_permissions
@@ -28,9 +31,48 @@ from keystore_audit.rules.subjects import DocumentUse, GovernanceUse, signed_byt
 _Says = Callable[[str, str], Violation]
 """What is said at an element of a rule, after where that is."""
 
-AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
+AMBIGUOUS: Final = (Kind.XML_AMBIGUOUS, Kind.XML_VARIES, Kind.XML_MALFORMED, Kind.VALUE_INVALID)
 DIFFER: Final = "implementations differ in what they make of it."
 UNREAD: Final = "what a robot makes of the document is unknown."
+
+
+def out_of_form(use: DocumentUse, context: Context, *kinds: Kind) -> Iterator[Violation]:
+    """A violation for the defects of each of these kinds in the form of a document, and what implementations do of it.
+
+    Undecided where that is unknown of a chosen one; medium where all chosen ones read it.
+    """
+    found = [of_kinds(use.document.defects, kind) for kind in kinds if use.document.defects]
+    if not any(found):
+        return
+    does = {name: _does_with(use.document, profile) for name, profile in VARIANTS.items()}
+    chosen = [profile for profile in context.profiles if does[profile.name]]
+    unknown = len(chosen) < len(context.profiles)
+    refusing = [profile.name for profile in chosen if does[profile.name] == _REFUSES]
+    alike = grouped(chosen, lambda profile: does[profile.name])
+    says = [doing_so(who, f"{{who}} {verb} the document", _like(does, verb)) for verb, who in alike.items()]
+    for defects in found:
+        yield from defective(
+            defects,
+            DIFFER if unknown else f"{', '.join(says)}.",
+            undecided=use.may_be_taken and unknown,
+            severity=None if unknown or refusing else Severity.MEDIUM,
+            profiles=() if unknown else context.unless_all(refusing),
+        )
+
+
+_REFUSES: Final = "[refuses|refuse]"
+
+
+def _like(does: Mapping[str, str], verb: str) -> Callable[[Profile], bool]:
+    return lambda profile: does[profile.name] == verb
+
+
+def _does_with(file: Typed, profile: Profile) -> str:
+    """A verb; empty where it is unknown."""
+    typed = typed_by(file, profile.access)
+    if isinstance(typed, str):
+        return _REFUSES
+    return "" if isinstance(typed, Defect | None) else "[reads|read]"
 
 
 def in_document(use: DocumentUse, says: str, *kinds: Kind, remedy: Remedy | None = None) -> Iterator[Violation]:
@@ -91,13 +133,14 @@ def _violation(
     in_governance("Correct what the schema forbids"),
     stops=True,
 )
-def governance_schema_invalid(use: GovernanceUse) -> Iterator[Violation]:
+def governance_schema_invalid(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """The document breaks the governance schema of DDS-Security.
 
-    Fast DDS refuses unknown, missing and reordered elements, Cyclone DDS takes any order, and an empty boolean is false
-    there (measured): what it means is unknown, unless nobody takes its signature.
+    Fast DDS refuses unknown, missing and reordered elements. Cyclone DDS takes any order, and an empty boolean is false
+    there (measured). Verdicts go by what each makes of it; it is medium where all read it. Where that was not measured
+    of one in scope, what it means is unknown, unless nobody takes its signature.
     """
-    yield from in_document(use, DIFFER, Kind.SCHEMA_INVALID)
+    yield from out_of_form(use, context, Kind.SCHEMA_INVALID)
 
 
 @rule(
@@ -107,14 +150,16 @@ def governance_schema_invalid(use: GovernanceUse) -> Iterator[Violation]:
     in_governance("Write plain XML, without comments, CDATA, entities and blanks in values"),
     stops=True,
 )
-def governance_ambiguous(use: GovernanceUse) -> Iterator[Violation]:
+def governance_ambiguous(use: GovernanceUse, context: Context) -> Iterator[Violation]:
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
-    Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently (measured), so
-    that one signed file has several meanings. Which of them a robot takes is not guessed here. Nor is what it makes of
-    a document that is too large to be read here: docs/security-model.md has the limits.
+    Fast DDS, Cyclone DDS and libxml2 read comments and blanks in values differently (measured), so that one signed file
+    has several meanings: verdicts go by what each makes of it, and it is medium where
+    all read it. What a robot makes of CDATA, entities
+    and other encodings is not guessed. Nor is what it makes of a document that is too large to be read here:
+    docs/security-model.md has the limits.
     """
-    yield from in_document(use, DIFFER, *AMBIGUOUS)
+    yield from out_of_form(use, context, *AMBIGUOUS)
     remedy = in_governance("Write fewer rules, and fewer expressions with wildcards")
     yield from in_document(use, UNREAD, Kind.BEYOND_LIMIT, remedy=remedy)
 

@@ -18,9 +18,9 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.typed import Grant, Operation
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.subjects.comparison import matching, same_meaning
-from keystore_audit.profiles import VARIANTS, JoinCheck, Profile, SubjectComparison, doing, facts
+from keystore_audit.profiles import VARIANTS, JoinCheck, Profile, SubjectComparison, Syntax, doing, facts
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject
-from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document
+from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document, out_of_form
 from keystore_audit.rules.registry import Context, Violation, defective, listed, located, quoted, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import ROWS, PermissionsUse, instant_of, speaks, verdict
@@ -60,13 +60,14 @@ def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **m
     in_permissions("Correct what the schema forbids"),
     stops=True,
 )
-def permissions_schema_invalid(use: PermissionsUse) -> Iterator[Violation]:
+def permissions_schema_invalid(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The document breaks the permissions schema of DDS-Security.
 
-    Fast DDS refuses unknown and reordered elements, Cyclone DDS takes any order (measured): what it means is unknown,
+    Fast DDS refuses unknown and reordered elements, Cyclone DDS takes any order (measured). Verdicts go by what each
+    makes of it; it is medium where all read it. Where that was not measured of one in scope, what it means is unknown,
     unless nobody takes its signature.
     """
-    yield from in_document(use, DIFFER, Kind.SCHEMA_INVALID)
+    yield from out_of_form(use, context, Kind.SCHEMA_INVALID)
 
 
 @rule(
@@ -76,19 +77,22 @@ def permissions_schema_invalid(use: PermissionsUse) -> Iterator[Violation]:
     in_permissions("Write plain XML, without comments, CDATA, entities and blanks in values"),
     stops=True,
 )
-def permissions_ambiguous(use: PermissionsUse) -> Iterator[Violation]:
+def permissions_ambiguous(use: PermissionsUse, context: Context) -> Iterator[Violation]:
     """The document is outside the plain XML that every parser reads alike, or holds a value without a meaning.
 
-    Fast DDS, Cyclone DDS and libxml2 read comments, CDATA, entities and blanks in values differently, and dates beyond
-    four-digit years (measured), so that one signed file has several meanings. What a robot makes of a document that
-    is too large to be read here is unknown, too: docs/security-model.md has the limits.
+    Fast DDS, Cyclone DDS and libxml2 read comments, blanks in values and odd dates differently (measured), so that one
+    signed file has several meanings: verdicts go by what each makes of it, and it is medium where all read it.
+    What a robot makes of CDATA, entities and other encodings, and of a document that is too large to be read here, is
+    unknown: docs/security-model.md has the limits.
     """
-    yield from in_document(use, DIFFER, *AMBIGUOUS)
+    yield from out_of_form(use, context, *AMBIGUOUS)
     remedy = in_permissions(
         "Split a document for several enclaves into one for each, or write fewer rules, and fewer names with wildcards"
     )
     yield from in_document(use, UNREAD, Kind.BEYOND_LIMIT, remedy=remedy)
-    dates = (date for grant in use.document.grants for date in (grant.not_before, grant.not_after))
+    valid = use.document.readings.by_syntax.get(Syntax.SCHEMA)  # of other dates KA501 speaks
+    grants = () if isinstance(valid, str | Defect | None) else valid.grants
+    dates = (date for grant in grants for date in (grant.not_before, grant.not_after))
     odd = (
         Defect(
             kind=Kind.VALUE_INVALID,

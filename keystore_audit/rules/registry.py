@@ -282,6 +282,7 @@ def defective(
     *,
     undecided: bool = False,
     severity: Severity | None = None,
+    profiles: tuple[str, ...] = (),
     remedy: Remedy | None = None,
 ) -> Iterator[Violation]:
     """One violation for all defects of one kind in one file, each of them a location of it; `says` what follows.
@@ -299,6 +300,7 @@ def defective(
         [located(each, shorten(each.detail, MAX_QUOTED) if several else "") for each in found],
         undecided=undecided,
         severity=severity,
+        profiles=profiles,
         key=first.kind.value,
         remedy=remedy,
     )

@@ -215,10 +215,11 @@ def governance(data: bytes) -> None:
     """`data` is the text that is signed."""
     message = HEADER + data + FOOTER
     first = twice(
-        lambda data: read_governance(present(data), ()), message, lambda read: repr((read.governance, read.defects))
+        lambda data: read_governance(present(data), ()), message, lambda read: repr((read.readings, read.defects))
     )
     told(first.defects, message)
-    assert (first.governance is None) == (first.signed.content is None or _opaque(first.defects))
+    assert (first.governance is not None) or first.signed.content is None or _opaque(first.defects)
+    assert first.readings.common is None or not _opaque(first.defects)
     if first.governance is not None:
         assert all(rule.topic_rules for rule in first.governance.domain_rules)
 
@@ -227,10 +228,11 @@ def permissions(data: bytes) -> None:
     """`data` is the text that is signed."""
     message = HEADER + data + FOOTER
     first = twice(
-        lambda data: read_permissions(present(data), ()), message, lambda read: repr((read.permissions, read.defects))
+        lambda data: read_permissions(present(data), ()), message, lambda read: repr((read.readings, read.defects))
     )
     told(first.defects, message)
-    assert (first.permissions is None) == (first.signed.content is None or _opaque(first.defects))
+    assert (first.permissions is not None) or first.signed.content is None or _opaque(first.defects)
+    assert first.readings.common is None or not _opaque(first.defects)
     if first.permissions is not None:
         for grant in first.permissions.grants:
             assert grant.subject_name.text

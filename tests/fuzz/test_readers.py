@@ -18,8 +18,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.errors import NothingToAudit
-from keystore_audit.keystore.document import Grammar
 from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.grammar import Grammar
 from keystore_audit.keystore.keystore import Keystore, read_keystore
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.options import Options

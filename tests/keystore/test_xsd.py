@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.document import MAX_DETAIL, MAX_EXPLAINED_BYTES, Grammar, validate
+from keystore_audit.keystore.grammar import MAX_DETAIL, MAX_EXPLAINED_BYTES, Grammar, validate
 from keystore_audit.keystore.xml import MAX_DEFECTS, read_xml
 from tests.keystore.builder import GOVERNANCE
 from tests.keystore.documents import (
@@ -87,9 +87,9 @@ def test_every_failure_is_named() -> None:
     assert len(defects(content, Grammar.PERMISSIONS)) == 3
 
 
-def test_doubled_elements_are_ambiguous_too() -> None:
+def test_doubled_elements_are_told_too() -> None:
     content = PERMISSIONS.replace(b"<topics>", b"<topics><topic>secret</topic></topics><topics>")
-    assert kinds(content, Grammar.PERMISSIONS) == {Kind.SCHEMA_INVALID, Kind.XML_AMBIGUOUS}
+    assert kinds(content, Grammar.PERMISSIONS) == {Kind.SCHEMA_INVALID, Kind.XML_VARIES}
 
 
 def test_explanations_are_bounded() -> None:

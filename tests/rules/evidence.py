@@ -20,7 +20,7 @@ from keystore_audit.findings import Finding, Result
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
 from keystore_audit.keystore.crl import CrlFile, read_crl
 from keystore_audit.keystore.defect import Defect, Kind
-from keystore_audit.keystore.document import DomainRange, Text
+from keystore_audit.keystore.document import ONLY_1_1, DomainRange, Readings, Text
 from keystore_audit.keystore.files import File, Status
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role
@@ -41,7 +41,7 @@ from keystore_audit.keystore.typed import (
 )
 from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.question import Doubt
-from keystore_audit.profiles import DEFAULT, VARIANTS
+from keystore_audit.profiles import DEFAULT, VARIANTS, Syntax
 from keystore_audit.rules import RULES, registry
 from keystore_audit.rules.judge import Judgement, judge
 from keystore_audit.rules.registry import Context
@@ -242,13 +242,16 @@ def domain_rule(
 
 def governance(*domain_rules: DomainRule, path: str = "enclaves/governance.p7s", **more: Any) -> GovernanceFile:
     """A governance document."""
-    more = {
-        "signed": signed(path),
-        "governance": Governance(domain_rules=domain_rules or (domain_rule(),), line=20),
-        "defects": (),
-        **more,
-    }
-    return GovernanceFile(**more)
+    document = Governance(domain_rules=domain_rules or (domain_rule(),), line=20)
+    return GovernanceFile(**{"signed": signed(path), "readings": _readings(document, **more), "defects": (), **more})
+
+
+def _readings(document: Any, *, defects: Iterable[Defect] = (), **_more: Any) -> Readings[Any]:
+    """As files are read: alike by all, the older form by some, and what is out of form by nobody known."""
+    if any(each.kind.opaque for each in defects):
+        return Readings(by_syntax={})
+    old = any(each.kind is Kind.DDS_SECURITY_1_0 for each in defects)
+    return Readings(by_syntax=dict.fromkeys(Syntax, document) | (dict.fromkeys(ONLY_1_1, "older") if old else {}))
 
 
 def criterion(operation: Operation, *topics: str) -> Criterion:
@@ -292,8 +295,8 @@ def grant(subject: str, *rules: Rule, **more: Any) -> Grant:
 
 def permissions(path: str, *grants: Grant, **more: Any) -> PermissionsFile:
     """A permissions document at `path`."""
-    more = {"signed": signed(path), "permissions": Permissions(grants=grants, line=37), "defects": (), **more}
-    return PermissionsFile(**more)
+    document = Permissions(grants=grants, line=37)
+    return PermissionsFile(**{"signed": signed(path), "readings": _readings(document, **more), "defects": (), **more})
 
 
 # Keystores

@@ -28,7 +28,7 @@ def granted(*rules: Any, **more: Any) -> Keystore:
 
 
 CHATTER = allow(["rt/chatter"])
-UNCLEAR = permissions(P7S, permissions=None, defects=(defect(Kind.XML_AMBIGUOUS, P7S),))
+UNCLEAR = permissions(P7S, defects=(defect(Kind.XML_AMBIGUOUS, P7S),))
 LISTENER = enclave(
     "/listener",
     permissions=permissions("enclaves/listener/permissions.p7s", grant("/listener", allow([], ["rt/chatter"]))),

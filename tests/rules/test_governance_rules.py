@@ -80,7 +80,7 @@ def test_nothing_is_open_in_a_document_that_nobody_takes() -> None:
     """An invalid XML under a bad signature: every implementation refuses it before it looks."""
     for kind in (Kind.SCHEMA_INVALID, Kind.XML_AMBIGUOUS, Kind.EMPTY_TOPIC):
         broken = signed(P7S, defects=(defect(Kind.NO_TEXT_PLAIN, P7S),))
-        change = governed(governance=None, signed=broken, defects=(defect(kind, P7S),))
+        change = governed(signed=broken, defects=(defect(kind, P7S),))
         assert len(becomes(change)) == 2
         assert open_codes(change(healthy())) == set()
 
@@ -120,7 +120,7 @@ def test_permissions_name_domains_too(highest: int, profiles: tuple[str, ...] | 
 
 
 def unread(kind: Kind) -> Change:
-    return governed(governance=None, defects=(defect(kind, P7S),))
+    return governed(defects=(defect(kind, P7S),))
 
 
 @given(

@@ -199,7 +199,7 @@ def test_patterns_made_to_cost_time_do_not() -> None:
 def test_nothing_is_open_in_a_document_that_nobody_takes() -> None:
     for kind in (Kind.SCHEMA_INVALID, Kind.XML_MALFORMED, Kind.EMPTY_TOPIC, Kind.RULE_WITHOUT_DOMAINS):
         broken = signed(P7S, defects=(defect(Kind.NOT_SMIME, P7S),))
-        store = granted(permissions=None, signed=broken, defects=(defect(kind, P7S),))(healthy())
+        store = granted(signed=broken, defects=(defect(kind, P7S),))(healthy())
         assert "KA304" in codes(store)
         assert open_codes(store) == set()
 

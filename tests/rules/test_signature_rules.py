@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Severity
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
+from keystore_audit.keystore.document import Readings
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
@@ -53,7 +54,9 @@ def by(*signatures: Signature, kinds: tuple[Kind, ...] = (), unread: bool = Fals
     document = signed(P7S, *signatures, defects=tuple(defect(kind, P7S) for kind in kinds))
     document = replace(document, **fields)
     if unread:
-        return talker(permissions=permissions(P7S, signed=replace(document, content=None), permissions=None))
+        return talker(
+            permissions=permissions(P7S, signed=replace(document, content=None), readings=Readings(by_syntax={}))
+        )
     return talker(permissions=permissions(P7S, grant("/talker"), signed=document))
 
 
@@ -131,7 +134,7 @@ def test_a_certificate_of_the_authority_that_no_enclave_has_is_one_of_its_identi
 def test_what_an_unreadable_authority_may_accept_is_open() -> None:
     """A robot may read the CA file that we did not, so what the document says is not without consequence."""
     away = absent("enclaves/talker/permissions_ca.cert.pem", Status.OUTSIDE, "elsewhere")
-    ambiguous = permissions(P7S, permissions=None, defects=(defect(Kind.XML_AMBIGUOUS, P7S),))
+    ambiguous = permissions(P7S, defects=(defect(Kind.XML_AMBIGUOUS, P7S),))
     change = talker(permissions_ca=None, files={Role.PERMISSIONS_CA: away}, permissions=ambiguous)
     assert becomes(change) == ["KA103", "KA502"]
     assert open_codes(change(healthy())) == {"KA103", "KA502"}

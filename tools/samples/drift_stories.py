@@ -80,11 +80,11 @@ def _undecided() -> Iterator[Story]:
         "KA645",
         options=TALKER_ALONE,
         bad=Case(
-            "A comment inside a topic's name: Fast DDS reads /chat, others /chatter. Whether that is what the policy "
-            "says cannot be told.",
-            with_talker(permissions=edited(xml, "rt/chatter", "rt/chat<!-- -->ter")),
+            "A CDATA section inside a topic's name, of which parsers read different pieces. Whether that is what the "
+            "policy says cannot be told.",
+            with_talker(permissions=edited(xml, "rt/chatter", "rt/chat<![CDATA[ter]]>")),
         ),
-        good=Case("The same without the comment.", with_talker(permissions=xml)),
+        good=Case("The same without the section.", with_talker(permissions=xml)),
     )
     unsigned = {"permissions.p7s": None}
     yield from pair(

@@ -206,9 +206,9 @@ def _unknown() -> Iterator[Story]:
     yield _story(
         "chatter",
         "ambiguous_enclave",
-        "The listener's permissions mean one thing to Fast DDS and another to Cyclone DDS: what they let through is "
-        "unknown.",
-        with_listener(permissions=edited(document, "rt/chatter", "rt/<!-- -->chatter")),
+        "The listener's permissions have a CDATA section in a topic, of which parsers read different pieces: what they "
+        "let through is unknown.",
+        with_listener(permissions=edited(document, "rt/chatter", "rt/<![CDATA[chatter]]>")),
     )
     yield _story(
         "chatter",

@@ -32,7 +32,7 @@ def _documents() -> Iterator[Story]:
         "KA401",
         bad=Case(
             "The governance does not say whether joining takes a grant: the element is missing. DDS-Security "
-            "1.1 requires it; an implementation may refuse the document or put a default of its own.",
+            "1.1 requires it, and both vendors refuse the document (measured): nothing starts.",
             replace(ONE, governance=edited(text, _JOIN, "")),
         ),
         good=Case("The document fits the schema.", ONE),

@@ -79,16 +79,16 @@ def _unmanaged() -> Iterator[Story]:
         good=Case("No signed document but those of the enclave.", ONE),
     )
     plain = Permissions(grants=(TALKER_GRANT,)).xml()
-    commented = edited(plain, "rt/chatter", "rt/<!-- all -->chatter")
+    sectioned = edited(plain, "rt/chatter", "rt/<![CDATA[chatter]]>")
     yield from pair(
         "KA663",
         bad=Case(
-            "Archived permissions have a comment inside a topic's name. They are validly signed, and XML parsers "
+            "Archived permissions have a CDATA section in a topic's name. They are validly signed, and XML parsers "
             "differ in what they read: what a peer makes of them is unknown.",
-            _with("archive/2023/permissions.p7s", signed_by(PERMISSIONS_CA).smime(commented.encode())),
+            _with("archive/2023/permissions.p7s", signed_by(PERMISSIONS_CA).smime(sectioned.encode())),
         ),
         good=Case(
-            "The same archived permissions without the comment say what the talker's own say.",
+            "The same archived permissions without the section say what the talker's own say.",
             _with("archive/2023/permissions.p7s", signed_by(PERMISSIONS_CA).smime(plain.encode() + b"\n")),
         ),
     )

@@ -23,11 +23,11 @@ def stories() -> Iterator[Story]:
         "incomplete, exit 4.",
         tree=with_listener(changes={"permissions.p7s": whole[: len(whole) - 300]}).tree(),
     )
-    ambiguous = edited(document, "rt/chatter", "rt/<!-- -->chatter")
+    ambiguous = edited(document, "rt/chatter", "rt/<![CDATA[chatter]]>")
     yield Story(
         directory="unknown/ambiguous_enclave",
-        text="The listener's permissions are validly signed and mean rt/ to Fast DDS, rt/chatter to "
-        "Cyclone DDS. Rather than choosing one, the audit calls what depends on it unknown: incomplete, "
+        text="The listener's permissions are validly signed and have a CDATA section in a topic, of which parsers "
+        "read different pieces. Rather than choosing one, the audit calls what depends on it unknown: incomplete, "
         "exit 4.",
         tree=with_listener(permissions=ambiguous).tree(),
     )

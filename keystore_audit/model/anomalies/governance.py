@@ -298,7 +298,8 @@ def _open(governances: Iterable[GovernanceFile], operation: Operation) -> tuple[
         dict.fromkeys(
             topic.expression.text
             for file in governances
-            for domain_rule in (file.governance.domain_rules if file.governance else ())
+            for governance in file.readings.distinct
+            for domain_rule in governance.domain_rules
             for topic in domain_rule.topic_rules
             if not is_controlled(topic, operation)
         )

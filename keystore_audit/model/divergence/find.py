@@ -100,7 +100,7 @@ def divergences(
 
 def _presenting(keystore: Keystore, odd: Collection[Typed]) -> Iterator[Enclave]:
     """The enclaves whose rights with peers hang on one of the documents."""
-    subjects = {grant.subject_name.text for file in odd if isinstance(file, PermissionsFile) for grant in file.grants}
+    subjects = {subject for file in odd if isinstance(file, PermissionsFile) for subject in file.subjects}
     everybody = any(isinstance(file, GovernanceFile) for file in odd)
     for enclave in keystore.enclaves:
         certificate = enclave.identity

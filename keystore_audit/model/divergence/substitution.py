@@ -33,7 +33,7 @@ class Cause(str, Enum):
     OTHER: a difference without a name of its own. UNDECIDED: there are too many classes of names to compare.
     """
 
-    FORM = "form of DDS-Security 1.0"
+    FORM = "form of the document"
     HIGHEST_DOMAIN = "domain too high"
     UNAUTHENTICATED_WITH_RTPS = "unauthenticated participants beside protected RTPS"
     RANGE = "range of domains with one bound"

@@ -212,7 +212,7 @@ class _Naming:
         self._certificates = list({each.sha256: each for each in identities}.values())
         self._holding: dict[str, list[PermissionsFile]] = {}
         for file in self._files:
-            for subject in dict.fromkeys(grant.subject_name.text for grant in file.grants):
+            for subject in file.subjects:
                 self._holding.setdefault(subject, []).append(file)
         self._subjects: dict[SubjectComparison, dict[str, frozenset[str]]] = {}
 

@@ -143,7 +143,8 @@ def _granted(
         (grant, Location(path=file.signed.file.place, line=grant.line))
         for document in documents_of(keystore)
         if isinstance(file := document.file, PermissionsFile) and may_be_taken(file.signed, files)
-        for grant in file.grants
+        for read in file.readings.distinct
+        for grant in read.grants
         if not _ended(grant, at)
     ]
     named = named_by_some((grant.subject_name.text for grant, _place in grants), certificates, profiles)
@@ -160,11 +161,11 @@ def _without_grants(peers: Iterable[_Peer]) -> Iterator[Location]:
     """Governances under which these peers let in whomever they authenticate."""
     for peer in peers:
         file = None if peer.wants_grant else peer.enclave.governance
-        if file is not None and file.governance is not None:
-            rules = file.governance.domain_rules
+        if file is not None:
             yield from (
                 Location(path=file.signed.file.place, line=rule.line)
-                for rule in rules
+                for read in file.readings.distinct
+                for rule in read.domain_rules
                 if not rule.enable_join_access_control
             )
 

@@ -11,6 +11,7 @@ from itertools import chain
 from keystore_audit.findings import Location
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.defect import Defect, first_opaque
+from keystore_audit.keystore.document import KNOWN_FORMS
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
@@ -109,10 +110,12 @@ def may_say_anything(
 def document_doubt(enclave: str | None, file: Typed, read: ReadDocument) -> Doubt:
     """What keeps the document from having one meaning."""
     defects: tuple[Defect, ...] = file.signed.defects + file.defects
-    defect = first_opaque(defects)
+    defect = next((each for each in defects if each.kind.opaque and each.kind not in KNOWN_FORMS), None)
+    if defect is None and read.doubt is not None:
+        return _doubt(enclave, file.signed.file.place, *read.doubt)
+    defect = defect or first_opaque(defects)
     if defect is None:
-        reason, line = read.doubt or ("the document has no meaning that every parser agrees on", None)
-        return _doubt(enclave, file.signed.file.place, reason, line)
+        return _doubt(enclave, file.signed.file.place, "the document has no meaning that every parser agrees on")
     return _doubt(enclave, defect.path, defect.detail, defect.line)
 
 

@@ -328,7 +328,7 @@ def _named(
     files: Iterable[PermissionsFile], identities: Sequence[Certificate], profiles: Iterable[Profile]
 ) -> list[frozenset[int]]:
     """By document the identities that one of its grants names, to some implementation."""
-    texts = [frozenset(grant.subject_name.text for grant in file.grants) for file in files]
+    texts = [file.subjects for file in files]
     named = named_by_some(frozenset[str]().union(*texts), identities, profiles)
     return [frozenset[int]().union(*(named[text] for text in each)) for each in texts]
 

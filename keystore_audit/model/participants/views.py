@@ -135,10 +135,10 @@ class Views:
         """The certificates that each subject_name of a grant is taken to name."""
         if trust.subjects not in self._named:
             subjects = [
-                grant.subject_name.text
+                subject
                 for document in self._documents
                 if isinstance(document.file, PermissionsFile)
-                for grant in document.file.grants
+                for subject in document.file.subjects
             ]
             self._named[trust.subjects] = matching(subjects, self._certificates, trust.subjects)
         return self._named[trust.subjects]

@@ -1,6 +1,7 @@
 """What an enclave may do by its own implementation: ours beside the real Cyclone DDS 0.10.2 and Fast DDS 2.9.1.
 
-989 recipes that probe every row of the semantics tables, and up to 1,000 keystores with random rules. Where we do not
+989 recipes that probe every row of the semantics tables, up to 1,000 keystores with random rules, and as many whose
+documents are out of form. Where we do not
 know, the recipe stands in local_abstentions.json with our reason.
 """
 
@@ -13,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from tests.amount import tried
+from tests.oracles.vendors import random_documents, random_keystores
 from tests.oracles.vendors.enclave import Answer, Vendor, vendors
 from tests.oracles.vendors.local_answers import ABSTENTIONS, MEASURED, abstentions, written
 from tests.oracles.vendors.local_comparison import Comparison, compare
-from tests.oracles.vendors.random_keystores import keystore
 from tests.oracles.vendors.recipes import every
 from tests.oracles.xml.parsers import require_measured_versions
 
@@ -59,7 +60,16 @@ def test_where_we_do_not_know_is_listed(recipes: tuple[dict[str, dict[str, Answe
 
 def test_ours_agree_on_random_keystores(asked: dict[str, Vendor], tmp_path: Path) -> None:
     comparison = Comparison()
-    compare(asked, map(keystore, range(tried(1_000))), tmp_path, comparison)
+    compare(asked, map(random_keystores.keystore, range(tried(1_000))), tmp_path, comparison)
     assert comparison.deviating == {}
     assert comparison.abstained == {}
     assert min(comparison.agreed.values()) >= tried(5_000)
+
+
+def test_ours_agree_on_documents_out_of_form(asked: dict[str, Vendor], tmp_path: Path) -> None:
+    """Of one in twenty we say that it is not known; wherever we say more, the vendors agree."""
+    comparison = Comparison()
+    compare(asked, map(random_documents.keystore, range(tried(1_000))), tmp_path, comparison)
+    assert comparison.deviating == {}
+    assert len(comparison.abstained) <= tried(1_000) * len(asked) / 20
+    assert min(comparison.agreed.values()) >= tried(3_500)

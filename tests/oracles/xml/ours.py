@@ -8,6 +8,7 @@ from enum import Enum
 
 from msgspec import Struct
 
+from keystore_audit.keystore.defect import first_opaque
 from keystore_audit.keystore.document import DomainRange
 from keystore_audit.keystore.typed import Governance, Permissions, TopicRule, read_governance, read_permissions
 from tests.keystore.builder import present
@@ -67,6 +68,8 @@ def read_message(message: bytes, kind: DocumentKind) -> OurReading | None:
         signed, defects, typed = permissions.signed, permissions.defects, permissions.permissions
     if signed.content is None:
         return None
+    if first_opaque(defects) is not None:
+        typed = None  # it has no one meaning
     return OurReading(signed.content, typed, frozenset(defect.kind.value for defect in defects))
 
 
