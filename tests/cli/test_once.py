@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import pytest
 
 from keystore_audit.cli.program import program, run
 from keystore_audit.cli.types import Word
-from keystore_audit.ros2 import AuditVerb
 
 FITTING = {
     "--alloy-jar": __file__,
@@ -108,11 +106,3 @@ def test_the_first_settings_are_not_forgotten(healthy: Path, tmp_path: Path) -> 
     words = [str(healthy), "--engine", "native", "--at", "2026-11-21", "-q"]
     assert [run([*words, "--settings", str(each)]) for each in (violated, holding)] == [1, 0]
     assert run([*words, "--settings", str(violated), "--settings", str(holding)]) == 2
-
-
-def test_the_verb_of_ros2_forgets_none_either(capsys: pytest.CaptureFixture[str]) -> None:
-    verb, parser = AuditVerb(), ArgumentParser()
-    verb.add_arguments(parser, "ros2")
-    assert verb.main(args=parser.parse_args(["/nowhere", "--domain", "1"])) == 3
-    assert verb.main(args=parser.parse_args(["/nowhere", "--domain", "1", "--domain", "2"])) == 2
-    assert "--domain is given twice" in capsys.readouterr().err

