@@ -8,7 +8,8 @@ it never shows that nothing else runs. What ROS cannot attribute to a node is le
 ROS_DOMAIN_ID and RMW_IMPLEMENTATION are those of the robot. Under security, ROS_SECURITY_ENCLAVE_OVERRIDE names an
 enclave that may take part in discovery.
 
-exit codes: 0 recorded; 2 wrong usage, or no rclpy; 3 no node was seen, nothing is written; 4 recorded, but incomplete
+exit codes: 0 recorded; 2 wrong usage, or ROS does not start; 3 no node was seen, nothing is written; 4 recorded, but
+incomplete; 130 interrupted
 """
 
 from __future__ import annotations
@@ -52,13 +53,18 @@ def main() -> int:
         if python is not None and __name__ != "__main__":
             os.execv(python, [python, __file__, *sys.argv[1:]])  # noqa: S606 - what the user called, in ROS's Python
         return _say(2, f"{sys.executable} cannot import rclpy ({error}): source a ROS 2 installation first")
-    rclpy.init(args=[])
     try:
+        rclpy.init(args=[])
         quiet = {"enable_rosout": False, "start_parameter_services": False}
         observer = rclpy.create_node(f"keystore_audit_record_{os.getpid()}", **quiet)
         nodes, left_out, settled = _watched(observer, chosen.settle, chosen.limit)
+    except RuntimeError as error:  # RCLError: no such enclave, no such domain
+        return _say(2, f"ROS refuses: {error}")
+    except KeyboardInterrupt:
+        return 130
     finally:
-        rclpy.shutdown()
+        if rclpy.ok():
+            rclpy.shutdown()
     if not nodes:
         return _say(3, "no node was seen: do ROS_DOMAIN_ID, RMW_IMPLEMENTATION and the enclave fit the robot?")
     json.dump({"schema_version": 1, "nodes": nodes}, sys.stdout, indent=2)

@@ -59,10 +59,11 @@ class Ros:
         kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
         self.environment = {**kept, **own}
 
-    def record(self, *args: str) -> subprocess.CompletedProcess[str]:
+    def record(self, *args: str, **variables: str) -> subprocess.CompletedProcess[str]:
         """Record as a robot would that has this one file of keystore-audit."""
         words = [self.python, self._repository / "keystore_audit/record.py", *args]
-        return subprocess.run(words, capture_output=True, text=True, timeout=120, env=self.environment)
+        environment = {**self.environment, **variables}
+        return subprocess.run(words, capture_output=True, text=True, timeout=120, env=environment)
 
     @contextmanager
     def robot(self, *args: str) -> Iterator[None]:
@@ -163,6 +164,14 @@ def test_a_graph_that_does_not_settle_is_incomplete_and_one_of_no_nodes_is_none(
     nobody = ros.record("--limit", "1")
     assert (nobody.returncode, nobody.stdout) == (3, "")
     assert nobody.stderr.startswith("no node was seen")
+
+
+def test_an_enclave_that_is_not_there_is_said_in_a_line(ros: Ros, tmp_path: Path) -> None:
+    security = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
+    refused = ros.record(**security, ROS_SECURITY_KEYSTORE=str(tmp_path))
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert refused.stderr.startswith("ROS refuses: ")
+    assert f"'{tmp_path}/enclaves' does not exist" in refused.stderr
 
 
 def test_the_program_finds_the_python_of_ros(ros: Ros, tmp_path: Path) -> None:
