@@ -40,6 +40,7 @@ LOOPBACK = """<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profi
 </profiles>"""
 """No participant leaves this machine. ROS's own setting for that ignores the participants of other vendors."""
 
+PROGRAMS = Path(sys.executable).parent
 VENDORS = Path(__file__).parents[1] / "oracles/vendors"
 
 
@@ -140,13 +141,14 @@ def test_what_ros_cannot_attribute_is_told_and_exits_with_4(
 ) -> None:
     """A node that is called as another, and a participant that is none of ROS."""
     program = compiled(oracle("cc"), VENDORS / "cyclonedds_pair.c", tmp_path, "-rdynamic", "-lddsc", "-ldl")
-    bare = Process(program, tmp_path, Side(enclave=None, endpoints=(publish("rt/bare"),), domain=DOMAIN), 9, FIRST_PORT)
-    try:
-        assert bare.started()
-        with ros.robot("namesake"):
+    side = Side(enclave=None, endpoints=(publish("rt/bare"),), domain=DOMAIN)
+    with ros.robot("namesake"):
+        bare = Process(program, tmp_path, side, 9, FIRST_PORT)
+        try:
+            assert bare.started()
             done = ros.record()
-    finally:
-        bare.end()
+        finally:
+            bare.end()
     assert (done.returncode, len(json.loads(done.stdout)["nodes"])) == (4, 5)
     assert done.stderr.splitlines() == [
         "2 nodes are called '/talker': ROS tells what one of them does",
@@ -174,12 +176,18 @@ def test_an_enclave_that_is_not_there_is_said_in_a_line(ros: Ros, tmp_path: Path
     assert f"'{tmp_path}/enclaves' does not exist" in refused.stderr
 
 
-def test_the_program_finds_the_python_of_ros(ros: Ros, tmp_path: Path) -> None:
-    """Installed apart from ROS, it is run by a Python without rclpy."""
+def test_the_program_and_the_verb_find_the_python_of_ros(ros: Ros, repository: Path, tmp_path: Path) -> None:
+    """Installed apart from ROS, the program is run by a Python without rclpy; the verb is run by ROS's own."""
     program = "from keystore_audit.record import main; raise SystemExit(main())"
-    words = [sys.executable, "-c", program, "--limit", "1"]
-    for path, code in ((ros.python.parent, 3), (tmp_path, 2)):
-        environment = {**ros.environment, "PATH": str(path)}
-        done = subprocess.run(words, capture_output=True, text=True, env=environment, timeout=60)
+    verb = "from argparse import *; from keystore_audit_ros2 import *; RecordVerb().main(args=Namespace(words={!r}))"
+    words = ["--limit", "1"]
+    folders = {"PYTHONPATH": str(repository / "ros2/keystore_audit_ros2"), "KEYSTORE_AUDIT_BIN": str(PROGRAMS)}
+    for command, path, code in (
+        ([sys.executable, "-c", program, *words], ros.python.parent, 3),
+        ([sys.executable, "-c", program, *words], tmp_path, 2),
+        ([ros.python, "-c", verb.format(words)], tmp_path, 3),
+    ):
+        environment = {**ros.environment, **folders, "PATH": str(path)}
+        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
         assert (done.returncode, done.stdout) == (code, ""), done.stderr
-    assert "cannot import rclpy" in done.stderr
+        assert ("cannot import rclpy" in done.stderr) is (code == 2)
