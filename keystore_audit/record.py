@@ -66,7 +66,8 @@ def main() -> int:
         if rclpy.ok():
             rclpy.shutdown()
     if not nodes:
-        return _say(3, "no node was seen: do ROS_DOMAIN_ID, RMW_IMPLEMENTATION and the enclave fit the robot?")
+        no_node = "no node was seen: do ROS_DOMAIN_ID, RMW_IMPLEMENTATION and the enclave fit the robot?"
+        return _say(3, *left_out, no_node)
     json.dump({"schema_version": 1, "nodes": nodes}, sys.stdout, indent=2)
     print()  # noqa: T201
     if not settled:

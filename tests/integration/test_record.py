@@ -136,19 +136,29 @@ def test_what_is_suggested_for_a_recording_lets_its_nodes_run_and_nothing_more(r
         assert {(each["code"], each["enclave"]) for each in findings if each["code"].startswith("KA65")} == found
 
 
+@contextmanager
+def bare(program: Path) -> Iterator[None]:
+    """A participant that is none of ROS; it ends by itself after 30 seconds."""
+    side = Side(enclave=None, endpoints=(publish("rt/bare"),), domain=DOMAIN)
+    process = Process(program, program, side, 9, FIRST_PORT)
+    try:
+        assert process.started()
+        yield
+    finally:
+        process.end()
+
+
 def test_what_ros_cannot_attribute_is_told_and_exits_with_4(
     ros: Ros, oracle: Callable[[str], str], tmp_path: Path
 ) -> None:
-    """A node that is called as another, and a participant that is none of ROS."""
+    """A node that is called as another, and a participant without any; where there is no node at all, that with 3."""
     program = compiled(oracle("cc"), VENDORS / "cyclonedds_pair.c", tmp_path, "-rdynamic", "-lddsc", "-ldl")
-    side = Side(enclave=None, endpoints=(publish("rt/bare"),), domain=DOMAIN)
-    with ros.robot("namesake"):
-        bare = Process(program, tmp_path, side, 9, FIRST_PORT)
-        try:
-            assert bare.started()
-            done = ros.record()
-        finally:
-            bare.end()
+    with bare(program):
+        alone = ros.record("--limit", "5")
+    with ros.robot("namesake"), bare(program):
+        done = ros.record()
+    assert (alone.returncode, alone.stdout) == (3, "")
+    assert "an endpoint of 'rt/bare' belongs to no node that is known\n" in alone.stderr
     assert (done.returncode, len(json.loads(done.stdout)["nodes"])) == (4, 5)
     assert done.stderr.splitlines() == [
         "2 nodes are called '/talker': ROS tells what one of them does",
