@@ -193,7 +193,7 @@ class _InOrder(_BySchema):
         return _merged(children) if tag in _CRITERIA else children
 
     def _value(self, tag: str, element: etree._Element) -> str:
-        pieces = [element.text, *(child.tail for child in element if tag in _NAMES)]
+        pieces = [element.text, *(child.tail for child in element if tag not in _FLAGS | _NUMBERS)]
         text = str(next((each for each in pieces if (each or "").strip()), ""))
         if not text and len(element):
             raise Refused(f"a comment before the value of <{tag}>")

@@ -70,7 +70,7 @@ def _move(random: Random, root: etree._Element) -> None:
 
 
 def _foreign(random: Random, root: etree._Element) -> None:
-    parent = random.choice([root, _of(random, root)])
+    parent = random.choice([root, _of(random, root, leaf=False)])
     other = etree.Element(random.choice(("note", "enable_key_revision", "data_tags", "tag", *_KNOWN)))
     other.text = "true"
     parent.insert(random.randrange(len(parent) + 1), other)
