@@ -199,11 +199,14 @@ def document_channels(
     *,
     ungoverned: bool = False,
     opened: bool = False,
+    literal: bool | None = None,
 ) -> Channels:
     """The channels that documents tell apart, as implementations of each access row read them.
 
     `points`: as in `build_channels`, which says what is raised. `claimed`: names that have to be told apart as well.
     `ungoverned`: names of domains that only permissions speak of are told apart too. `opened`: those of any domain.
+    `literal`: partitions are plain names, as they are to permissions; else who may be in one that is a pattern is met
+    in all that it matches. None: they are where there are `points`, which then need no classes of names at all.
     """
     regions: dict[ReadRegion, None] = dict.fromkeys(claimed)
     opening: set[ReadRegion] = set()
@@ -226,13 +229,14 @@ def document_channels(
     governed, ruled = domain_covers(read)
     domains = domain_classes([*governed, *ruled])
     wanted = union(map(domain_bits, [*governed, *ruled] if ungoverned else governed))
+    plain = points is not None if literal is None else literal
     covers = [opened or bool(wanted >> domain.intervals[0][0] & 1) for domain in domains]
     return build_channels(
         domains,
         covers,
         regions,
         points,
-        None if by_default else frozenset(opening),
+        frozenset() if plain else None if by_default else frozenset(opening),
         ruling=len(topics),
         documents=max(map(len, read.values()), default=0),
     )

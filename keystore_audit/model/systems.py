@@ -58,9 +58,8 @@ class SystemBuilder:
 
     `accesses`: how they read its documents. `points`: only these names are channels; None: all names, in classes.
     `claims`: the names and instants that they speak of take part. `channels`: these, which tell apart all that the
-    keystore's documents do. `named`: sets of names that are told apart as well. `literal`: partitions are plain names,
-    as they are to permissions; else who may be in one that is a pattern is met in all that it matches. None: they are
-    where there are `points`. `instants` (attribute): at which anything may begin or end, sorted, `at` among them.
+    keystore's documents do. `named`: sets of names that are told apart as well. `literal`: as in
+    `channels.document_channels`. `instants` (attribute): at which anything may begin or end, sorted, `at` among them.
     Raises errors.BudgetExceeded where the classes are too many.
     """
 
@@ -98,11 +97,11 @@ class SystemBuilder:
         self.instants = tuple(sorted({*instants_of((*self._certificates, *presented), grants, at), *ends}))
         if channels is None:
             regions = (*claim_regions(claims), *named)
-            channels = document_channels(self._read, points, regions, opened=self._may_be_open())
+            opened = self._may_be_open()
+            channels = document_channels(self._read, points, regions, opened=opened, literal=literal)
         self.channels = channels
         self._issuers, self._unknown = self._identified()
-        plain = points is not None if literal is None else literal
-        self._meets = () if plain else channels.meets
+        self._meets = channels.meets
         self._rule_atoms = RuleAtoms(self.channels, self.instants)
         self._typed: dict[object, Atoms] = {}
         self._keys = {key: n for n, key in enumerate(dict.fromkeys(c.key for c in self._certificates))}

@@ -16,7 +16,9 @@ from keystore_audit.cli.program import run
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.names import dds_channels
 from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, rule, signed_keystore
+from tests.keystore import documents
 from tests.keystore.builder import GOVERNANCE
+from tests.oracles.vendors.recipes_expressions import LONG, MANY_LONG
 from tests.schemas import schema
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
@@ -82,6 +84,22 @@ def test_half_of_a_service_is_neither_allowed_nor_denied(
             assert {each["decision"] for each in document["decisions"].values()} == {ruling}
             assert {each["effective"] for each in document["decisions"].values()} == {ruling}
         assert decisions(store, "/c", *words.split(), *effective)[0] == (0 if ruling == ALLOW else 1)
+
+
+@pytest.mark.parametrize("partitions", [False, True])
+def test_one_name_needs_no_classes_of_names(partitions: bool, tmp_path: Path) -> None:
+    """Both vendors answer such a keystore at once (tests/oracles/vendors): only a list of all names is beyond us."""
+    topics, lists = (("rt/a",), MANY_LONG) if partitions else (MANY_LONG, ())
+    listing = documents.rule(documents.pub(*topics, partitions=lists))
+    store = keystore(tmp_path / "k", {"/e": (listing,)})
+    for text, ruling in ((f"a{LONG[7]}b", ALLOW), (LONG[7][1:], DENY)):
+        name, where = ("rt/a", text) if partitions else (text, "")
+        asked = (store, "/e", "publish", name, "--kind", "dds", "--partition", where)
+        code, document = decisions(*asked, "--expect", ruling)
+        assert code == 0
+        for each in document["decisions"].values():
+            assert (each["decision"], each["effective"]) == (ruling, ruling)
+    assert answer("access", store, "--at", AT)[0] == 4
 
 
 def test_the_halves_are_named(tmp_path: Path) -> None:

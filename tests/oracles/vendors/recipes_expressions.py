@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
+
 from tests.keystore.documents import allow, deny, pub, pubsub, topic_rule
 from tests.oracles.vendors.enclave import publish
 from tests.oracles.vendors.recipe import Recipe, of_rules, of_topics
@@ -209,5 +211,28 @@ WILDCARD_TOPICS = (
         endpoints=tuple(publish(f"rt/{name}") for name in ("*", "?", "[ab]", "a", "b", "b*")),
     ),
 )
+LONG = tuple(sha256(b"%d" % number).hexdigest()[:40] for number in range(24))
+MANY_LONG = tuple(f"*{text}*" for text in LONG)
+"""Names may hold each of these texts or not, in any order: their classes are beyond any budget."""
 
-RECIPES = (*IN_PERMISSIONS, *IN_GOVERNANCE, *IN_PARTITIONS, *TEXTS, *BUILTIN, *WILDCARD_TOPICS)
+BEYOND_CLASSES = (
+    Recipe(
+        title="24 topics between stars",
+        permissions=of_rules(deny(pub(*MANY_LONG[:12])), allow(pub(*MANY_LONG[12:], "rt/chatter"))),
+        endpoints=(
+            publish("rt/chatter"),
+            publish(f"rt/{LONG[0]}"),
+            publish(f"rt/{LONG[20]}"),
+            publish(f"rt/{LONG[20]}{LONG[13]}"),
+            publish(f"rt/{LONG[20]}{LONG[7]}"),
+            publish(f"rt/{LONG[20][1:]}"),
+        ),
+    ),
+    Recipe(
+        title="24 partitions between stars",
+        permissions=of_rules(allow(pub("rt/t", partitions=MANY_LONG))),
+        endpoints=(publish("rt/t"), *(publish("rt/t", name) for name in (LONG[3], LONG[3][1:], "*", f"a{LONG[9]}b"))),
+    ),
+)
+
+RECIPES = (*IN_PERMISSIONS, *IN_GOVERNANCE, *IN_PARTITIONS, *TEXTS, *BUILTIN, *WILDCARD_TOPICS, *BEYOND_CLASSES)
