@@ -20,7 +20,7 @@ from keystore_audit.model.subjects.comparison import matching, same_meaning
 from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison, facts, implementations
 from keystore_audit.rules.governance import in_document
 from keystore_audit.rules.permissions import about, dated, own_grants
-from keystore_audit.rules.registry import Context, Violation, located, quoted, rule
+from keystore_audit.rules.registry import Context, Violation, located, more_like, quoted, rule
 from keystore_audit.rules.remedies import in_permissions
 from keystore_audit.rules.subjects import DocumentUse, PermissionsUse, instant_of, permissions_uses, speaks
 from keystore_audit.text import instant
@@ -67,6 +67,7 @@ def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]
     Severity.CRITICAL,
     f"DDS-Security 1.1, 9.4.1.3 (subject_name); {facts.SUBJECTS_SOURCES}",
     decision(_SAFE_FORM, Act.EDIT_PERMISSIONS),
+    explains=("no-subject-serves-two-enclaves",),
 )
 def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterator[Violation]:
     """Some implementation takes a grant to name an identity whose subject is another one.
@@ -79,21 +80,26 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
     """
     enclaves = _identities(keystore)
     subjects = {each.subject for each in enclaves.values()}
-    for grant, use, certificate, naming in _named(keystore, context.at):
+    lent: list[_Named] = []
+    for each in _named(keystore, context.at):
+        grant, _use, certificate, _naming = each
         # Text of the same meaning, in another order say, is another subject where an identity has the text itself.
         to_the_letter = grant.subject_name.text in subjects and grant.subject_name.text != certificate.subject
         if same_meaning(grant.subject_name.text, certificate) and not to_the_letter:
             continue
+        lent.append(each)
+    for (_sha256, naming), found in grouped(lent, lambda each: (each[2].sha256, each[3])).items():
+        certificate, texts = found[0][2], list(dict.fromkeys(each[0].subject_name.text for each in found))
         whoever = (
             "that enclave" if certificate.sha256 in enclaves else f"whoever has the identity in {certificate.path}"
         )
         yield Violation(
-            f"The grant of {quoted(grant.subject_name.text)} names {quoted(certificate.subject)} too, for "
-            f"{implementations(naming)}: {whoever} has its rights.",
-            _places(use, grant, certificate),
+            f"The grant of {quoted(texts[0])}{more_like(texts)} names {quoted(certificate.subject)} too, for "
+            f"{implementations(naming)}: {whoever} has {'their' if texts[1:] else 'its'} rights.",
+            (*(use.at(grant.subject_name.line) for grant, use, *_ in found), located(certificate, "the identity")),
             severity=None if context.chose(naming) else Severity.HIGH,
             profiles=tuple(profile.name for profile in naming),
-            key=f"{grant.subject_name.text}\0{certificate.subject}",
+            key="\0".join((*sorted(texts), certificate.subject)),
         )
 
 
