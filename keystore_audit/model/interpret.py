@@ -124,13 +124,13 @@ def _doubts(keystore: Keystore, profiles: Sequence[Profile], accesses: AccessVie
     for kind in kinds.values():
         for doubt in keystore_doubts(keystore, kind[0], accesses):
             found.setdefault((doubt.enclave, doubt.location), (doubt, []))[1].extend(kind)
-    doubts = (replace(doubt, profiles=_some(profiles, under)) for doubt, under in found.values())
+    doubts = (replace(doubt, profiles=_names(profiles, under)) for doubt, under in found.values())
     return tuple(sorted(doubts, key=lambda d: (d.location.path, d.location.line or 0, d.enclave or "")))
 
 
-def _some(profiles: Sequence[Profile], under: Sequence[Profile]) -> tuple[str, ...]:
-    """The names of those under which something is so, in the order of all; none where it is so under all."""
-    return () if len(under) == len(profiles) else tuple(profile.name for profile in profiles if profile in under)
+def _names(profiles: Sequence[Profile], under: Sequence[Profile]) -> tuple[str, ...]:
+    """The names of those under which something is so, in the order of all."""
+    return tuple(profile.name for profile in profiles if profile in under)
 
 
 def _idle(systems: tuple[System, ...]) -> tuple[str, ...]:
@@ -159,16 +159,14 @@ def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:
     """
     known: dict[tuple[int, int], tuple[UngovernedTopics, ...]] = {}
     found: dict[UngovernedTopics, list[str]] = {}
-    every = 0
     for system in systems:
         if system.may:
-            every += len(system.profiles)
             rules = id(system.domain_rules), id(system.topic_rules)  # one object where they are read alike
             if rules not in known:
                 known[rules] = tuple(_unmatched(system))
             for each in known[rules]:
                 found.setdefault(each, []).extend(system.profiles)
-    return tuple(replace(each, profiles=() if len(names) == every else tuple(names)) for each, names in found.items())
+    return tuple(replace(each, profiles=tuple(names)) for each, names in found.items())
 
 
 def _unmatched(system: System) -> Iterator[UngovernedTopics]:

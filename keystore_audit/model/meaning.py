@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # `can` has no part in either
 class UngovernedTopics(Struct, frozen=True, kw_only=True):
     """Topics of a governed domain that no topic rule matches; `witness` is one, `domains` for people.
 
-    `profiles`: those that read it so; empty: all.
+    `profiles`: those that read it so.
     """
 
     location: Location

@@ -30,7 +30,7 @@ class Doubt(Struct, frozen=True, kw_only=True):
     """Something that could not be read, so that it counts as able to do anything.
 
     `enclave`: the enclave's path, None where it concerns several or an unnamed one. `profiles`: those that may act on
-    it; empty: all.
+    it.
     """
 
     enclave: str | None

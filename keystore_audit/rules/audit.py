@@ -183,7 +183,7 @@ def property_undecided(result: PropertyResult, context: Context) -> Iterator[Vio
     yield Violation(
         f"Undecided, since {why}: {told}",
         (*_asserted(result), *[doubt.location for doubt in context.meaning.doubts]),
-        profiles=() if len(profiles) == len(result.profiles) else profiles,
+        profiles=profiles,
         undecided=True,
         key="\n".join(ids),
         remedy=_undecided_remedy(result, context),

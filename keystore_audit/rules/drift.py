@@ -17,7 +17,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.model.names import ros_name
 from keystore_audit.profiles import facts
-from keystore_audit.rules.registry import MAX_QUOTED, VERBS, Context, Violation, listed, quoted, rule
+from keystore_audit.rules.registry import MAX_QUOTED, VERBS, Context, Violation, listed, more, quoted, rule
 from keystore_audit.rules.remedies import CREATE_ENCLAVE, CREATE_PERMISSION
 from keystore_audit.text import shorten
 
@@ -39,7 +39,7 @@ def _alike(rights: Iterable[DriftedRight]) -> Iterator[list[DriftedRight]]:
 
 def _key(rights: Iterable[DriftedRight]) -> str:
     """What drifts is part of it: another right is not hidden by one that was accepted before."""
-    return "\n".join(sorted(f"{right.operation.value} {right.topic} {right.partition}" for right in rights))
+    return "\n".join(sorted({f"{right.operation.value} {right.topic} {right.partition}" for right in rights}))
 
 
 def _more(count: int) -> str:
@@ -113,15 +113,16 @@ def right_beyond_policy(drift: Drift) -> Iterator[Violation]:
     More than was reviewed is as severe as less. Looked at are the enclave's own permissions and every other document in
     the keystore that names it and that a peer may take, since an enclave can present it.
     """
-    for found in drift.enclaves:
-        for rights in _alike(found.exceeding.rights):
-            whose = "its permissions" if found.own else f"{quoted(found.document)}, which it can present,"
-            verb = "let" if found.own else "lets"
+    for (enclave, own), found in grouped(drift.enclaves, lambda each: (each.enclave, each.own)).items():
+        left = sum(each.exceeding.more for each in found)
+        for rights in _alike(right for each in found for right in each.exceeding.rights):
+            documents = list(dict.fromkeys(right.keystore.path for right in rights))
+            whose = "its permissions" if own else f"{quoted(documents[0])}{more(len(documents))}, which it can present,"
+            verb = "let" if own or documents[1:] else "lets"
             yield Violation(
-                f"The policy does not let {found.enclave} {listed(_exceeding(rights))}, and {whose} {verb} it"
-                f"{_more(found.exceeding.more)}.",
-                (*_both_lines(rights, "the policy denies it"), _introduced(found)),
-                enclave=found.enclave,
+                f"The policy does not let {enclave} {listed(_exceeding(rights))}, and {whose} {verb} it{_more(left)}.",
+                (*_both_lines(rights, "the policy denies it"), _introduced(found[0])),
+                enclave=enclave,
                 profiles=rights[0].profiles,
                 key=_key(rights),
             )
@@ -131,10 +132,13 @@ def _introduced(found: EnclaveDrift) -> Location:
     return replace(found.policy, message="what the policy says of the enclave")
 
 
-def _exceeding(rights: Iterable[DriftedRight]) -> Iterator[str]:
+def _exceeding(rights: Iterable[DriftedRight]) -> Iterable[str]:
+    """What is granted, once however many documents grant it."""
+    told: dict[str, None] = {}
     for right in rights:
         what = f"{VERBS[right.operation]} {'names like ' if right.endless else ''}{ros_name(right.topic)}"
-        yield what + (f" in partition {quoted(right.partition)}" if right.partition else "")
+        told[what + (f" in partition {quoted(right.partition)}" if right.partition else "")] = None
+    return told
 
 
 @rule(

@@ -30,12 +30,12 @@ from keystore_audit.text import shorten
 
 
 def violated(result: PropertyResult) -> tuple[tuple[str, ...], Counterexample | None] | None:
-    """The profiles under which it is violated for certain, none where it is all, with an example; None: it is not."""
+    """The profiles under which it is violated for certain, with an example; None: it is not."""
     answers = {name: answer for name, answer in result.profiles.items() if answer.status is Status.VIOLATED}
     if not answers:
         return None
     example = next((a.counterexample for a in answers.values() if a.counterexample is not None), None)
-    return () if len(answers) == len(result.profiles) else tuple(answers), example
+    return tuple(answers), example
 
 
 def _violated(result: PropertyResult, _context: Context) -> Iterator[Violation]:

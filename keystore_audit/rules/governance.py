@@ -316,7 +316,7 @@ def topics_without_rule(use: GovernanceUse, context: Context) -> Iterator[Violat
                 f"{quoted(topics.witness)}: such topics cannot be created{more}.",
                 (topics.location,),
                 profiles=topics.profiles,
-                key=f"{topics.domains} {topics.witness}" if topics.profiles else topics.domains,
+                key=topics.domains,
             )
 
 

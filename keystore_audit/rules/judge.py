@@ -27,6 +27,7 @@ from keystore_audit.findings import (
 )
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.question import Doubt
+from keystore_audit.profiles import VARIANTS
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.meaning import Meanings
 from keystore_audit.rules.registry import Context, Rule, Violation
@@ -146,7 +147,7 @@ class _Run:
                 about = subject if of is None else of(subject, context)
                 if about is None or (applies is not None and not applies(subject, context)):
                     outcome = Result.NOT_APPLICABLE
-                elif violations := [_placed(each, subject) for each in check(about, context)]:
+                elif violations := [_placed(each, subject, context) for each in check(about, context)]:
                     self.found += [(rule, violation) for violation in violations]
                     outcome = Result.OPEN if any(each.undecided for each in violations) else Result.FAIL
             except Exception as error:  # noqa: BLE001 - whatever a rule raises, others still speak, and it is no pass
@@ -191,13 +192,18 @@ class _Run:
                 yield enclave.path, Refusal(enclave=enclave, profiles=reasons)
 
 
-def _placed(violation: Violation, subject: object) -> Violation:
-    """With each place once, and filed under the enclave that is the only one of the subject."""
+def _placed(violation: Violation, subject: object, context: Context) -> Violation:
+    """With each place once, and filed under the enclave that is the only one of the subject.
+
+    Its profiles are named where it does not hold for all of the chosen ones, and for no other.
+    """
     enclave = violation.enclave
     if enclave is None:
         concerned = [subject] if isinstance(subject, Enclave) else getattr(subject, "enclaves", [])
         enclave = concerned[0].path if len(concerned) == 1 and not isinstance(subject, Keystore) else None
-    return replace(violation, enclave=enclave, locations=tuple(dict.fromkeys(violation.locations)))
+    profiles = tuple(name for name in VARIANTS if name in violation.profiles)
+    profiles = () if {*profiles} == {profile.name for profile in context.profiles} else profiles
+    return replace(violation, enclave=enclave, locations=tuple(dict.fromkeys(violation.locations)), profiles=profiles)
 
 
 def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple[Finding, ...]:

@@ -54,7 +54,7 @@ def _beside(location: Location, message: str = "") -> Location:
     in_permissions(f"Allow it, unless the node ought not to do it ({SUGGEST})"),
     of=_observed,
 )
-def missing_grant(observed: Observation, context: Context) -> Iterator[Violation]:
+def missing_grant(observed: Observation) -> Iterator[Violation]:
     """A node does what its enclave's own implementation denies, so that it ends there under Enforce.
 
     Medium where some of the domains in which the enclave starts allow it. What every node does without being told
@@ -68,13 +68,13 @@ def missing_grant(observed: Observation, context: Context) -> Iterator[Violation
             message = (
                 f"{who} {_right(need)}, and its enclave {need.enclave} may not{_in(missing)}: {missing.explain()}."
             )
-            yield _missing(message, [missing], context)
+            yield _missing(message, [missing])
     usual = (missing for missing in observed.missing if missing.need.usual)
     for enclave, group in grouped(usual, lambda missing: missing.need.enclave).items():
         what = listed(dict.fromkeys(_right(missing.need) for missing in group))
         first = group[0]
         message = f"Every node {what}, and the enclave {enclave} may not{_in(first)}: {first.explain()}."
-        yield _missing(message, group, context)
+        yield _missing(message, group)
 
 
 def _right(need: Need) -> str:
@@ -87,17 +87,16 @@ def _in(missing: MissingGrant) -> str:
     return f" in {missing.domains}" if missing.domains else ""
 
 
-def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> Violation:
+def _missing(message: str, group: Sequence[MissingGrant]) -> Violation:
     """One violation for rights of one enclave."""
     deciding = [replace(each.decides, message="what denies it") for each in group if each.decides is not None]
     needed = [_beside(each.need.location, "what needs it") for each in group]
-    names = {name for each in group for name in each.profiles}
     return Violation(
         message,
         (*deciding[:1], *needed, *deciding[1:]),
         enclave=group[0].need.enclave,
         severity=Severity.MEDIUM if all(each.domains for each in group) else None,
-        profiles=context.unless_all(names),
+        profiles=tuple(dict.fromkeys(name for each in group for name in each.profiles)),
         key="\n".join(sorted(_right(each.need) for each in group)),
     )
 
@@ -109,7 +108,7 @@ def _missing(message: str, group: Sequence[MissingGrant], context: Context) -> V
     in_permissions(f"Take out what no node needs ({SUGGEST})"),
     of=_observed,
 )
-def excess_grant(observed: Observation, context: Context) -> Iterator[Violation]:
+def excess_grant(observed: Observation) -> Iterator[Violation]:
     """An enclave is granted names that no node of it was seen to use: whoever takes it over has them all.
 
     One finding for an enclave, with how many of the names known it uses. What every node uses is not counted, nor what
@@ -122,7 +121,7 @@ def excess_grant(observed: Observation, context: Context) -> Iterator[Violation]
             _excess(excess, observed),
             [each.location for each in names],
             enclave=excess.enclave,
-            profiles=context.unless_all(excess.profiles),
+            profiles=excess.profiles,
             key="\n".join(sorted({_granted(name) for name in names})),
         )
 
@@ -182,7 +181,7 @@ def node_in_unknown_enclave(observed: Observation, context: Context) -> Iterator
     in_permissions("Add what the node does with the name to the policy, or take the remapping out"),
     of=_observed,
 )
-def used_name_without_right(observed: Observation, context: Context) -> Iterator[Violation]:
+def used_name_without_right(observed: Observation) -> Iterator[Violation]:
     """A launch file gives a node a name with which its enclave may do nothing: no direction, no kind of name.
 
     Whether the node publishes, subscribes, asks or answers under the name the file does not say; whichever it is, it
@@ -196,7 +195,7 @@ def used_name_without_right(observed: Observation, context: Context) -> Iterator
             "answer, call or execute it.",
             [_beside(denied.used.location) for denied in group],
             enclave=enclave,
-            profiles=context.unless_all(group[0].profiles),
+            profiles=group[0].profiles,
             key=name,
         )
 
@@ -208,7 +207,7 @@ def used_name_without_right(observed: Observation, context: Context) -> Iterator
     decision("Give arguments with `--launch-argument`, or a graph of the running system with `--graph`."),
     of=_observed,
 )
-def observation_incomplete(observed: Observation, context: Context) -> Iterator[Violation]:
+def observation_incomplete(observed: Observation) -> Iterator[Violation]:
     """Part of a graph or launch file could not be worked out, or an enclave's rights cannot be told.
 
     Nodes may need more than was found, so that no grant is called an excess. Launch files are read and never run:
@@ -228,7 +227,7 @@ def observation_incomplete(observed: Observation, context: Context) -> Iterator[
             f"need: {undecided.reason}.",
             (),
             enclave=undecided.enclave,
-            profiles=context.unless_all(undecided.profiles),
+            profiles=undecided.profiles,
             undecided=True,
             key=undecided.reason,
         )

@@ -68,11 +68,6 @@ class Context(Struct, frozen=True, kw_only=True):
         """Whether some of them are among the chosen ones."""
         return not {*self.profiles}.isdisjoint(profiles)
 
-    def unless_all(self, names: Collection[str]) -> tuple[str, ...]:
-        """Those of the chosen profiles with these names; none where it is all of them, as violations have it."""
-        found = tuple(profile.name for profile in self.profiles if profile.name in names)
-        return () if len(found) == len(self.profiles) else found
-
     def refused(self, enclaves: Iterable[Enclave], among: Collection[str] | None = None) -> bool:
         """Whether one of them does not start under a chosen profile (of these), whatever the reason."""
         chosen = [profile.name for profile in self.profiles if among is None or profile.name in among]
@@ -88,7 +83,8 @@ class Violation(Struct, frozen=True):
 
     `locations`: all, the primary place first; what is there twice counts once. `enclave`: the one that it is about,
     where that is not the only one of its subject. `severity`: where it depends on profile or option, else the rule's.
-    `profiles`: canonical variants that it holds for (empty: all). `undecided`: something stays unknown because of it,
+    `profiles`: canonical variants that it holds for (empty: it is about none of them); findings name them where it is
+    not about all that are chosen (`judge`). `undecided`: something stays unknown because of it,
     so the audit is incomplete. `key`: what tells it from others at its first place, without line numbers,
     which reformatting changes. `against`: places that the finding does not list, and that it is about as well: the
     grants of its own that an enclave gets more than, say. `explains`: the properties that this one is a cause of, where

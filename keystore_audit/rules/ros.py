@@ -53,16 +53,9 @@ def _half(path: str, found: Sequence[Half]) -> Violation:
         f"it may not {VERBS[operation]} {ros_name(topic)}{more(len(first.lacks), ' of its topics')}.",
         [half.location for half in found],
         enclave=path,
-        profiles=first.profiles if all(half.profiles == first.profiles for half in found) else _united(found),
+        profiles=tuple(dict.fromkeys(name for half in found for name in half.profiles)),
         key="\n".join(sorted({f"{half.role} {half.name}" for half in found})),
     )
-
-
-def _united(found: Sequence[Half]) -> tuple[str, ...]:
-    """The profiles that any of them holds for, empty for all."""
-    if not all(half.profiles for half in found):
-        return ()
-    return tuple(dict.fromkeys(name for half in found for name in half.profiles))
 
 
 @rule(

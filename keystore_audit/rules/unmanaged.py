@@ -99,7 +99,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
     if wider:
         first, surplus = wider[0], wider[0].surplus
         right = f"{VERBS[surplus.operation]} {quoted(surplus.topic)} in {surplus.domains}" if surplus else ""
-        profiles = {name for grant in wider for name in grant.profiles}
+        profiles = dict.fromkeys(name for grant in wider for name in grant.profiles)
         one = len({grant.document for grant in wider}) == 1
         rename = renaming(keystore)(first.document, Role.PERMISSIONS) if one else ""
         yield Violation(
@@ -107,7 +107,7 @@ def several_permissions_for_subject(keystore: Keystore, context: Context) -> Ite
             f"permissions do not: peers take it{more_like(wider)}.",
             [grant.location for grant in wider],
             enclave=first.enclave if len({grant.enclave for grant in wider}) == 1 else None,
-            profiles=context.unless_all(profiles),
+            profiles=tuple(profiles),
             key="wider",
             remedy=decision(f"{rename} Else: {_REVOKE}") if rename else None,
         )

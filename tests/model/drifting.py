@@ -104,9 +104,10 @@ def only(found: Drift) -> EnclaveDrift:
     return each
 
 
-def policy_of(folder: Path, profiles: str) -> Policy:
-    """A policy with these `<profiles>` for /talker."""
-    text = f'<policy version="0.2.0"><enclaves><enclave path="/talker">{profiles}</enclave></enclaves></policy>'
+def policy_of(folder: Path, profiles: str, *paths: str) -> Policy:
+    """A policy with these `<profiles>` for each of the enclaves, /talker if none is named."""
+    enclaves = "".join(f'<enclave path="{path}">{profiles}</enclave>' for path in paths or ("/talker",))
+    text = f'<policy version="0.2.0"><enclaves>{enclaves}</enclaves></policy>'
     file = folder / "a.policy.xml"
     file.write_text(text, "utf-8")
     return read_policy(file)

@@ -12,7 +12,7 @@ from keystore_audit.intent.policy import Policy, read_policy
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.rules.judge import Judgement, judge
-from tests.model.drifting import compared
+from tests.model.drifting import compared, policy_of
 from tests.rules.divergent import chosen, ruled
 from tests.rules.evidence import allow, context, defect, enclave, grant, keystore, permissions, rules_of, text
 
@@ -96,3 +96,41 @@ def test_implementations_that_differ_are_told_apart() -> None:
         ("KA640", ("cyclonedds-11",)),
         ("KA641", ("cyclonedds-11",)),
     ]
+
+
+def test_a_right_by_the_document_of_another_is_said_of_those_who_take_it(tmp_path: Path) -> None:
+    """A keystore as sros2 makes it of the very policy: Cyclone DDS alone takes /arm/left's document from /arm."""
+    wants = '<profiles><profile node="n" ns="/"><topics publish="ALLOW"><topic>{}</topic></topics></profile></profiles>'
+    meant = policy_of(tmp_path, wants.format("chatter"), "/arm", "/arm/left")
+
+    def found(*profiles: str, other: str = "/arm/left") -> dict[str, set[tuple[str, ...]]]:
+        held = [
+            enclave(path, permissions=permissions(f"enclaves{path}/permissions.p7s", grant(path, rights)))
+            for path, rights in (("/arm", CHATTER), (other, allow(["rt/chatter", "rt/map"])))
+        ]
+        by_enclave: dict[str, set[tuple[str, ...]]] = {}
+        for each in spoken(keystore(*held), meant, *profiles):
+            if each.code == "KA641" and each.enclave is not None:
+                by_enclave.setdefault(each.enclave, set()).add(each.profiles)
+        return by_enclave
+
+    assert found("fastdds-3.6", "cyclonedds-11") == {"/arm": {("cyclonedds-11",)}, "/arm/left": {()}}
+    assert found("cyclonedds-11") == {"/arm": {()}, "/arm/left": {()}}
+    assert found("fastdds-3.6") == {"/arm/left": {()}}
+    assert "/arm" not in found("fastdds-3.6", "cyclonedds-11", other="/leg")
+
+
+@pytest.mark.parametrize("others", [("/left",), ("/left", "/right", "/rear")])
+def test_what_an_enclave_can_present_is_one_finding(others: tuple[str, ...], tmp_path: Path) -> None:
+    """Cyclone DDS finds all parts of `CN=/` in every subject; that this is so is told once."""
+    nothing = '<profiles><profile node="n" ns="/"/></profiles>'
+    held = [
+        enclave(path, permissions=permissions(f"enclaves{path}/permissions.p7s", grant(path, CHATTER)))
+        for path in ("/", *others)
+    ]
+    found = spoken(keystore(*held), policy_of(tmp_path, nothing, "/", *others), "cyclonedds-11")
+    told = [
+        each.message for each in found if each.code == "KA641" and each.enclave == "/" and "present" in each.message
+    ]
+    more = "'enclaves/left/permissions.p7s' and 2 more, which it can present, let" if others[1:] else "present, lets"
+    assert [more in each for each in told] == [True]

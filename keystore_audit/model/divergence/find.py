@@ -131,7 +131,7 @@ class _Comparison:
         self._ros = bits(number for number, channel in enumerate(channels.channels) if channel.ros)
         self._lines = lines
         self._found: dict[tuple[str, int, Cause], _Found] = {}
-        self._explained: dict[tuple[str, Operation, bool], int] = {}
+        self._explained: dict[tuple[str, Operation, bool, tuple[str, ...]], int] = {}
 
     def starts(self, enclave: Enclave, local: LocalValues) -> None:
         """Compares whether the enclave starts."""
@@ -154,7 +154,7 @@ class _Comparison:
         self._compare(enclave, operation, value, parts, decided=True)
 
     def rights(self, enclave: Enclave, operation: Operation, peers: PeerValues) -> None:
-        """Compares what peers accept of an operation, but where decisions differ already in the same way."""
+        """Compares what peers accept of an operation, but where a reader's own decisions differ already so."""
         value = partial(peers.accepted, enclave.path, operation)
         parts = partial(self._lines.accepted, peers, enclave.path, operation)
         self._compare(enclave, operation, value, parts, decided=False)
@@ -196,7 +196,7 @@ class _Comparison:
             for number, more, channels in attributed([value(stage.profile) for stage in reader.stages], wanted):
                 cured, before, after = _switched(reader, number)
                 left &= ~channels
-                key = enclave.files.directory, operation, more
+                key = enclave.files.directory, operation, more, reader.names
                 explained = self._explained.get(key, 0)
                 rest = channels if decided else channels & ~explained
                 if decided:

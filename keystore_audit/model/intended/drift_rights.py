@@ -128,7 +128,7 @@ class DriftedRight(Struct, frozen=True, kw_only=True):
 
     `topic`, `partition`, `domain`: a witness. `endless`: it stands for infinitely many names, which an expression
     matches. `right`: of the policy, the one that gives it or that denies it (None: it says nothing of it). `keystore`:
-    the line that gives it or that denies it. `profiles`: canonical names (empty: all that were asked).
+    the line that gives it or that denies it. `profiles`: canonical names.
     """
 
     operation: Operation
@@ -189,7 +189,7 @@ class Comparison:
         if not differing:
             return DriftedRights(), DriftedRights()
         sides = _Sides(self._meant, list(differing), [domains[kind] for kind in differing])
-        lacking, exceeding = _Found(self._place, len(taken)), _Found(self._place, len(taken))
+        lacking, exceeding = _Found(self._place), _Found(self._place)
         for kind, names in differing.items():
             for operation in Operation:
                 found = list(sides.compare(kind, operation, domains[kind]))
@@ -326,9 +326,8 @@ class _Sides:
 class _Found:
     """Rights found so far in one direction, each with the profiles that it was found under."""
 
-    def __init__(self, place: str, asked: int) -> None:
+    def __init__(self, place: str) -> None:
         self._place = place
-        self._asked = asked
         self._rights: dict[tuple[Operation, str, str], tuple[DriftedRight, list[str]]] = {}
         self._more = 0
 
@@ -368,10 +367,7 @@ class _Found:
 
     def rights(self) -> DriftedRights:
         """What was found."""
-        found = tuple(
-            replace(right, profiles=() if len(names) == self._asked else tuple(names))
-            for right, names in self._rights.values()
-        )
+        found = tuple(replace(right, profiles=tuple(names)) for right, names in self._rights.values())
         return DriftedRights(rights=found, more=self._more)
 
 

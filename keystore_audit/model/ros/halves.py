@@ -50,8 +50,7 @@ class Half(Struct, frozen=True, kw_only=True):
     """An operation on a service or an action (`names.dds_channels`) of which the enclave may do a part.
 
     `name`: a ROS name; `several`: others are like it. `has`, `lacks`: what is allowed by a rule, and what is refused,
-    on DDS topics. `location`: the line that allows the first of `has`. `profiles`: chosen ones for which it holds,
-    empty for all.
+    on DDS topics. `location`: the line that allows the first of `has`. `profiles`: chosen ones for which it holds.
     """
 
     enclave: str
@@ -126,7 +125,7 @@ class _Search:
             except BudgetExceeded as exceeded:
                 unknown.append((enclave, exceeded.message))
                 continue
-            found += _named(enclave, shared, sum(len(reader.names) for reader in readers))
+            found += _named(enclave, shared)
         return Halves(halves=tuple(found), unknown=tuple(unknown))
 
     def _starts(self, enclave: Enclave, reader: _Reader) -> bool:
@@ -162,7 +161,7 @@ class _Found(NamedTuple):
     names: tuple[str, ...]
 
 
-def _named(enclave: Enclave, shared: Iterable[_Found], profiles: int) -> Iterator[Half]:
+def _named(enclave: Enclave, shared: Iterable[_Found]) -> Iterator[Half]:
     lines = DocumentLines(enclave)
     for found in shared:
         has, lacks = (
@@ -177,7 +176,7 @@ def _named(enclave: Enclave, shared: Iterable[_Found], profiles: int) -> Iterato
             has=has,
             lacks=lacks,
             location=lines.of(*has[0]),
-            profiles=() if len(found.names) == profiles else found.names,
+            profiles=found.names,
         )
 
 

@@ -76,7 +76,8 @@ class Unusual(Struct, frozen=True, kw_only=True):
     """An enclave (its path) whose grant lacks some of what ROS 2 nodes use.
 
     `lacks`: uses; `silent`: no node of it may answer for its parameters; `starts`: whether it has all without which no
-    node is made. `location`: the grant. `profiles`: chosen ones for which it holds, empty for all.
+    node is made. `location`: the grant. `profiles`: chosen ones for which it holds; of what
+    they have no part in, none.
     """
 
     enclave: str
@@ -100,8 +101,7 @@ def unusual(
         undiscovered = tuple(use for use in lacks if use in DISCOVERY) if discovers else ()
         refusing = _undiscovering(enclave, profiles, accesses, at) if undiscovered else ()
         if refusing:
-            under = () if len(refusing) == len(profiles) else refusing
-            yield Unusual(enclave=enclave.path, lacks=undiscovered, starts=False, location=place, profiles=under)
+            yield Unusual(enclave=enclave.path, lacks=undiscovered, starts=False, location=place, profiles=refusing)
             continue
         advised = tuple(use for use in lacks if use in USUAL)
         silent = not grant.default_allow and not any(map(_may_answer, _listed(grant, PUBLISH)))
@@ -262,7 +262,7 @@ _BEFORE_FOXY: Final = frozenset((LayoutKind.FLAT, LayoutKind.ARDENT))
 
 
 class RosPatterns(Struct, frozen=True, kw_only=True):
-    """`reaches`, `rivals`: each with the chosen profiles that it holds for, empty for all.
+    """`reaches`, `rivals`: each with the chosen profiles that it holds for.
 
     `unknown`: why services could not be compared. `actions`: patterns for topics that take in actions. `unusual`:
     enclaves that lack some of what every node uses; `undescribed`: those that lack what nodes use since Iron, where
@@ -297,7 +297,6 @@ def ros_patterns(
     unknown = None
     holders = Holders(files, accesses)
     known: dict[tuple[tuple[Holder, ...], Matcher, tuple[int, ...]], tuple[tuple[Reach, ...], tuple[Rivals, ...]]] = {}
-    names = {profile.name for profile in profiles}
     for system in systems:
         if not system.may:
             continue
@@ -320,8 +319,8 @@ def ros_patterns(
     discovers = keystore.layout.kind not in _BEFORE_FOXY
     return RosPatterns(
         halves=halves(keystore, profiles, at, accesses, usability),
-        reaches=tuple((reach, () if names <= {*held} else tuple(held)) for reach, held in reaches.items()),
-        rivals=tuple((group, () if names <= {*held} else tuple(held)) for group, held in rivals.items()),
+        reaches=tuple((reach, tuple(held)) for reach, held in reaches.items()),
+        rivals=tuple((group, tuple(held)) for group, held in rivals.items()),
         unknown=unknown,
         actions=action_patterns(keystore.enclaves),
         unusual=tuple(unusual(keystore.enclaves, profiles, accesses, at, discovers=discovers)),
