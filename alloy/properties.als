@@ -19,9 +19,9 @@ assert OnlyAuthenticatedParticipantsJoin {
 
 /** Every enclave's identity is vouched for by its identity CA, in force and not revoked. */
 assert IdentitiesChainToTheIdentityCa {
-	all enclave: Enclave |
+	all enclave: Enclave - Unmanaged |
 		enclave not in anybody
-		and (some (enclave - Unmanaged).identity implies enclave in enclave.in_trust_domain.introduced_in_force)
+		and (some enclave.identity implies enclave in enclave.in_trust_domain.introduced_in_force)
 }
 
 /** Every governance and permissions document is signed by the permissions CA itself, in force. */

@@ -180,7 +180,7 @@ class _Questions:
         """Enclaves whose identity nobody vouches for now."""
         for enclave, atom in enumerate(self.system.enclaves):
             known = atom.identity is None or self._trust_domains[atom.trust_domain].introduced(enclave, in_force=True)
-            if self.system.anybody(enclave) or not (known or atom.unmanaged):
+            if not atom.unmanaged and (self.system.anybody(enclave) or not known):
                 yield {Role.ENCLAVE: enclave}
 
     def unsigned_documents(self) -> Iterator[Witness]:

@@ -49,11 +49,14 @@ _PROCESSED: Final = frozenset(
         "2.16.840.1.113730.1.1",  # Netscape certificate type
     }
 )
-_CONSTRAINTS: Final = frozenset(
-    # nameConstraints, policyMappings, policyConstraints, inhibitAnyPolicy, ipAddrBlocks, autonomousSysIds,
-    # proxyCertInfo: no sros2 certificate has one.
-    {"2.5.29.30", "2.5.29.33", "2.5.29.36", "2.5.29.54", "1.3.6.1.5.5.7.1.7", "1.3.6.1.5.5.7.1.8", "1.3.6.1.5.5.7.1.14"}
+NARROWING: Final = frozenset(
+    # nameConstraints, policyMappings, policyConstraints, inhibitAnyPolicy, ipAddrBlocks, autonomousSysIds.
+    {"2.5.29.30", "2.5.29.33", "2.5.29.36", "2.5.29.54", "1.3.6.1.5.5.7.1.7", "1.3.6.1.5.5.7.1.8"}
 )
+"""Extensions for which a verifier refuses paths that it takes without them, and takes no other (RFC 5280, 6.1)."""
+
+_CONSTRAINTS: Final = NARROWING | {"1.3.6.1.5.5.7.1.14"}
+"""And proxyCertInfo: no sros2 certificate has one of these."""
 
 
 _NETSCAPE_TYPE: Final = x509.ObjectIdentifier("2.16.840.1.113730.1.1")

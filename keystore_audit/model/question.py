@@ -30,13 +30,14 @@ class Doubt(Struct, frozen=True, kw_only=True):
     """Something that could not be read, so that it counts as able to do anything.
 
     `enclave`: the enclave's path, None where it concerns several or an unnamed one. `profiles`: those that may act on
-    it.
+    it. `narrows`: less may be accepted for it, and nothing more.
     """
 
     enclave: str | None
     location: Location
     reason: str
     profiles: tuple[str, ...] = ()
+    narrows: bool = False
 
 
 class Question(Struct, frozen=True, kw_only=True):

@@ -43,7 +43,7 @@ from keystore_audit.model.inventory import (
     trust_files,
     unread_places,
 )
-from keystore_audit.model.participants.doubt import identity_doubt, trust_domain_doubt
+from keystore_audit.model.participants.doubt import identity_doubt, opens, trust_domain_doubt
 from keystore_audit.model.participants.lone_endpoints import NOTHING, LoneEndpoints, made_alone
 from keystore_audit.model.participants.unmanaged import Unmanaged, may_apply, trusting_all, unread_participants
 from keystore_audit.model.participants.views import Kind, TrustDomains, Views
@@ -100,7 +100,10 @@ class SystemBuilder:
             opened = self._may_be_open()
             channels = document_channels(self._read, points, regions, opened=opened, literal=literal)
         self.channels = channels
-        self._issuers, self._unknown = self._identified()
+        self._issuers = issuers_of(keystore, self._certificates)
+        doubts = [(each.identity, identity_doubt(each)) for each in keystore.enclaves]
+        self._unknown = [opens(doubt) for _identity, doubt in doubts]
+        self._narrowed = frozenset(self._number[i.sha256] for i, doubt in doubts if i and doubt and doubt.narrows)
         self._meets = channels.meets
         self._rule_atoms = RuleAtoms(self.channels, self.instants)
         self._typed: dict[object, Atoms] = {}
@@ -119,11 +122,6 @@ class SystemBuilder:
         nothing = ReadDocument()
         return [nothing if d.file is None else self._accesses.read(d.file, access) for d in self._documents]
 
-    def _identified(self) -> tuple[tuple[frozenset[int], ...], list[bool]]:
-        """Who issued each certificate, and of which enclaves the identity is unknown."""
-        issuers = issuers_of(self._keystore, self._certificates)
-        return issuers, [identity_doubt(each) is not None for each in self._keystore.enclaves]
-
     def systems(self) -> tuple[System, ...]:
         """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
         unmanaged = [folder for _number, _files, folder in self._unmanaged.holders]
@@ -135,7 +133,8 @@ class SystemBuilder:
 
     def _readings(self, kind: Kind) -> tuple[System, ...]:
         may = self.build(kind, profiles=(), may=True)
-        return (may, self.build(kind, profiles=(), may=False)) if may.has_doubt else (may,)
+        doubt = may.has_doubt or self._narrowed or any(self._trust_domain_doubts)
+        return (may, self.build(kind, profiles=(), may=False)) if doubt else (may,)
 
     def build(self, kind: Kind, *, profiles: tuple[str, ...], may: bool) -> System:
         """The system as implementations of this kind read it."""
@@ -156,7 +155,7 @@ class SystemBuilder:
             may=may,
             instants=self.instants,
             now=self.instants.index(self._at),
-            certificates=(*self._in_use(enclaves, atoms), *((self._unread,) if may and self._opens else ())),
+            certificates=(*self._in_use(enclaves, atoms, may=may), *((self._unread,) if may and self._opens else ())),
             documents=tuple(atoms),
             trust_domains=trust_domains,
             enclaves=enclaves,
@@ -218,8 +217,11 @@ class SystemBuilder:
             if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
                 continue
             files = trust_files(enclave)
-            if doubt is not None:
-                trust_domain = trust_domains.number(self._open_trust_domain(atoms, doubt.location.path))
+            if doubt is not None and not doubt.narrows:
+                made = self._open_trust_domain(atoms, doubt.location.path)
+                if doubt.location.path == enclave.files.files[Role.GOVERNANCE].path:  # its authorities were read
+                    made = replace(self._trust_domain(enclave, number, kind, may=may), governance=made.governance)
+                trust_domain = trust_domains.number(made)
             elif files in trust_domains.known:
                 trust_domain = trust_domains.known[files]
             else:
@@ -252,29 +254,35 @@ class SystemBuilder:
     ) -> None:
         """Adds the trust domains in which only unmanaged identities are, who start in place of a host."""
         for files, host in self._unmanaged.hosts.items():
-            if files not in trust_domains.known and trust_domain_doubt(host) is None and may_apply(host, kind.trust):
+            doubt = trust_domain_doubt(host)
+            certain = not opens(doubt) if may else doubt is None
+            if files not in trust_domains.known and certain and may_apply(host, kind.trust):
                 trust_domain = self._trust_domain(host, number, kind, may=may)
                 admitted = (self._unmanaged.admits(trust_domain, each, self._certificate_atoms) for each in let_in)
                 if trust_domain in trust_domains or any(admitted):
                     trust_domains.known[files] = trust_domains.number(trust_domain)
 
-    def _in_use(self, enclaves: Iterable[Participant], documents: Iterable[DocumentAtom]) -> Iterable[CertificateAtom]:
+    def _in_use(
+        self, enclaves: Iterable[Participant], documents: Iterable[DocumentAtom], *, may: bool
+    ) -> Iterable[CertificateAtom]:
         """The certificates. An unmanaged one that adds nothing has no issuer, so that it is not taken for a stranger's.
 
         Signers add something, and so do the authorities over which they chain, and what an attacker may embed.
+        (MUST) Nobody vouches for certain for an identity where an extension narrows what is accepted.
         """
-        if not self._unmanaged.identities:  # nearly always
+        idle = frozenset[int]() if may else self._narrowed
+        if not self._unmanaged.identities and not idle:  # nearly always
             return self._certificate_atoms
         used = {enclave.identity for enclave in enclaves}.union(*(document.signers for document in documents))
         used |= {self._number[certificate.sha256] for certificate in embeddable(self._keystore, self._at)}
-        idle = {self._unmanaged.number(each) for each in self._unmanaged.identities} - used.union(*self._issuers)
+        idle |= {self._unmanaged.number(each) for each in self._unmanaged.identities} - used.union(*self._issuers)
         atoms = enumerate(self._certificate_atoms)
         return [replace(atom, issuers=frozenset()) if number in idle else atom for number, atom in atoms]
 
     @property
     def _opens(self) -> bool:
         """Whether there are open trust domains."""
-        return bool(self._unread_places) or any(self._trust_domain_doubts)
+        return bool(self._unread_places) or any(map(opens, self._trust_domain_doubts))
 
     def _open_trust_domain(self, atoms: list[DocumentAtom], place: str) -> TrustDomainAtom:
         """(MAY) The trust domain of an enclave whose trust could not be read.

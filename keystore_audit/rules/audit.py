@@ -49,7 +49,7 @@ def undecided(doubt: Doubt) -> Iterator[Violation]:
     the same place open, that one is enough.
     """
     yield Violation(
-        f"{sentence(doubt.reason)}: it may do or grant anything.",
+        f"{sentence(doubt.reason)}: it may {'be refused' if doubt.narrows else 'do or grant anything'}.",
         (doubt.location,),
         enclave=doubt.enclave,
         profiles=doubt.profiles,

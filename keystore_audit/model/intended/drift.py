@@ -24,7 +24,7 @@ from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.intended.drift_rights import Comparison, DriftedRights, PolicyGrant, Taken, policy_grant
 from keystore_audit.model.inventory import documents_of, may_be_taken, permissions_cas
-from keystore_audit.model.participants.doubt import document_doubt, identity_doubt
+from keystore_audit.model.participants.doubt import document_doubt, identity_doubt, opens
 from keystore_audit.model.question import Doubt
 from keystore_audit.model.semantics import deciding_grant
 from keystore_audit.model.subjects.comparison import matching
@@ -172,7 +172,7 @@ class _Search:
     def _doubt(self, enclave: Enclave) -> Doubt | None:
         """Why it cannot be told what the enclave's own permissions grant it."""
         doubt = identity_doubt(enclave)
-        if doubt is not None:
+        if opens(doubt):
             return doubt
         file = enclave.files.files[Role.PERMISSIONS]
         if file.status.unknown:

@@ -8,8 +8,10 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import chain
 
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
-from keystore_audit.keystore.certificate import Certificate, CertificateFile
+from keystore_audit.keystore.certificate import NARROWING, Certificate, CertificateFile
 from keystore_audit.keystore.defect import Defect, first_opaque
 from keystore_audit.keystore.document import KNOWN_FORMS
 from keystore_audit.keystore.issuer import Issue
@@ -146,32 +148,31 @@ def _possible(keystore: Keystore, profile: Profile, accesses: AccessViews) -> It
 
 def _doubt_of(enclave: str | None, certificate: Certificate, authorities: tuple[Certificate, ...]) -> Doubt | None:
     """Why it is unknown who has the certificate, or whether these authorities vouch for it."""
-    constrained = _constrained(enclave, (certificate, *authorities))
     if not is_printable(certificate):
         reason = f"the subject {certificate.subject!r} has attributes that implementations print in ways of their own"
-    elif constrained is not None:
-        return constrained
     elif stands_alone(certificate, authorities):
         reason = "it stands in the identity CA file itself, where implementations take it although it is no authority"
     else:
         issues = [issue(authority, certificate) for authority in authorities if is_authority(authority)]
         if Issue.UNSUPPORTED not in issues or Issue.ISSUED in issues:
-            return None
+            return _constrained(enclave, (certificate, *authorities))
         reason = f"whether the identity CA issued the certificate cannot be told ({certificate.signature_algorithm})"
     return _doubt(enclave, certificate.path, reason, certificate.line)
 
 
 def _constrained(enclave: str | None, certificates: Iterable[Certificate]) -> Doubt | None:
-    for certificate in certificates:
-        if certificate.constraints:
-            reason = f"the certificate has extensions ({', '.join(certificate.constraints)}) that implementations weigh"
-            return _doubt(enclave, certificate.path, f"{reason} and this audit does not")
+    """Of several the one that may widen what is accepted."""
+    found = [each for each in certificates if each.constraints]
+    for certificate in sorted(found, key=lambda each: NARROWING.issuperset(each.constraints))[:1]:
+        reason = f"the certificate has extensions ({', '.join(certificate.constraints)}) that implementations weigh"
+        doubt = _doubt(enclave, certificate.path, f"{reason} and this audit does not")
+        return replace(doubt, narrows=NARROWING.issuperset(certificate.constraints))
     return None
 
 
 @lru_cache(maxsize=16_384)
 def trust_domain_doubt(enclave: Enclave) -> Doubt | None:
-    """Why it is unknown whom the enclave trusts: it may then accept everything.
+    """Why it is unknown whom the enclave trusts: it may then accept everything, or (`narrows`) less than is read.
 
     A governance document that was read but has no single meaning is not among these: it is opaque as a
     document.
@@ -183,7 +184,12 @@ def trust_domain_doubt(enclave: Enclave) -> Doubt | None:
         if read is not None and len(read.certificates) > MAX_AUTHORITIES:
             reason = f"{len(read.certificates)} certificates are more than chains are looked for among"
             return _doubt(enclave.path, read.file.place, f"{reason} (limit {MAX_AUTHORITIES})")
-    return _constrained(enclave.path, enclave.trusts(Role.PERMISSIONS_CA)) or _file_doubt(enclave, Role.GOVERNANCE)
+    return _file_doubt(enclave, Role.GOVERNANCE) or _constrained(enclave.path, enclave.trusts(Role.PERMISSIONS_CA))
+
+
+def opens(doubt: Doubt | None) -> bool:
+    """Whether for this doubt somebody may be more, or accept more, than what was read says."""
+    return doubt is not None and not doubt.narrows
 
 
 def _file_doubt(enclave: Enclave, role: Role) -> Doubt | None:

@@ -42,7 +42,7 @@ from keystore_audit.model.inventory import (
     unmanaged_identities,
     unmanaged_permissions,
 )
-from keystore_audit.model.participants.doubt import trust_domain_doubt, unmanaged_doubt
+from keystore_audit.model.participants.doubt import opens, trust_domain_doubt, unmanaged_doubt
 from keystore_audit.model.participants.lone_endpoints import Alone, Endpoints, Timeline, joined, made_alone, within
 from keystore_audit.model.trust.verdicts import MAX_AUTHORITIES, may_take
 from keystore_audit.profiles import Profile, Trust
@@ -273,7 +273,7 @@ def _hosts(keystore: Keystore) -> dict[TrustFiles, Enclave]:
     there are. Where it is unknown whom an enclave trusts, all is open already. Raises errors.BudgetExceeded.
     """
     found = {trust_files(enclave): enclave for enclave in keystore.enclaves}
-    known = [enclave for enclave in found.values() if trust_domain_doubt(enclave) is None]
+    known = [enclave for enclave in found.values() if not opens(trust_domain_doubt(enclave))]
     others = (each.document for each in unmanaged_governance(keystore))
     several = (*(enclave.governance for enclave in known), *others)
     governances = {each.signed.file.sha256: each for each in several if isinstance(each, GovernanceFile)}
