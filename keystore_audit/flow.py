@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
+from functools import partial
 from typing import Final
 
 from msgspec import Struct
@@ -26,6 +27,7 @@ from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.within_budget import within_budget
 from keystore_audit.properties.result import (
     AssertedResult,
     CompromiseAnswer,
@@ -89,7 +91,8 @@ def find_flow(
     claims = questions(question)
     keystore = given.keystore(path)
     profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
-    builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims)
+    build = partial(SystemBuilder, keystore, profiles, at, claims=claims)
+    builder, accesses = within_budget(accesses, lambda views: build(accesses=views))
     usabilities = Usabilities(None, accesses)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}, usabilities))
     runs, answers = _decide(native, engines or Engines())

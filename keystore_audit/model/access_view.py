@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from msgspec import Struct
@@ -18,7 +19,7 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.typed import Governance, GovernanceFile, Permissions, PermissionsFile, ProtectionKind
 from keystore_audit.model.domains import Interval
 from keystore_audit.model.inventory import Document, Typed
-from keystore_audit.model.matching.expression import parse
+from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.occasions import OCCASIONS, Occasions, expressions
 from keystore_audit.model.semantics import (
     ReadDomainRule,
@@ -85,7 +86,7 @@ class _Readings(NamedTuple):
 class AccessViews:
     """The views of one keystore's documents at `at` (aware UTC); `zone`: where the robot is, None if not said.
 
-    `assumed`: what else is taken for granted of robots and authorities.
+    `assumed`: what else is taken for granted of robots and authorities. `beyond`: documents that count as unread, why.
     """
 
     def __init__(
@@ -94,8 +95,11 @@ class AccessViews:
         at: datetime,
         zone: ZoneInfo | None,
         assumed: frozenset[Assumption] = EVERY,
+        beyond: Mapping[Typed, str] = MappingProxyType({}),
     ) -> None:
-        self._held = Occasions([each.file for each in documents if each.file is not None], at, zone)
+        self._beyond = beyond
+        self._documents = tuple(documents)
+        self._held = Occasions([each.file for each in self._documents if each.file is not None], at, zone)
         self.at = at
         self._zone = zone
         self.assumed = assumed
@@ -164,6 +168,21 @@ class AccessViews:
         alone._readings = self._readings
         return alone
 
+    @property
+    def documents(self) -> int:
+        """How many there are."""
+        return len(self._held.files)
+
+    def without(self, count: int, why: str) -> AccessViews:
+        """The views where so many documents, those with the most wildcards, count as unread, and `why`."""
+
+        def wildcards(file: Typed) -> int:
+            texts = (text.text for typed in file.readings.distinct for text in expressions(typed))
+            return len({text for text in texts if has_wildcard(text)})
+
+        heaviest = sorted(self._held.files, key=wildcards, reverse=True)[:count]
+        return AccessViews(self._documents, self.at, self._zone, self.assumed, dict.fromkeys(heaviest, why))
+
     def unclear_name(self, topic: str, partition: str, profile: Profile) -> str | None:
         """Why it cannot be told which expressions an implementation takes to match these names; None: it can."""
         counting = any(not _COUNTING.isdisjoint(text) for text in self._held.unusual_expressions)
@@ -218,6 +237,8 @@ class AccessViews:
         typed = typed_by(file, access)
         if typed is None:
             return _UNPARSED
+        if file in self._beyond:
+            return ReadDocument(doubt=(self._beyond[file], None))
         if isinstance(typed, str):
             return ReadDocument(refusal=typed)
         if isinstance(typed, Defect):

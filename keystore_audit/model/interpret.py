@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
+from functools import partial
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
@@ -31,6 +32,7 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Doubt, Usability
 from keystore_audit.model.ros.patterns import ros_patterns
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.model.within_budget import within_budget
 from keystore_audit.profiles import SPEC, Profile
 
 if TYPE_CHECKING:  # an audit without a property in Alloy needs none of it
@@ -54,7 +56,8 @@ def interpret(
     names for, `declared`: what nodes forward; errors.UsageError for something that is not there. `nodes`: those that
     will use it.
 
-    Topic classes over budget leave `systems` empty and say why: nothing is decided then.
+    Documents with which topic classes are over budget count as unread (`within_budget`). Where that is not enough,
+    `systems` is empty and says why: nothing is decided then.
     """
     if claims:
         _begins, excluded = accesses.exclusive_bounds(profiles)
@@ -66,7 +69,8 @@ def interpret(
     declared = declared or Declared()
     named = (*place_regions(places), *declared.regions(), *_wires(nodes))
     try:
-        builder = SystemBuilder(keystore, profiles, at, accesses, claims=claims, named=named)
+        build = partial(SystemBuilder, keystore, profiles, at, claims=claims, named=named)
+        builder, accesses = within_budget(accesses, lambda views: build(accesses=views))
         systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities)
         systems = with_places(systems, places, builder.channels, keystore)
         if nodes:

@@ -56,7 +56,7 @@ def out_of_form(use: DocumentUse, context: Context, *kinds: Kind) -> Iterator[Vi
             DIFFER if unknown else f"{', '.join(says)}.",
             undecided=use.may_be_taken and unknown,
             severity=None if unknown or refusing else Severity.MEDIUM,
-            profiles=() if unknown else context.unless_all(refusing),
+            profiles=() if unknown else tuple(refusing),
         )
 
 

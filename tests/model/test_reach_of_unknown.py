@@ -17,7 +17,8 @@ from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.properties.result import Status
 from tests.cli.keystores import AT as SAID
-from tests.cli.keystores import answer
+from tests.cli.keystores import answer, keystore
+from tests.keystore import documents
 from tests.keystore.builder import (
     GOVERNANCE,
     PERMISSIONS,
@@ -28,6 +29,7 @@ from tests.keystore.builder import (
     sros2,
     write_enclave,
 )
+from tests.oracles.vendors.recipes_expressions import MANY_LONG
 from tests.rules.evidence import AT
 
 ENCLAVES = ("/talker", "/listener")
@@ -151,6 +153,38 @@ def test_what_narrows_is_violated_for_certain_where_it_cannot_matter(tmp_path: P
     statuses = {each.prop.id: each.status for each in report.properties}
     assert statuses["no-identity-serves-two-enclaves"] is Status.VIOLATED
     assert statuses[CHAIN] is Status.UNKNOWN
+
+
+SAYS_CHATTER = documents.rule(documents.pub("rt/chatter"))
+
+
+@pytest.mark.parametrize("which", ["topics", "partitions"])
+def test_permissions_beyond_the_classes_of_names_count_as_unread(which: str, tmp_path: Path) -> None:
+    """The talker's alone, in whose rights 24 texts stand between stars; all that rests on others is decided."""
+    topics, partitions = (MANY_LONG, ()) if which == "topics" else (("rt/a",), MANY_LONG)
+    rules = {"/talker": documents.rule(documents.pub(*topics, partitions=partitions)), "/listener": SAYS_CHATTER}
+    store = keystore(tmp_path / "k", {path: (rule,) for path, rule in rules.items()})
+    report = audit(store, Options(at=AT, engine="native"))
+    found = [each for each in report.findings if each.undecided and each.enclave is not None]
+    assert [(each.code, each.enclave, each.locations[0].path) for each in found] == [
+        ("KA901", "/talker", "enclaves/talker/permissions.p7s")
+    ]
+    assert {
+        prop.prop.id for prop in report.properties if Status.UNKNOWN in {a.status for a in prop.profiles.values()}
+    } == (OF_WHO_TAKES_PART - {"no-identity-serves-two-enclaves"} | {"documents-signed-by-the-permissions-ca"})
+    flows = [answer("flow", store, *each, "--at", SAID, "--engine", "native")[0] for each in (ENCLAVES, ENCLAVES[::-1])]
+    assert flows == [4, 4]
+
+
+def test_a_governance_beyond_the_classes_counts_as_unread(tmp_path: Path) -> None:
+    """Of whatever enclave, what protects a topic rests on it; whose certificates and signatures count does not."""
+    rules = documents.domain_rule(*map(documents.topic_rule, (*MANY_LONG, "*")))
+    governance = documents.governance(rules).encode()
+    store = keystore(tmp_path / "k", {"/talker": (SAYS_CHATTER,), "/listener": ()}, governance=governance)
+    left = unknown(store)
+    assert left.isdisjoint(OF_TRUST | {"no-identity-serves-two-enclaves"})
+    assert {"outsiders-cannot-read", "grants-are-enforced", "nobody-writes-without-a-grant"} <= left
+    assert answer("can", store, "/talker", "publish", "/chatter", "--at", SAID)[0] == 0
 
 
 @pytest.mark.parametrize("subject", ["/talker", "/listener", "/talker/arm"])
