@@ -27,7 +27,6 @@ from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.within_budget import within_budget
 from keystore_audit.properties.result import (
     AssertedResult,
     CompromiseAnswer,
@@ -92,7 +91,7 @@ def find_flow(
     keystore = given.keystore(path)
     profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
     build = partial(SystemBuilder, keystore, profiles, at, claims=claims)
-    builder, accesses = within_budget(accesses, lambda views: build(accesses=views))
+    builder, accesses = accesses.within_budget(lambda views: build(accesses=views))
     usabilities = Usabilities(None, accesses)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}, usabilities))
     runs, answers = _decide(native, engines or Engines())

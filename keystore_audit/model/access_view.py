@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.assumptions import EVERY, Assumption
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Readings
@@ -36,6 +38,8 @@ from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:  # most audits are told no zone
     from zoneinfo import ZoneInfo
+
+T = TypeVar("T")
 
 _COUNTING: Final = frozenset("?[")
 """What takes one character, or one octet."""
@@ -168,13 +172,33 @@ class AccessViews:
         alone._readings = self._readings
         return alone
 
-    @property
-    def documents(self) -> int:
-        """How many there are."""
-        return len(self._held.files)
+    def within_budget(self, build: Callable[[AccessViews], T]) -> tuple[T, AccessViews]:
+        """What is built with the views, and these.
 
-    def without(self, count: int, why: str) -> AccessViews:
-        """The views where so many documents, those with the most wildcards, count as unread, and `why`."""
+        Where that are too many classes of names, the documents with the most wildcards count as unread, as few of them
+        as will do: they may say anything, and what does not rest on them stays decided. Raises errors.BudgetExceeded
+        where not even that is enough: what users name tells apart too much by itself.
+        """
+        try:
+            return build(self), self
+        except BudgetExceeded as exceeded:
+            why, counts = exceeded.message, range(1, len(self._held.files) + 1)
+
+            def fits(count: int) -> bool:
+                try:
+                    build(self._without(count, why))
+                except BudgetExceeded:
+                    return False
+                return True
+
+            number = bisect_left(counts, True, key=fits)
+            if number == len(counts):
+                raise
+            views = self._without(counts[number], why)
+            return build(views), views
+
+    def _without(self, count: int, why: str) -> AccessViews:
+        """The views where so many documents count as unread."""
 
         def wildcards(file: Typed) -> int:
             texts = (text.text for typed in file.readings.distinct for text in expressions(typed))

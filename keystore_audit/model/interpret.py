@@ -32,7 +32,6 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Doubt, Usability
 from keystore_audit.model.ros.patterns import ros_patterns
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.model.within_budget import within_budget
 from keystore_audit.profiles import SPEC, Profile
 
 if TYPE_CHECKING:  # an audit without a property in Alloy needs none of it
@@ -56,7 +55,7 @@ def interpret(
     names for, `declared`: what nodes forward; errors.UsageError for something that is not there. `nodes`: those that
     will use it.
 
-    Documents with which topic classes are over budget count as unread (`within_budget`). Where that is not enough,
+    Documents with which topic classes are over budget count as unread. Where that is not enough (names of users alone),
     `systems` is empty and says why: nothing is decided then.
     """
     if claims:
@@ -70,7 +69,7 @@ def interpret(
     named = (*place_regions(places), *declared.regions(), *_wires(nodes))
     try:
         build = partial(SystemBuilder, keystore, profiles, at, claims=claims, named=named)
-        builder, accesses = within_budget(accesses, lambda views: build(accesses=views))
+        builder, accesses = accesses.within_budget(lambda views: build(accesses=views))
         systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities)
         systems = with_places(systems, places, builder.channels, keystore)
         if nodes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,7 +13,8 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Location, Result, Severity, decision
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.profiles import VARIANTS
+from keystore_audit.pipeline import audit
+from keystore_audit.profiles import VARIANTS, resolve
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import Counterexample
 from keystore_audit.rules import RULES
@@ -37,6 +39,7 @@ from tests.rules.evidence import (
 )
 from tests.rules.test_certificate_rules import one_authority
 from tests.rules.test_formal_and_audit_rules import EXAMPLE, answer, result
+from tests.test_samples import EXPECTATIONS, SAMPLES, as_built, given_options
 
 SECRET = "-----BEGIN PRIVATE KEY-----MIGHAgEAMBMG"
 
@@ -229,3 +232,29 @@ def test_of_equal_violations_no_rest_takes_the_place_of_the_one_that_was_mended(
     apart = {finding.fingerprint for finding in judge(context(), [made("KA999", one, other)]).findings}
     (alone,) = judge(context(), [made("KA999", one)]).findings
     assert alone.fingerprint in apart, "what a key tells apart keeps its fingerprint"
+
+
+SAID_OF_SOME = ("rules/KA519", "rules/KA606", "rules/KA614", "rules/KA226", "flows/chatter_partition_pattern")
+OF_THE_SCOPE = {"KA636", "KA731"}
+"""What is asked of distributions, and of domains that documents of the scope tell apart: other questions."""
+
+
+@pytest.mark.parametrize("sample", SAID_OF_SOME)
+def test_a_finding_is_said_of_those_under_whom_it_is_found_alone(
+    sample: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same keystore, judged for all implementations and for each by itself."""
+    monkeypatch.chdir(SAMPLES)
+    (expectation,) = (each for each in EXPECTATIONS if sample in str(each) and not str(each).endswith("good.toml"))
+    store, _expected = as_built(expectation, tmp_path / "k")
+    options = replace(given_options(expectation, store), engine="native")
+    scope = [profile.name for profile in resolve(options.profiles)]
+    alone: dict[str, set[str]] = {}
+    for name in scope:
+        for each in audit(store, replace(options, profiles=(name,))).findings:
+            if not each.profiles or name in each.profiles:
+                alone.setdefault(each.fingerprint, set()).add(name)
+    together = [each for each in audit(store, options).findings if each.code not in OF_THE_SCOPE]
+    told = {each.fingerprint: {*scope}.intersection(each.profiles or scope) for each in together if each.code < "KA9"}
+    assert any(profiles != {*scope} for profiles in told.values())
+    assert {mark: alone[mark] for mark in told} == told

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import timedelta
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,15 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from keystore_audit.findings import Severity
+from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.smime import SignedDocument
 from keystore_audit.keystore.typed import Grant
 from keystore_audit.model.matching.coverage import EVERYTHING, MAX_CANDIDATES, covers
 from keystore_audit.model.matching.expression import parse
 from keystore_audit.model.question import Usability
+from keystore_audit.options import Options
+from keystore_audit.pipeline import audit
 from keystore_audit.profiles import VARIANTS, Matcher
 from keystore_audit.truth import Truth
+from tests.keystore.builder import sros2
 from tests.rules.evidence import (
     AT,
     DAY,
@@ -243,3 +247,24 @@ def test_a_deny_rule_gives_no_domain() -> None:
     wide = governance(domain_rule(domains=[(9, 20)]))
     store = keystore(enclave("/talker", governance=wide, permissions=permissions(P7S, grant("/talker", *rules))))
     assert codes(store) == []
+
+
+NODES = tuple(f"/robot{number}" for number in range(8))
+
+
+def at_least_high(root: Path, *enclaves: str, profiles: tuple[str, ...] = ()) -> list[Finding]:
+    """What is at least high in a keystore of two authorities with these enclaves."""
+    store = sros2(root / f"{len(enclaves)}{len(profiles)}", enclaves, split=True)
+    report = audit(store, Options(at=AT, engine="native", profiles=profiles))
+    return [each for each in report.findings if each.severity.rank < 2]
+
+
+def test_an_identity_that_every_grant_names_is_one_cause(tmp_path: Path) -> None:
+    """Cyclone DDS finds all of `CN=/` in every subject; a real keystore had such an enclave."""
+    cause, property_violated = at_least_high(tmp_path, "/", *NODES)
+    assert (cause.code, cause.severity.value) == ("KA519", "critical")
+    assert "(and 7 more like it) names 'CN=/' too" in cause.message
+    assert {each.path for each in cause.locations} >= {f"enclaves{path}/permissions.p7s" for path in NODES}
+    assert property_violated.explained_by == (cause.fingerprint,)
+    assert at_least_high(tmp_path, *NODES) == []
+    assert at_least_high(tmp_path, "/", *NODES, profiles=("fastdds-3.6",))[0].severity.value == "high"
