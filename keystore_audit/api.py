@@ -81,6 +81,7 @@ def audit(
     graphs: Sequence[PathLike] = (),
     launches: Sequence[PathLike] = (),
     launch_arguments: Mapping[str, str] | None = None,
+    launch_complete: bool = False,
     alloy_properties: Sequence[PathLike] = (),
     roots: Sequence[PathLike] = (),
     pictures: bool = False,
@@ -159,6 +160,7 @@ class _Arguments(Struct, kw_only=True):
     graphs: tuple[_File, ...]
     launches: tuple[_File, ...]
     launch_arguments: dict[str, str] | None
+    launch_complete: bool
     alloy_properties: tuple[_File, ...]
     roots: tuple[_File, ...]
     pictures: bool

@@ -99,8 +99,9 @@ class Progress(Protocol):
 class Options(Struct, frozen=True, kw_only=True):
     """What an audit is asked (interface contract: docs/reference.md).
 
-    `at` is aware UTC; `fail_on` None: never. `launch_arguments`: values of arguments of the launch files. `overview`:
-    whether the report is to hold what pictures show.
+    `at` is aware UTC; `fail_on` None: never. `launch_arguments`: values of arguments of the launch files.
+    `launch_complete`: whether what these leave open leaves the audit open. `overview`: whether the report is to hold
+    what pictures show.
     """
 
     at: datetime
@@ -132,6 +133,7 @@ class Options(Struct, frozen=True, kw_only=True):
     graphs: tuple[Path, ...] = ()
     launches: tuple[Path, ...] = ()
     launch_arguments: Mapping[str, str] = field(default_factory=dict)
+    launch_complete: bool = False
     alloy_properties: tuple[UserFile, ...] = ()
     overview: bool = False
     roots: tuple[Path, ...] = ()

@@ -143,6 +143,7 @@ def audit(
         beside=beside,
         environment=environment,
         observed=_compared(intents, keystore, profiles, accesses, options),
+        launch_complete=options.launch_complete,
         suppressions=accepted,
         authorities=options.authorities or trust.Authorities(),
         conditions=(f"{options.domain}", f"{options.time_zone}", *sorted(each.value for each in accesses.assumed)),

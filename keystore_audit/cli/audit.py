@@ -99,7 +99,7 @@ GROUPS: Final = {
         "graphs", "launches", "launch_arguments", "alloy_properties",
     ),
     "Output": ("kind", "targets", "min_severity", "quiet", "verbose", "color"),
-    "Gate": ("fail_on", "expires_within", "select", "ignore", "baseline"),
+    "Gate": ("fail_on", "expires_within", "launch_complete", "select", "ignore", "baseline"),
     "Engine": ("engine", "timeout", "alloy_jar", "offline", "jobs", "executor"),
 }  # fmt: skip
 """The options in the help, by what they are about."""
@@ -153,6 +153,11 @@ Examples:
 @opt.interpretation_options
 @opt.no_assume_option
 @opt.observation_options
+@click.option(
+    "--launch-complete",
+    is_flag=True,
+    help="Exit with 4 where a launch file is not read as a whole, or something of it cannot be told.",
+)
 @click.option(
     "--expires-within",
     type=types.Number(0, MAX_DAYS),
@@ -235,6 +240,8 @@ def command(keystores: tuple[str, ...], **given: Any) -> int:
 def chosen(given: Mapping[str, Any], keystores: Sequence[str]) -> Options:
     """Return what the options mean, settings and baseline read. Raises errors.UsageError for files that are none."""
     opt.check_launch_arguments(given["launch_arguments"], given["launches"])
+    if given["launch_complete"] and not given["launches"]:
+        raise click.UsageError("--launch-complete is about the files that --launch names.")
     if given["baseline"] is not None and len(keystores) > 1:  # what is accepted in one may look the same in another
         raise click.UsageError("--baseline is of one keystore: name one KEYSTORE.")
     more = {

@@ -87,7 +87,10 @@ class Origin(str, Enum):
 
 
 class IntendedNode(Struct, frozen=True, kw_only=True):
-    """A node that is to run in the enclave (its path); `name` is its fully qualified ROS name."""
+    """A node that is to run in the enclave (its path).
+
+    `name`: its fully qualified ROS name, "" where the file does not say.
+    """
 
     enclave: str
     name: str

@@ -61,7 +61,7 @@ def read_launch(path: Path, arguments: Mapping[str, str]) -> Intent:
     source = read_source(path)
     read = _form(source)
     if read is None:
-        raise source.malformed(None, "expected a launch file that ends in .xml, .yaml, .yml or .py")
+        raise source.malformed(None, "expected a launch file that ends in .xml, .launch, .yaml, .yml or .py")
     with Root.open(source.directory) as root:
         directory = Directory(os.path.dirname(path), source.directory, root)
         launch = _Launch(directory, {})
@@ -77,7 +77,7 @@ def _form(source: Source) -> Callable[[Source], Element] | None:
         from keystore_audit.intent.launch_python import read_python
 
         return read_python
-    readers = {".xml": read_xml, ".yaml": read_yaml, ".yml": read_yaml}
+    readers = {".xml": read_xml, ".launch": read_xml, ".yaml": read_yaml, ".yml": read_yaml}
     return next((read for suffix, read in readers.items() if source.path.endswith(suffix)), None)
 
 
@@ -263,7 +263,7 @@ class _Launch:
         except Unreadable as error:
             reason = str(error)
         else:
-            read, reason = _form(included), "it ends in neither .xml, .yaml, .yml nor .py"
+            read, reason = _form(included), "it ends in neither .xml, .launch, .yaml, .yml nor .py"
             if read is not None:
                 self.file(included, read, scope, depth + 1)
                 return

@@ -65,6 +65,9 @@ COMMANDS: Final = {
 }
 """Substitutions that hold code, which is not read."""
 
+OF_ROS_1: Final = "{} is of ROS 1 (roslaunch): ROS 2 does not start this file, and it is not read"
+"""What is said of what ROS 1 alone has; its launch files have the same names and root element."""
+
 REQUIRED: Final[Mapping[str, tuple[str, ...]]] = {
     "arg": ("name",),
     "let": ("name", "value"),
@@ -320,6 +323,8 @@ class _Reader:
 
     def _element(self, kind: str, line: int, attributes: Mapping[str, str], children: Iterable[Element]) -> Element:
         kind = kind.replace("-", "_")
+        if kind == "node" and "type" in attributes and "exec" not in attributes:
+            raise self._source.malformed(line, OF_ROS_1.format("a node with 'type' and no 'exec'"))
         texts = {name: self._text(name, value, line) for name, value in attributes.items()}
         for name in REQUIRED.get(kind, ()):
             if name not in texts:
@@ -359,6 +364,8 @@ class _Reader:
         name = inner.split(maxsplit=1)[0]
         if name in INSTALLED:
             return Unknown(INSTALLED[name])
+        if name in ("arg", "find"):
+            raise self._source.malformed(line, OF_ROS_1.format(f"the substitution $({name} ...)"))
         if word := speaks_of(inner):
             self._speaking.append(Element(kind="speaks", line=line, attributes={"word": (word,)}))
         return Unknown(COMMANDS.get(name, f"a substitution of the sort {shown(name)}"))

@@ -266,8 +266,9 @@ class Nodes:
             return
         self._enclaves.setdefault(enclave, node.location)
         full = node.full_name
+        started = IntendedNode(enclave=enclave, name=full, location=node.location)
+        self._nodes.setdefault((enclave, full or str(node.location)), started)
         if full:
-            self._nodes.setdefault((enclave, full), IntendedNode(enclave=enclave, name=full, location=node.location))
             for action, name in _OFFERS.get(node.kind, ()):
                 right = IntendedRight(
                     enclave=enclave,

@@ -28,6 +28,8 @@ if TYPE_CHECKING:  # an audit without a graph or a launch file needs none of it
 SUGGEST: Final = "`keystore-audit suggest` prints the least policy for what was seen"
 LAUNCHED: Final = " A launch file names only what it remaps: look whether a node uses them by their own names."
 
+UNNAMED: Final = "a node whose name the file does not say"
+
 _DOES: Final = {
     Action.PUBLISH: "publishes",
     Action.SUBSCRIBE: "subscribes to",
@@ -166,9 +168,10 @@ def node_in_unknown_enclave(observed: Observation, context: Context) -> Iterator
     for unknown in observed.unknown:
         named = f"the enclave {quoted(unknown.path)}"
         named = f"{named}, having named none" if unknown.path == ROOT else named
+        nodes = listed(name or UNNAMED for name in unknown.nodes)
         verb = "runs" if len(unknown.nodes) == 1 else "run"
         yield Violation(
-            f"{listed(unknown.nodes)} {verb} in {named}, which is not there.{meant(unknown.path, known)}",
+            f"{sentence(nodes)} {verb} in {named}, which is not there.{meant(unknown.path, known)}",
             [_beside(location) for location in unknown.locations],
             key="\n".join([unknown.path, *sorted(unknown.nodes)]),
         )
@@ -219,6 +222,7 @@ def observation_incomplete(observed: Observation) -> Iterator[Violation]:
             f"{sentence(found[0].message)}{more_like(found)}. Nodes may need more than "
             f"{quoted(path)} shows, so that no grant is called an excess.",
             found,
+            undecided=context.launch_complete,
             key="\n".join(sorted({place.message for place in found})),
         )
     for undecided in observed.undecided:

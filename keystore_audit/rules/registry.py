@@ -57,6 +57,8 @@ class Context(Struct, frozen=True, kw_only=True):
     drift: Drift | None = None
     """The keystore compared with the policy; None where none was named."""
     observed: Observation | None = None
+    launch_complete: bool = False
+    """Whether the audit is incomplete where launch files could not be worked out."""
     authorities: Authorities = Authorities()
     """Those that settings or options declare."""
     suppressions: tuple[Suppression, ...] = ()

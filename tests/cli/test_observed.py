@@ -60,3 +60,16 @@ def test_enclaves_that_a_graph_leaves_out_are_said_not_to_be_compared(samples: P
             "audit", "--engine", "native", "--at", AT, samples / "healthy/turtlesim", "--graph", graph, "-v"
         )
         assert ("What /keyboard may do: no node that" in " ".join(text.split())) is said
+
+
+@pytest.mark.parametrize(("name", "code"), [("talker", 0), ("talker-elsewhere", 4)])
+def test_a_launch_file_that_is_not_read_as_a_whole(name: str, code: int, samples: Path) -> None:
+    """It is a note, and with --launch-complete the audit is incomplete."""
+    launched = ("--launch", samples / f"launch/{name}.launch.xml", "--fail-on", "critical")
+    asked = ("audit", "--engine", "native", "--at", AT, samples / "rules/KA654-observation-incomplete/good", *launched)
+    assert [answer(*asked)[0], answer(*asked, "--launch-complete")[0]] == [0, code]
+
+
+def test_launch_complete_is_about_launch_files(samples: Path) -> None:
+    code, _text = answer("audit", samples / "healthy/turtlesim", "--launch-complete")
+    assert code == 2

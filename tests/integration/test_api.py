@@ -99,6 +99,7 @@ def test_files_are_taken(samples: Path, tmp_path: Path) -> None:
         {"graphs": "graph.json"},
         {"launches": [3]},
         {"launch_arguments": ["a"]},
+        {"launch_complete": "yes"},
         {"settings": 3},
         {"time_zone": 3},
         {"engine": None},

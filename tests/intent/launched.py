@@ -58,8 +58,8 @@ def function(body: str, before: str = "") -> str:
 
 
 def nodes(intent: Intent) -> set[tuple[str, str]]:
-    """(enclave, full name) of each node."""
-    return {(node.enclave, node.name) for node in intent.nodes}
+    """(enclave, full name) of each node whose name is known."""
+    return {(node.enclave, node.name) for node in intent.nodes if node.name}
 
 
 def names(intent: Intent) -> set[tuple[str, str, str]]:

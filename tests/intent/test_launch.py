@@ -525,6 +525,44 @@ def test_two_files_that_include_each_other_twice_end(tmp_path: Path) -> None:
         read_launch(tmp_path / "a.launch.xml", {})
 
 
+def test_a_file_in_launch_is_xml_of_ros_2(tmp_path: Path) -> None:
+    """As MAVROS and ros_gz call theirs; an included one as well."""
+    inner = '<launch><node pkg="p" exec="e" name="inner"/><bridge name="of a package"/></launch>'
+    (tmp_path / "inner.launch").write_text(inner, "utf-8")
+    intent = launch(tmp_path, '<launch><include file="inner.launch"/></launch>', "launch")
+    assert nodes(intent) == {("/", "/inner")}
+    assert len(intent.unresolved) == 1  # the element of a package
+
+
+@pytest.mark.parametrize("form", ["launch", "xml"])
+@pytest.mark.parametrize(
+    ("ros_1", "ros_2"),
+    [
+        ('<node pkg="p" type="e" name="n"/>', '<node pkg="p" exec="e" name="n"/>'),
+        ('<include file="$(find p)/a.launch"/>', '<include file="$(find-pkg-share p)/a.launch"/>'),
+        ('<arg name="a" default="x"/><let name="b" value="$(arg a)"/>', '<let name="b" value="$(var a)"/>'),
+    ],
+)
+def test_a_file_of_ros_1_is_told_from_one_of_ros_2(ros_1: str, ros_2: str, form: str, tmp_path: Path) -> None:
+    def read(text: str) -> Intent:
+        return launch(tmp_path, text if form == "xml" else f"<launch>{text}</launch>", form)
+
+    with pytest.raises(UsageError, match=r"some\.launch\.\w+:1: .* is of ROS 1 \(roslaunch\)"):
+        read(ros_1)
+    assert read(ros_2).files
+
+
+def test_a_node_whose_name_is_not_known_is_in_its_enclave_all_the_same(tmp_path: Path) -> None:
+    def started(more: str) -> list[tuple[str, str, int | None]]:
+        intent = launch(tmp_path, f'<node pkg="p" exec="e" {more}/>')
+        return [(each.enclave, each.name, each.location.line) for each in intent.nodes]
+
+    assert started("") == [("/", "", 1)]
+    assert started('/>\n<node pkg="p" exec="e"') == [("/", "", 1), ("/", "", 2)]
+    assert started('name="$(env WHO)" args="--ros-args -e /x"') == [("/x", "", 1)]
+    assert started('args="--ros-args -e $(env WHERE)"') == []
+
+
 def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "launch.txt").write_text("", "utf-8")
     with pytest.raises(UsageError, match="expected a launch file that ends in"):

@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Result, Severity
+from keystore_audit.intent.intent import IntendedNode
 from keystore_audit.keystore.files import Status
 from keystore_audit.keystore.layout import LayoutKind, Role
 from keystore_audit.model.decision import Decision, LocalRights
@@ -32,6 +33,7 @@ from tests.rules.observed import (
     launch,
     log,
     node,
+    place,
     spoken,
     uses,
     usual_rules,
@@ -203,6 +205,25 @@ def test_one_more_node_in_an_unknown_enclave_is_another_finding() -> None:
     one, two, swapped = (spoken(healthy(), launch(nodes=each)) for each in (nodes[:1], nodes, nodes[::-1]))
     assert {each.code for each in (*one, *two, *swapped)} == {"KA652"}
     assert one[0].fingerprint != two[0].fingerprint == swapped[0].fingerprint
+
+
+def test_a_node_without_a_name_is_compared_with_its_enclave() -> None:
+    """What every node needs has to be there, and the enclave itself."""
+    unnamed = launch(nodes=(IntendedNode(enclave="/", name="", location=place(1)),))
+    (unknown,) = spoken(healthy(), unnamed)
+    assert (unknown.code, unknown.severity) == ("KA652", Severity.HIGH)
+    assert unknown.message.startswith("A node whose name the file does not say runs in the enclave '/', having named")
+    assert spoken(granted(CHATTER, path="/"), unnamed) == ()
+    (missing,) = spoken(granted(CHATTER, path="/", usual=False), unnamed)
+    assert missing.code == "KA650"
+    assert "/rosout" in missing.message
+
+
+def test_before_foxy_a_node_without_a_name_is_in_some_folder() -> None:
+    flat = laid_out(kind=LayoutKind.FLAT)(granted(CHATTER))
+    for name, found in (("", False), ("/other", True)):
+        nodes = (IntendedNode(enclave="/", name=name, location=place(1)),)
+        assert ("KA652" in codes(spoken(flat, launch(nodes=nodes)))) is found
 
 
 def test_before_foxy_the_enclave_is_the_node() -> None:

@@ -90,7 +90,8 @@ def usual_rights(node: str) -> Iterator[tuple[Action, str, Usual]]:
 def in_layout(intents: Sequence[Intent], kind: LayoutKind) -> Sequence[Intent]:
     """The files with the enclaves that a keystore of this layout has for their nodes.
 
-    Before Foxy there were no enclaves, and `--enclave` was not known: the folder has the node's name.
+    Before Foxy there were no enclaves, and `--enclave` was not known: the folder has the node's name. That of a node
+    whose name no file says is not known.
     """
     if kind not in _NO_ENCLAVES:
         return intents
@@ -101,7 +102,11 @@ def in_layout(intents: Sequence[Intent], kind: LayoutKind) -> Sequence[Intent]:
     return [
         replace(
             intent,
-            nodes=tuple(replace(each, enclave=enclave(each.enclave, each.name)) for each in intent.nodes),
+            nodes=tuple(
+                replace(each, enclave=enclave(each.enclave, each.name))
+                for each in intent.nodes
+                if each.name or each.enclave != ROOT
+            ),
             rights=tuple(replace(each, enclave=enclave(each.enclave, each.node)) for each in intent.rights),
             names=tuple(replace(each, enclave=enclave(each.enclave, each.node)) for each in intent.names),
         )
