@@ -48,7 +48,7 @@ class Access:
         self._accesses = given.accesses(keystore)
         points: dict[Point, int] = {}
         for question in questions:
-            points.setdefault((question.topic, question.partition), len(points))
+            points.setdefault(question.point, len(points))
         self._points = points
         builder = SystemBuilder(keystore, given.profiles, given.at, self._accesses, tuple(points))
         self._channels = builder.channels
@@ -70,12 +70,12 @@ class Access:
     def answers(self, question: Question) -> Mapping[str, Answer]:
         """By profile. Raises UsageError for an unknown enclave."""
         enclave = self.enclave(question.enclave)
-        channel = self._channels.of_point(question.domain, self._points[question.topic, question.partition])
+        channel = self._channels.of_point(question.domain, self._points[question.point])
         usabilities = self._usabilities.in_domain(question.domain)
         by_kind: dict[object, Answer] = {}
         answers = {}
         for profile in self._profiles:
-            unclear = self._accesses.unclear_name(question.topic, question.partition, profile)
+            unclear = self._accesses.unclear_name(question.topic, question.partitions, profile)
             kind = (usabilities.kind(profile), unclear)  # profiles of one kind read everything here alike
             if kind not in by_kind:
                 usability = usabilities.of(enclave, self._at, profile)
@@ -103,8 +103,7 @@ class Access:
         if unclear is not None and usability.usable.may:
             decision, reason = Truth.UNKNOWN, unclear
         elif usability.usable.must:
-            name = (question.topic, question.partition)
-            local = self._local.decide(enclave, profile, question.operation, channel, name)
+            local = self._local.decide(enclave, profile, question.operation, channel, question.point)
             decision, reason, location = Truth.YES if local.allow else Truth.NO, local.reason, local.location
         else:
             decision = usability.usable

@@ -32,7 +32,14 @@ EXPECTED: Final = ("allow", "deny")
     "--kind", words=KINDS, default="ros", help="What NAME is: of ROS, as /chatter, or of a DDS topic, as rt/chatter."
 )
 @opt.domain_option("In which domain (default: 0).")
-@click.option("--partition", default="", metavar="NAME", help="In which partition (default: the one without a name).")
+@click.option(
+    "--partition",
+    "partitions",
+    multiple=True,
+    default=("",),
+    metavar="NAME",
+    help="In which partition (default: the one without a name); repeatable, of an endpoint in several at once.",
+)
 @opt.reading_options
 @opt.file_options
 @opt.format_option("How the answer is written.", "text", "json")
@@ -42,7 +49,7 @@ EXPECTED: Final = ("allow", "deny")
     "--batch",
     type=click.Path(allow_dash=True, dir_okay=False, exists=True),
     metavar="FILE",
-    help="Queries, one a line: enclave, operation, DDS name [, domain [, partition]], with tabs between; - for stdin.",
+    help="Queries, one a line: enclave, operation, DDS name [, domain [, partitions]], with tabs between; - for stdin.",
 )
 @opt.verbose_option()
 def command(keystore: str, words: tuple[str, ...], **given: Any) -> int:
@@ -98,7 +105,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
         operation=operation,
         name=name,
         domain=questions[0].domain,
-        partition=given["partition"],
+        partitions=given["partitions"],
         dds_names=tuple((each.operation.value, each.topic) for each in questions),
         governed=governed,
         at=reading.at,
@@ -126,7 +133,7 @@ def _questions(enclave: str, operation: str, name: str, given: dict[str, Any]) -
     channels = dds_channels(operation, name) if given["kind"] == "ros" else ((Operation(operation), name),)
     return tuple(
         Question(
-            enclave=enclave, operation=each, topic=topic, domain=given["domain"] or 0, partition=given["partition"]
+            enclave=enclave, operation=each, topic=topic, domain=given["domain"] or 0, partitions=given["partitions"]
         )
         for each, topic in channels
     )
@@ -146,7 +153,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
     from keystore_audit.report import answer
 
     lines, reading = list(_lines(given["batch"])), opt.reading(given, opt.named_settings(given, keystore))
-    parsed = [_parse(line, given["domain"] or 0, given["partition"]) for line in lines]
+    parsed = [_parse(line, given["domain"] or 0, given["partitions"]) for line in lines]
     try:
         access = Access(keystore, [each for each in parsed if not isinstance(each, str)], reading)
     except BudgetExceeded as error:
@@ -170,7 +177,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
             operation=each.operation.value,
             name=each.topic,
             domain=each.domain,
-            partition=each.partition,
+            partitions=each.partitions,
             dds_names=((each.operation.value, each.topic),),
             at=reading.at,
         )
@@ -196,8 +203,8 @@ def _lines(path: str) -> Iterator[bytes]:
     yield from (line.removesuffix(b"\r") for line in lines)
 
 
-def _parse(line: bytes, domain: int, partition: str) -> Question | str:
-    """The query, in this domain and partition if it names none, or what is wrong with the line."""
+def _parse(line: bytes, domain: int, partitions: tuple[str, ...]) -> Question | str:
+    """The query, in this domain and these partitions if it names none, or what is wrong with the line."""
     from keystore_audit.keystore.typed import Operation
     from keystore_audit.model.question import Question
 
@@ -205,8 +212,8 @@ def _parse(line: bytes, domain: int, partition: str) -> Question | str:
         fields = line.decode("utf-8").split("\t")
     except UnicodeDecodeError:
         return "not UTF-8"
-    if not 3 <= len(fields) <= 5:
-        return f"expected 3 to 5 fields with tabs between, found {len(fields)}"
+    if len(fields) < 3:
+        return f"expected 3 fields or more with tabs between, found {len(fields)}"
     enclave, operation, name = fields[:3]
     if operation not in DDS_OPERATIONS:
         return f"unknown operation {operation!r}; expected publish, subscribe or relay"
@@ -222,7 +229,7 @@ def _parse(line: bytes, domain: int, partition: str) -> Question | str:
         operation=Operation(operation),
         topic=name,
         domain=domain,
-        partition=fields[4] if len(fields) > 4 else partition,
+        partitions=tuple(fields[4:]) or partitions,
     )
 
 

@@ -33,7 +33,7 @@ from keystore_audit.model.semantics import (
 )
 from keystore_audit.model.subjects.comparison import names
 from keystore_audit.model.validity import Dated, counts_at, read_date
-from keystore_audit.profiles import QUIRKS, SPEC, Access, Alike, DateReading, OpenRange, Profile
+from keystore_audit.profiles import QUIRKS, SPEC, Access, Alike, DateReading, OpenRange, PartitionReading, Profile
 from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:  # most audits are told no zone
@@ -207,13 +207,18 @@ class AccessViews:
         heaviest = sorted(self._held.files, key=wildcards, reverse=True)[:count]
         return AccessViews(self._documents, self.at, self._zone, self.assumed, dict.fromkeys(heaviest, why))
 
-    def unclear_name(self, topic: str, partition: str, profile: Profile) -> str | None:
-        """Why it cannot be told which expressions an implementation takes to match these names; None: it can."""
+    def unclear_name(self, topic: str, partitions: Sequence[str], profile: Profile) -> str | None:
+        """Why it cannot be told which expressions an implementation takes to match these names of an endpoint; None: it
+        can.
+        """
         counting = any(not _COUNTING.isdisjoint(text) for text in self._held.unusual_expressions)
-        if profile.access.matches_octets and counting and not (topic + partition).isascii():
+        if profile.access.matches_octets and counting and not "".join((topic, *partitions)).isascii():
             return "in names beyond ASCII, ? and brackets take octets or characters, as the process's locale has it"
-        if profile.local.splits_partitions and ";" in partition:
+        if profile.local.splits_partitions and any(";" in partition for partition in partitions):
             return f"{profile.title} takes the partition apart at its semicolons"
+        named = profile.access.partitions is PartitionReading.CRITERION_NAMED
+        if named and len(partitions) > 1 and "" in partitions:
+            return f"what {profile.title} makes of a partition without a name beside others was not measured"
         return None
 
     def dates_in_local_time(self, profiles: Iterable[Profile]) -> frozenset[datetime]:

@@ -24,7 +24,7 @@ from keystore_audit.model.matching.atoms import TopicClass
 from keystore_audit.model.matching.expression import UNESCAPED_WILDCARDS
 from keystore_audit.model.matching.patterns import MAX_KEPT, Patterns
 from keystore_audit.model.names import is_ros_dds_name
-from keystore_audit.model.semantics import DEFAULT_PARTITION, Region
+from keystore_audit.model.semantics import CHECKED_TOGETHER, DEFAULT_PARTITION, Region
 from keystore_audit.profiles import Access, Matcher
 
 ANY_TOPIC = "rt/chatter"
@@ -50,8 +50,8 @@ Those of 30,000 classes of names in ten domain classes may have 180 topic rules.
 ReadRegion = tuple[Matcher, Region]
 """A region with the matcher that reads its expressions."""
 
-Point = tuple[str, str]
-"""A topic name and a partition name."""
+Point = tuple[str, ...]
+"""A topic name, and the names of all partitions that an endpoint is in."""
 
 
 class Channels(Struct, frozen=True, kw_only=True, eq=False):
@@ -224,8 +224,8 @@ def document_channels(
                         regions[access.matcher, region] = None
                         if rule.allow and any(area.partitions != DEFAULT_PARTITION for area in region):
                             opening.add((access.matcher, region))
-                    if access.first_rule_decides_topic:
-                        regions[access.matcher, rule.listed] = None
+                    for together in CHECKED_TOGETHER[access.topic_check]:
+                        regions[access.matcher, rule.listed(together)] = None
     governed, ruled = domain_covers(read)
     domains = domain_classes([*governed, *ruled])
     wanted = union(map(domain_bits, [*governed, *ruled] if ungoverned else governed))
@@ -249,6 +249,10 @@ def _check_cells(classes: int, others: int, words: str, most: int = MAX_CELLS) -
         raise BudgetExceeded(message)
 
 
+_Listed = tuple[int, frozenset[int] | None, bool]
+"""A shape that lists a topic, with the partition patterns beside it, and `every` of the area."""
+
+
 class _Shapes:
     """The regions by what they mean: however many are written alike, or mean the same to several implementations."""
 
@@ -258,7 +262,7 @@ class _Shapes:
         self._numbers: dict[Shape, int] = {}
         self._of = {named: self._number(named) for named in regions}
         self._columns: dict[frozenset[ReadRegion] | None, Table] = {}
-        self._by_topic: dict[str, tuple[TopicClass, list[tuple[int, frozenset[int] | None]]]] = {}
+        self._by_topic: dict[str, tuple[TopicClass, list[_Listed]]] = {}
 
     def _number(self, named: ReadRegion) -> int:
         matcher, region = named
@@ -268,6 +272,7 @@ class _Shapes:
                 None
                 if area.partitions is None
                 else tuple(self._partitions.number(text, matcher) for text in area.partitions),
+                area.every,
             )
             for area in region
         )
@@ -308,7 +313,7 @@ class _Shapes:
         every = range(len(self._partition_classes))
         asked = set(every if allowing is None else ())
         for shape, number in self._numbers.items():
-            for _, listed in shape if allowing is not None and number in allowing else ():
+            for _, listed, _every in shape if allowing is not None and number in allowing else ():
                 asked.update(every if listed is None else (q for p in listed for q in self._places[p]))
         met_by: dict[int, list[int]] = {}
         for place, others in self._partitions.meetings(sorted(asked - {0})).items():
@@ -325,9 +330,10 @@ class _Shapes:
         met_by = self._met_by(self._allowing(opening))
         place_of = {each.members: place for place, each in enumerate(self._partition_classes) if place}
         by_topic: dict[str, dict[int, list[int]]] = {}
-        for number, (topic, partition) in enumerate(points) if met_by else ():
-            place = place_of[self._partitions.matching(partition)] if partition else 0
-            by_topic.setdefault(topic, {}).setdefault(place, []).append(number)
+        for number, (topic, *partitions) in enumerate(points) if met_by else ():
+            for partition in partitions:
+                place = place_of[self._partitions.matching(partition)] if partition else 0
+                by_topic.setdefault(topic, {}).setdefault(place, []).append(number)
         found: dict[int, set[int]] = {}
         for at in by_topic.values():
             for place, others in at.items():
@@ -337,14 +343,18 @@ class _Shapes:
         return {number: frozenset(others) for number, others in found.items()}
 
     def column(self, point: Point) -> Column:
-        """One topic name in one partition."""
-        topic, partition = point
+        """One topic name in all partitions of an endpoint."""
+        topic, *partitions = point
         only, shapes = self._topic(topic)
-        listed = self._partitions.matching(partition)
-        hits = {number for number, partitions in shapes if partitions is None or not listed.isdisjoint(partitions)}
-        return Column(hits=tuple(sorted(hits)), topic=only, partition=partition, infinite=False)
+        matching = [self._partitions.matching(partition) for partition in partitions]
+        hits = {
+            number
+            for number, listed, every in shapes
+            if listed is None or (all if every else any)(not listed.isdisjoint(each) for each in matching)
+        }
+        return Column(hits=tuple(sorted(hits)), topic=only, partition=", ".join(partitions), infinite=False)
 
-    def _topic(self, name: str) -> tuple[TopicClass, list[tuple[int, frozenset[int] | None]]]:
+    def _topic(self, name: str) -> tuple[TopicClass, list[_Listed]]:
         """One topic name, and the shapes that list it, each with the partition patterns beside it."""
         known = self._by_topic.get(name)
         if known is None:
@@ -354,14 +364,14 @@ class _Shapes:
         return known
 
     @cached_property
-    def _listing(self) -> dict[int, list[tuple[int, frozenset[int] | None]]]:
+    def _listing(self) -> dict[int, list[_Listed]]:
         """By topic pattern: the shapes that list it, each with the partition patterns beside it."""
-        listing: dict[int, list[tuple[int, frozenset[int] | None]]] = {}
+        listing: dict[int, list[_Listed]] = {}
         for shape, number in self._numbers.items():
-            for topics, listed in shape:
+            for topics, listed, every in shape:
                 partitions = None if listed is None else frozenset(listed)
                 for pattern in topics:
-                    listing.setdefault(pattern, []).append((number, partitions))
+                    listing.setdefault(pattern, []).append((number, partitions, every))
         return listing
 
     def found(self, columns: Sequence[Column], starts: Sequence[int]) -> dict[ReadRegion, frozenset[int]]:

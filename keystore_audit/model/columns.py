@@ -22,8 +22,8 @@ MAX_PAIRS: Final = 400_000
 MAX_MEETINGS: Final = 1_000_000
 """Pairs of such pairs of which it is asked whether endpoints in one are met in the other: half a second."""
 
-Shape = tuple[tuple[tuple[int, ...], "tuple[int, ...] | None"], ...]
-"""A region by what its expressions mean: the numbers of topic and of partition patterns of each area."""
+Shape = tuple[tuple[tuple[int, ...], "tuple[int, ...] | None", bool], ...]
+"""A region by what its expressions mean: of each area the numbers of topic and of partition patterns, and `every`."""
 
 Block = tuple[Sequence[int], Sequence[int]]
 """Classes of partitions and of topics, ascending: all pairs of them."""
@@ -86,7 +86,7 @@ class Columns:
         self._topics: dict[int, list[int]] = {}
         self._partitions: dict[int, list[int]] = {}
         for shape, number in shapes:
-            for topics, partitions in shape:
+            for topics, partitions, _every in shape:
                 area = len(self._shape)
                 self._shape.append(number)
                 self._anywhere.append(partitions is None)

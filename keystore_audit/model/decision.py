@@ -33,7 +33,7 @@ from keystore_audit.model.semantics import (
     deciding_grant,
     is_controlled,
 )
-from keystore_audit.profiles import Access, Local, Matcher, Profile
+from keystore_audit.profiles import Access, Local, Matcher, Profile, TopicCheck
 from keystore_audit.text import MAX_EXPRESSION, shorten
 
 DONE: Final = {
@@ -149,10 +149,10 @@ class LocalRights:
             yield Step(self._all, False, Why(partial(_said, "no grant in force names the enclave")))
             return
         place = enclave.permissions.signed.file.place if enclave.permissions else ""
-        if access.first_rule_decides_topic and operation is not Operation.RELAY:
+        if access.topic_check is not TopicCheck.NONE and operation is not Operation.RELAY:
             controlled = self._lists.controlled(self._topics(enclave, access, profile.local))
-            for denied in self._lists.topics_denied(grant.rules, access, controlled):
-                yield Step(denied.channels, False, Why(partial(_no_topic, denied.by, access.matcher), place))
+            for rule, channels in self._lists.topics_denied(grant, access, controlled):
+                yield Step(channels, False, Why(partial(_no_topic, rule, access.matcher), place))
         everywhere = not profile.local.binds_domains
         for step in self._lists.of(grant, operation, access.matcher, in_every_domain=everywhere):
             explain = (
@@ -216,7 +216,7 @@ class LocalRights:
 
         Where names or the governance decide (not `by_permissions`), only one that allows it in other domains.
         """
-        operation, (topic, _partition), channel = asked
+        operation, (topic, *_partitions), channel = asked
         allowing = _allowing(grant)
         bound = profile.local.binds_domains or not by_permissions
         elsewhere = [bound and not self._lists.domains(rule.domains) >> channel & 1 for rule in allowing]
@@ -252,9 +252,13 @@ class LocalRights:
     ) -> bool:
         """Whether the rule lists the name for the operation, whatever its domains."""
         matcher = self._accesses.row(profile.access).matcher
-        topic, partition = asked.name
+        topic, *partitions = asked.name
+
+        def is_listed(expressions: Sequence[str]) -> bool:
+            return all(any_matches(expressions, partition, matcher) for partition in partitions)
+
         return any(
-            (in_any_partition or area.partitions is None or any_matches(area.partitions, partition, matcher))
+            (in_any_partition or area.partitions is None or is_listed(area.partitions))
             and any_matches(area.topics, topic, matcher)
             for area in rule.region(operation)
         )

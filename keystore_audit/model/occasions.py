@@ -11,8 +11,9 @@ from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.typed import Governance, Grant, Permissions
 from keystore_audit.model.inventory import Typed
 from keystore_audit.model.matching.expression import has_wildcard, parse
+from keystore_audit.model.semantics import names_partitions
 from keystore_audit.model.validity import counts_at, read_date
-from keystore_audit.profiles import SPEC, Access, check_reader
+from keystore_audit.profiles import SPEC, Access, TopicCheck, check_reader
 
 if TYPE_CHECKING:  # most audits are told no zone
     from zoneinfo import ZoneInfo
@@ -94,8 +95,11 @@ def _several_or_out_of_date(held: Occasions, access: Access) -> bool:
     return several or (access.joins_out_of_date and _out_of_date(held, access))  # by the one grant that there is
 
 
-def _denial(held: Occasions, _access: Access) -> bool:
-    return any(not rule.allow for grant in held.grants for rule in grant.rules)
+def _denial(held: Occasions, access: Access) -> bool:
+    """Of each operation by itself, what the first rule denies in one partition alone matters: or it is denied there."""
+    each = access.topic_check is TopicCheck.EACH
+    grants = (grant for grant in held.grants if not each or names_partitions(grant))
+    return any(not rule.allow for grant in grants for rule in grant.rules)
 
 
 def _open_join(held: Occasions, _access: Access) -> bool:

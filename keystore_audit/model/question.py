@@ -41,13 +41,21 @@ class Doubt(Struct, frozen=True, kw_only=True):
 
 
 class Question(Struct, frozen=True, kw_only=True):
-    """May the enclave (its path) do this on a DDS topic, in a domain of 0..232 and a partition ("": the default)?"""
+    """May the enclave (its path) do this on a DDS topic, in a domain of 0..232?
+
+    `partitions`: all those that the endpoint is in at once, at least one; "" is the default one.
+    """
 
     enclave: str
     operation: Operation
     topic: str
     domain: int = 0
-    partition: str = ""
+    partitions: tuple[str, ...] = ("",)
+
+    @property
+    def point(self) -> tuple[str, ...]:
+        """The topic, and the partitions."""
+        return self.topic, *self.partitions
 
 
 class Half(Struct, frozen=True, kw_only=True):

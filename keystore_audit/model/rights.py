@@ -18,6 +18,7 @@ from keystore_audit.model.formal.rights import Safeguard, safeguards
 from keystore_audit.model.formal.steps import Step, decided
 from keystore_audit.model.formal.system import DomainRuleAtom, GrantAtom, RuleAtom, System, TopicRuleAtom
 from keystore_audit.model.semantics import (
+    CHECKED_TOGETHER,
     DIRECTIONS,
     OF_DOMAINS,
     OF_TOPICS,
@@ -28,7 +29,7 @@ from keystore_audit.model.semantics import (
     Region,
     is_controlled,
 )
-from keystore_audit.profiles import Access, Matcher
+from keystore_audit.profiles import Access, Matcher, TopicCheck
 
 Part = tuple[ReadDomainRule, int]
 """A domain rule with the channels of its domains, or of some of them."""
@@ -119,16 +120,18 @@ class RuleLists:
                 off |= channels
         return on & ~off
 
-    def topics_denied(self, rules: Sequence[ReadRule], access: Access, controlled: int) -> Iterator[Step[ReadRule]]:
-        """Those of the `controlled` topics that there are not, since the first rule that lists them denies."""
-        if controlled and not all(rule.allow for rule in rules):
-            listed = (
-                Step(self.region(access.matcher, rule.listed) & self.domains(rule.domains), rule.allow, rule)
-                for rule in rules
-            )
-            for step, channels in decided(listed):
-                if channels & controlled and not step.allow:
-                    yield Step(channels & controlled, False, step.by)
+    def topics_denied(self, grant: ReadGrant, access: Access, controlled: int) -> list[tuple[ReadRule, int]]:
+        """Those of the `controlled` topics that there are not, each with the rule that denies it first."""
+        denied: list[tuple[ReadRule | None, int]] = [(None, controlled)]
+        for together in CHECKED_TOGETHER[access.topic_check]:
+            listed: list[Step[ReadRule | None]] = [
+                Step(self.region(access.matcher, rule.listed(together)) & self.domains(rule.domains), rule.allow, rule)
+                for rule in grant.rules
+            ]
+            listed.append(Step(self.all, grant.default_allow, None))
+            refused = [(step.by, part) for step, part in decided(listed) if not step.allow]
+            denied = [(by or also, here & part) for by, here in denied for also, part in refused if here & part]
+        return [(by, channels) for by, channels in denied if by is not None]  # what no rule lists the default denies
 
     def matched(self, topic: ReadTopicRule, access: Access) -> int:
         """The channels that the expression of a topic rule matches, in whatever domain."""
@@ -214,15 +217,15 @@ class RuleAtoms:
         self, documents: Read, names: Mapping[str, frozenset[int]], access: Access
     ) -> tuple[tuple[GrantAtom, ...], tuple[RuleAtom, ...]]:
         controlled = 0
-        if access.first_rule_decides_topic:
+        if access.topic_check is not TopicCheck.NONE:
             governances = (self._lists.topics(document.domain_rules or (), access) for _place, document in documents)
             controlled = self._lists.controlled(chain.from_iterable(governances))
         grants: list[GrantAtom] = []
         rules: list[RuleAtom] = []
         for number, (place, document) in enumerate(documents):
             for read in document.grants or ():
-                denied = self._lists.topics_denied(read.rules, access, controlled)
-                listed = [(step.by, dict.fromkeys(DIRECTIONS, frozenset(members(step.channels)))) for step in denied]
+                denied = self._lists.topics_denied(read, access, controlled)
+                listed = [(rule, dict.fromkeys(DIRECTIONS, frozenset(members(channels)))) for rule, channels in denied]
                 listed += [(rule, {way: self._region(rule, way, access) for way in Operation}) for rule in read.rules]
                 rules += (
                     RuleAtom(

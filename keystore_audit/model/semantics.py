@@ -25,17 +25,19 @@ from keystore_audit.keystore.typed import (
 )
 from keystore_audit.model.domains import Interval, covered
 from keystore_audit.model.validity import in_force
-from keystore_audit.profiles import Access, PartitionReading, RelayReading
+from keystore_audit.profiles import Access, PartitionReading, RelayReading, TopicCheck
 
 
 class Area(NamedTuple):
     """Names that one of `topics` matches, in partitions that one of `partitions` matches (None: in every one).
 
-    A tuple, since a keystore has 100,000s of them.
+    `every`: an endpoint in several partitions is in the area if all of them are, as allow rules want it; else if any
+    is, as deny rules do. A tuple, since a keystore has 100,000s of them.
     """
 
     topics: tuple[str, ...]
     partitions: tuple[str, ...] | None
+    every: bool = True
 
 
 Region = tuple[Area, ...]
@@ -43,6 +45,13 @@ Region = tuple[Area, ...]
 
 DIRECTIONS = (Operation.PUBLISH, Operation.SUBSCRIBE)
 """The operations of endpoints; nobody relays under ROS 2."""
+
+CHECKED_TOGETHER: Final[Mapping[TopicCheck, Sequence[tuple[Operation, ...]]]] = {
+    TopicCheck.NONE: (),
+    TopicCheck.FIRST_RULE: (DIRECTIONS,),
+    TopicCheck.EACH: tuple((each,) for each in DIRECTIONS),
+}
+"""The operations for which one rule decides whether there is a topic: there is none where all of these deny."""
 
 OF_DOMAINS: Final = (
     "allow_unauthenticated_participants",
@@ -112,10 +121,9 @@ class ReadRule(Struct, frozen=True, kw_only=True):
         """The topic expressions of what it decides for these operations, or for all."""
         return (text for each in operations or Operation for area in self.region(each) for text in area.topics)
 
-    @property
-    def listed(self) -> Region:
-        """The topics that it lists for publishing or subscribing, in every partition."""
-        return _everywhere(tuple(self.texts(*DIRECTIONS)))
+    def listed(self, operations: Iterable[Operation]) -> Region:
+        """The topics that it lists for these operations, in every partition."""
+        return _everywhere(tuple(self.texts(*operations)))
 
 
 class ReadGrant(Struct, frozen=True, kw_only=True):
@@ -178,14 +186,15 @@ def read_grant(
 
 def read_rules(grant: Grant, access: Access) -> tuple[ReadRule, ...]:
     """The rules of the grant in order. A peculiarity is read only where some rule gives an occasion for it."""
-    criteria = [criterion for rule in grant.rules for criterion in rule.criteria]
-    # Without any list of partitions nothing is allowed outside of the default partition, and there all read alike; but
-    # a default may allow beside a deny rule.
-    lists = grant.default_allow or any(criterion.partitions is not None for criterion in criteria)
-    partitions = access.partitions if lists else PartitionReading.CRITERION
-    relays = any(criterion.operation is Operation.RELAY for criterion in criteria)
+    partitions = access.partitions if names_partitions(grant) else PartitionReading.CRITERION
+    relays = any(each.operation is Operation.RELAY for rule in grant.rules for each in rule.criteria)
     relay = access.relay if relays else RelayReading.RELAY
     return tuple(_rules(grant.rules, access, partitions, relay))
+
+
+def names_partitions(grant: Grant) -> bool:
+    """Whether its rules or its default may allow anything outside of the default partition, where all read alike."""
+    return grant.default_allow or any(each.partitions is not None for rule in grant.rules for each in rule.criteria)
 
 
 def _domains(ranges: Sequence[DomainRange], access: Access) -> tuple[Interval, ...]:
@@ -254,7 +263,7 @@ def _by_criterion(rule: Rule, operation: Operation, reading: PartitionReading) -
             partitions = _partitions(criterion, everywhere=everywhere)
             if partitions is not None and reading is PartitionReading.CRITERION_NAMED:
                 partitions = _named(partitions, allow=rule.allow)
-            found.append(Area(_texts(criterion.topics), partitions))
+            found.append(Area(_texts(criterion.topics), partitions, rule.allow))
     return tuple(found)
 
 

@@ -28,6 +28,7 @@ from keystore_audit.profiles.peculiarities import (
     RevocationLists,
     SubjectComparison,
     Syntax,
+    TopicCheck,
     Trust,
 )
 from keystore_audit.profiles.scope import (
@@ -65,6 +66,7 @@ __all__ = [
     "SubjectComparison",
     "Syntax",
     "TableError",
+    "TopicCheck",
     "Trust",
     "check_reader",
     "contrasted",

@@ -64,6 +64,18 @@ class PartitionReading(str, Enum):
     RULE = "of-the-first-rule"
 
 
+class TopicCheck(str, Enum):
+    """Which rules decide whether there is a topic at all, where read and write access control are on.
+
+    NONE: none does. FIRST_RULE: the first that lists it, for either operation and in any partition. EACH: for each
+    operation the first that lists it for that one, in any partition, else the default; there is one if either allows.
+    """
+
+    NONE = "none"
+    FIRST_RULE = "first-rule"
+    EACH = "first-rule-of-each-operation"
+
+
 class RelayReading(str, Enum):
     """What a `<relay>` criterion gives.
 
@@ -143,7 +155,7 @@ class Access(Struct, frozen=True, kw_only=True, eq=False):
     honours_default: bool
     partitions: PartitionReading
     relay: RelayReading
-    first_rule_decides_topic: bool
+    topic_check: TopicCheck
     requires_grant: bool
     joins_out_of_date: bool
     any_governance_rule: bool

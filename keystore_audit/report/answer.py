@@ -28,7 +28,7 @@ class Asked(Struct, frozen=True, kw_only=True):
     operation: str
     name: str
     domain: int
-    partition: str
+    partitions: tuple[str, ...]
     dds_names: tuple[tuple[str, str], ...]
     at: datetime
     governed: tuple[Interval, ...] = ()
@@ -39,7 +39,8 @@ def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
     document = {
         **picked(asked, "enclave", "operation", "name"),
         "dds_names": [name for _operation, name in asked.dds_names],
-        **picked(asked, "domain", "partition"),
+        "domain": asked.domain,
+        "partition": asked.partitions[0] if len(asked.partitions) == 1 else asked.partitions,
         "decisions": {profile: _described(answer) for profile, answer in answers.items()},
         "at": instant(asked.at),
         "assumptions": [each.described for each in _assumptions(answers)],
@@ -81,7 +82,10 @@ def _described(answer: Answer) -> dict[str, object]:
 
 def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
     """For people: profiles that answer alike together, differences first."""
-    where = f"domain {asked.domain}" + (f", partition {asked.partition!r}" if asked.partition else "")
+    where = f"domain {asked.domain}"
+    if asked.partitions != ("",):
+        word = "partition" if len(asked.partitions) == 1 else "all at once in partitions"
+        where += f", {word} {', '.join(map(repr, asked.partitions))}"
     where += f", at {instant(asked.at)}"
     lines = [terminal(f"May {asked.enclave} {asked.operation} {asked.name}? ({where})")]
     if [name for _operation, name in asked.dds_names] != [asked.name]:

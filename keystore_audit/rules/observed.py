@@ -210,7 +210,7 @@ def used_name_without_right(observed: Observation) -> Iterator[Violation]:
     decision("Give arguments with `--launch-argument`, or a graph of the running system with `--graph`."),
     of=_observed,
 )
-def observation_incomplete(observed: Observation) -> Iterator[Violation]:
+def observation_incomplete(observed: Observation, context: Context) -> Iterator[Violation]:
     """Part of a graph or launch file could not be worked out, or an enclave's rights cannot be told.
 
     Nodes may need more than was found, so that no grant is called an excess. Launch files are read and never run:

@@ -67,7 +67,7 @@ def test_the_table_of_a_sample_is_what_single_answers_are(expectation: Path) -> 
             enclave=enclave["path"],
             operation=operation,
             topic=named["topic"],
-            partition=named["partition"],
+            partitions=(named["partition"],),
             domain=document["domain"],
         )
         for enclave, operation, named in product(document["groups"][0]["enclaves"], Operation, document["names"])
@@ -269,7 +269,7 @@ def test_text_hides_no_right(
     root = tmp_path_factory.mktemp("random")
     store = keystore(root / "k", {"/e": tuple(rules), "/f": tuple(other)}, default=default)
     asked = [
-        Question(enclave=enclave, operation=operation, topic=topic, partition=partition)
+        Question(enclave=enclave, operation=operation, topic=topic, partitions=(partition,))
         for enclave, operation, topic, partition in product(("/e", "/f"), Operation, _names(), ("", "p", "q"))
     ]
     profile = resolve(["spec"])
@@ -283,8 +283,8 @@ def test_text_hides_no_right(
         single = access.answers(question)["spec"]
         if single.decided == "allow":
             allowed.add((question.enclave, question.operation.value))
-        if (question.topic, question.partition) in by_name:
-            key = ("spec", question.enclave, question.operation.value, question.topic, question.partition)
+        if question.point in by_name:
+            key = ("spec", question.enclave, question.operation.value, *question.point)
             assert found[key] == (single.decided, single.accepted)
     assert code == 0
     in_table = {(path, operation) for (_p, path, operation, _t, _q), pair in found.items() if pair[0] == "allow"}

@@ -18,6 +18,7 @@ from keystore_audit.model.names import dds_channels
 from tests.cli.keystores import AT, answer, document_of, grant_of, keystore, rule, signed_keystore
 from tests.keystore import documents
 from tests.keystore.builder import GOVERNANCE
+from tests.keystore.documents import allow, criterion, deny, domain_rule, governance, pubsub
 from tests.oracles.vendors.recipes_expressions import LONG, MANY_LONG
 from tests.schemas import schema
 
@@ -225,6 +226,65 @@ def test_a_line_that_allows_it_in_another_partition(listed: str, domain: int, sa
     assert only["reason"].partition(". ")[2] == says
 
 
+CRITERIA = {name: pubsub("rt/a", partitions=name.split()) for name in ("p", "q", "p q", "*")}
+
+
+@pytest.mark.parametrize(
+    ("rules", "alone", "together"),
+    [
+        ((allow(CRITERIA["p q"]),), "", ""),
+        ((allow(CRITERIA["*"]),), "", ""),
+        ((allow(CRITERIA["p"], CRITERIA["q"]),), "", "spec cyclonedds-0.10 cyclonedds-11 opendds"),
+        ((allow(CRITERIA["p"]), allow(CRITERIA["q"])), "", "all"),
+        ((allow(CRITERIA["p"]),), "", "all"),
+        ((deny(CRITERIA["q"]), allow(CRITERIA["*"])), "fastdds-2.9 cyclonedds-0.10 cyclonedds-11", "all"),
+        ((allow(CRITERIA["p q"]), deny(CRITERIA["q"])), "", ""),
+    ],
+)
+def test_an_endpoint_in_several_partitions_at_once(
+    rules: tuple[str, ...], alone: str, together: str, tmp_path: Path
+) -> None:
+    """One criterion has to allow all of them, on Fast DDS one rule; a denial of any is enough. Who denies is named."""
+    store = keystore(tmp_path / "k", {"/c": rules})
+    profiles = ("spec", "fastdds-2.9", "cyclonedds-0.10", "cyclonedds-11", "opendds")
+    asked = ("/c", "publish", "/a", *(word for each in profiles for word in ("--profile", each)), "--partition", "p")
+    for partitions, denied in (((), alone), (("--partition", "q"), together)):
+        _code, document = decisions(store, *asked, *partitions)
+        usable = {name: each for name, each in document["decisions"].items() if each["usable"]}
+        denying = usable if denied == "all" else denied.split()
+        assert [name for name, each in usable.items() if each["decision"] == DENY] == [
+            name for name in usable if name in denying
+        ]
+        assert document["partition"] == (["p", "q"] if partitions else "p")
+
+
+def test_what_was_not_measured_of_several_partitions_is_not_told(tmp_path: Path) -> None:
+    """Of OpenDDS an endpoint in the default partition and in another."""
+    documents = {"/c": document_of(grant_of("/c", allow(CRITERIA["*"])))}
+    store = signed_keystore(tmp_path / "k", documents, governance=governance(domain_rule(join=False)).encode())
+    for partitions, decided in ((("", "p"), UNKNOWN), (("p", "q"), ALLOW)):
+        words = [word for each in partitions for word in ("--partition", each)]
+        _code, document = decisions(store, "/c", "publish", "/a", "--profile", "opendds", *words)
+        assert document["decisions"]["opendds"]["decision"] == decided
+
+
+@pytest.mark.parametrize(
+    ("denied", "decided"),
+    [(pubsub("rt/a", partitions=("p",)), DENY), (criterion("publish", "rt/a", partitions=("p",)), ALLOW)],
+)
+def test_a_topic_that_is_denied_in_one_partition_is_none_on_cyclone_dds_11(
+    denied: str, decided: str, tmp_path: Path
+) -> None:
+    """Measured on 11.0.1. With a right to subscribe left there is a topic, and the denial is of the partition."""
+    store = keystore(tmp_path / "k", {"/c": (deny(denied), allow(CRITERIA["*"]))})
+    for partition, expected in (("q", decided), ("p", DENY)):
+        _code, document = decisions(
+            store, "/c", "publish", "/a", "--profile", "cyclonedds-11", "--profile", "spec", "--partition", partition
+        )
+        found = {name: each["decision"] for name, each in document["decisions"].items()}
+        assert found == {"cyclonedds-11": expected, "spec": ALLOW if partition == "q" else DENY}
+
+
 def test_the_enclaves_of_a_fleet_do_not_hide_the_message(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     store = tmp_path / "k"
     shutil.copytree(TURTLESIM, store, symlinks=True)
@@ -262,7 +322,7 @@ BATCH = (
     b"/random\tpublish\trt/low_priority\n"
     b"\n"
     b"/nobody\tpublish\trt/x\r\n"
-    b"/random\tsubscribe\trt/low_priority\t0\tp\n"
+    b"/random\tsubscribe\trt/low_priority\t0\tp\tq\n"
     b"/random\tpublish\n"
     b"/random\trequest\t/x\n"
     b"/random\tpublish\trt/\xff\n"
@@ -285,7 +345,7 @@ def test_batch_answers_every_line_in_order(tmp_path: Path) -> None:
     assert "/nobody" in errors[3]
     answered = [line for line in lines if "error" not in line]
     assert [list(line) for line in answered] == [ANSWER_KEYS] * 3
-    assert [(line["domain"], line["partition"]) for line in answered] == [(0, ""), (0, "p"), (7, "")]
+    assert [(line["domain"], line["partition"]) for line in answered] == [(0, ""), (0, ["p", "q"]), (7, "")]
 
 
 def test_batch_from_standard_input(process: Callable[..., Any]) -> None:

@@ -150,7 +150,7 @@ class TestAllowances:
                 enclave=path,
                 operation=operation,
                 topic=named.topic,
-                partition=named.partition,
+                partitions=(named.partition,),
                 domain=seen.access.domain,
             )
             for path in seen.access.groups[-1].enclaves

@@ -126,7 +126,7 @@ def unpacked(place: str) -> Change:
 
 
 def effective(root: Path, topic: str) -> str:
-    question = Question(enclave="/talker", operation=Operation.PUBLISH, topic=topic, partition="", domain=0)
+    question = Question(enclave="/talker", operation=Operation.PUBLISH, topic=topic, domain=0)
     answers = Access(root, [question], Circumstances(profiles=resolve(("spec",)), at=AT)).answers(question)
     return answers["spec"].accepted
 

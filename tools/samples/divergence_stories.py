@@ -80,7 +80,7 @@ def _partitions() -> Iterator[Story]:
         "KA604",
         bad=Case(
             "The talker may not publish /cmd_vel in the partition lab, and may elsewhere. Fast DDS does not look at "
-            "the partitions of a deny rule and denies it everywhere; so does Cyclone DDS 0.10, in its own way.",
+            "the partitions of a deny rule and denies it everywhere; so does Cyclone DDS, in its own way.",
             with_rules(replace(here, allow=False), command),
         ),
         good=Case("Only what is allowed is written: the default partition.", with_rules(command)),
@@ -89,8 +89,9 @@ def _partitions() -> Iterator[Story]:
         "KA605",
         bad=Case(
             "A deny rule takes /cmd_vel from the talker, a later one allows it in the partition lab. The specification "
-            "denies it in every partition, Cyclone DDS 11 in the default one alone: there the talker drives in lab.",
-            with_rules(replace(command, allow=False), here),
+            "denies it in every partition, Cyclone DDS 11 in the default one alone: there the talker drives in lab. "
+            "(It may read the topic, or Cyclone DDS had none.)",
+            with_rules(replace(command, allow=False), here, Rule(subscribe=(COMMAND,))),
         ),
         good=Case("Neither rule: what is not allowed is denied.", ONE),
     )

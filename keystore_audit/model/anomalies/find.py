@@ -30,7 +30,7 @@ from keystore_audit.model.anomalies.rules import Own
 from keystore_audit.model.domains import domain_bits
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.semantics import ReadGrant
-from keystore_audit.profiles import SPEC, Access, Profile
+from keystore_audit.profiles import SPEC, Access, Profile, TopicCheck
 
 _ORDER = {kind: number for number, kind in enumerate(AnomalyKind)}
 
@@ -146,7 +146,7 @@ class _Anomalies:
             alike = [profile for profile in self._profiles if profile.name in reading.profiles]
             own = Own(
                 everywhere=not all(profile.local.binds_domains for profile in alike),
-                any_operation=any(profile.access.first_rule_decides_topic for profile in alike),
+                any_operation=any(profile.access.topic_check is TopicCheck.FIRST_RULE for profile in alike),
             )
             for grant in _counting(reading.document.grants or ()):
                 if not has_ordinary_rules(grant):

@@ -31,7 +31,7 @@ from keystore_audit.model.formal.permission import Meetings
 from keystore_audit.model.formal.system import Participant
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.semantics import ReadGrant
-from keystore_audit.profiles import Access, Profile
+from keystore_audit.profiles import Access, Profile, TopicCheck
 
 
 class Endpoints(NamedTuple):
@@ -237,4 +237,4 @@ class LoneEndpoints:
             return True
         if not profile.local.binds_domains and len({rule.domains for rule in grant.rules}) > 1:
             return True
-        return profile.access.first_rule_decides_topic and self._several  # each asks its own governance
+        return profile.access.topic_check is not TopicCheck.NONE and self._several  # each asks its own governance

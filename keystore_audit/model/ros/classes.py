@@ -37,7 +37,7 @@ from keystore_audit.model.names import (
     REQUEST_SUFFIX,
     TOPIC_PREFIX,
 )
-from keystore_audit.model.semantics import DIRECTIONS
+from keystore_audit.model.semantics import CHECKED_TOGETHER, DIRECTIONS
 from keystore_audit.profiles import Access, Matcher
 
 DEFAULT_BUDGET: Final = 10_000
@@ -298,7 +298,8 @@ def ros_channels(
             for topic_rule in (each for rule in document.domain_rules or () for each in rule.topic_rules):
                 regions[access.matcher, topic_rule.region] = None
             for rule in (rule for grant in document.grants or () for rule in grant.rules):
-                for region in (rule.publish, rule.subscribe, rule.listed):
+                together = CHECKED_TOGETHER[access.topic_check]
+                for region in (rule.publish, rule.subscribe, *map(rule.listed, together)):
                     regions[access.matcher, region] = None
     for matcher, region in regions:
         for text in (text for area in region for text in area.topics):

@@ -216,7 +216,7 @@ class TableBuilder:
             profile.name: bits(
                 number
                 for number, name in enumerate(names)
-                if accesses.unclear_name(name.topic, name.partition, profile) is not None
+                if accesses.unclear_name(name.topic, (name.partition,), profile) is not None
             )
             for profile in profiles
         }

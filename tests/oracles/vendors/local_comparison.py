@@ -11,7 +11,7 @@ from msgspec import Struct, field
 
 from keystore_audit.truth import Truth
 from tests.oracles.vendors.enclave import Answer, Vendor
-from tests.oracles.vendors.ours import Asked, agree, of_all
+from tests.oracles.vendors.ours import Asked
 from tests.oracles.vendors.recipe import NOW, Recipe
 
 
@@ -35,12 +35,11 @@ class Comparison(Struct, kw_only=True):
             return
         self.agreed[vendor] += 1
         listed = zip(recipe.endpoints, ours.endpoints(vendor), answer.endpoints, strict=usable.must)
-        for endpoint, answers, refusal in listed:
-            rulings = [each.decision for each in answers]
-            if of_all(rulings) is Truth.UNKNOWN:
+        for endpoint, told, refusal in listed:
+            if told.decision is Truth.UNKNOWN:
                 self.abstained[place] = str(endpoint)
-            elif not agree(vendor, rulings, refusal is None):
-                said = of_all(rulings).value
+            elif told.decision is not Truth(refusal is None):
+                said = told.decision.value
                 self.deviating[place] = f"{endpoint}; ours: {said}; theirs: {refusal or 'created'}"
             else:
                 self.agreed[vendor] += 1

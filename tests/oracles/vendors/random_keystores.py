@@ -16,7 +16,7 @@ from tests.oracles.vendors.recipe import Recipe
 
 _EXPRESSIONS = ("rt/a", "rt/b", "rt/*", "*", "rt/[ab]", "r?/a", "rt/[!a]", "rt/c*", "rt/a*")
 _TOPICS = ("rt/a", "rt/b", "rt/c", "rt/ab")
-_PARTITIONS = ((), ("p",), ("q",), ("",), ("p", "q"), ("*",), ("pq",), ("p", "z"), ("p*",))
+_PARTITIONS = ((), ("p",), ("q",), ("",), ("p", "q"), ("*",), ("pq",), ("p", "z"), ("p*",), ("", "p"), ("z", "q", "pq"))
 _IDS: tuple[d.Domain, ...] = (0, 1, 2, (0, 1), (1, 5), (0, 230), (1, None), (0, None), (2, 9))
 _RULES = Rules(
     expressions=lambda _random: _EXPRESSIONS,

@@ -78,7 +78,7 @@ def keystore(directory: Path, *kept: Signed) -> Path:
 @pytest.mark.parametrize("vendor", PROFILES)
 def test_so_it_counts_where_it_lies_in_the_tree(name: str, vendor: str, tmp_path: Path) -> None:
     profiles = [VARIANTS[PROFILES[vendor]], VARIANTS["spec"]]
-    question = Question(enclave="/second", operation=Operation.PUBLISH, topic="b", partition="", domain=0)
+    question = Question(enclave="/second", operation=Operation.PUBLISH, topic="b", domain=0)
     asked = FlowQuestion(source="/second", target="/first", attackers=(Attacker.SOURCE,))
     told = {}
     for kept in ((), (PRESENTED[name][0],)):

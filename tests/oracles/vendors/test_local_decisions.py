@@ -1,8 +1,7 @@
 """What an enclave may do by its own implementation: ours beside the real Cyclone DDS 0.10.2 and Fast DDS 2.9.1.
 
-Some 1,000 recipes that probe every row of the semantics tables, up to 1,000 keystores with random rules, and as many whose
-documents are out of form. Where we do not
-know, the recipe stands in local_abstentions.json with our reason.
+Some 1,000 recipes that probe every row of the semantics tables, up to 1,000 keystores with random rules, and as many
+whose documents are out of form. Where we do not know, the recipe stands in local_abstentions.json with our reason.
 """
 
 from __future__ import annotations
