@@ -11,6 +11,7 @@ from cryptography import x509
 from msgspec import Struct
 
 from keystore_audit.keystore import public_key
+from keystore_audit.keystore.attribute_types import written
 from keystore_audit.keystore.crl import (
     REVOCATION_LIST_LABEL,
     RevocationList,
@@ -231,8 +232,8 @@ def _evidence(parsed: x509.Certificate, der: bytes, line: int, path: str) -> Cer
         path=path,
         line=line,
         sha256=hashlib.sha256(der).hexdigest(),
-        subject=subject.rfc4514_string(),
-        issuer=issuer.rfc4514_string(),
+        subject=written(subject),
+        issuer=written(issuer),
         subject_name=subject,
         issuer_name=issuer,
         subject_der=subject_der,

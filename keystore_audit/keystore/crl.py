@@ -12,6 +12,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from msgspec import Struct
 
+from keystore_audit.keystore.attribute_types import written
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.der import MALFORMED, parts
 from keystore_audit.keystore.files import File
@@ -170,7 +171,7 @@ def _parsed(parsed: x509.CertificateRevocationList, line: int, path: str) -> Rev
     return RevocationList(
         path=path,
         line=line,
-        issuer=issuer.rfc4514_string(),
+        issuer=written(issuer),
         issuer_name=issuer,
         issuer_der=issuer_der,
         this_update=parsed.last_update_utc,

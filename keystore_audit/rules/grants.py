@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Final
 
 from keystore_audit.findings import Act, Location, Severity, decision
-from keystore_audit.grouped import grouped
+from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.document import Text
@@ -16,7 +16,8 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.typed import Grant
 from keystore_audit.model.claims.ability import sent
 from keystore_audit.model.inventory import unmanaged_identities
-from keystore_audit.model.subjects.comparison import matching, same_meaning
+from keystore_audit.model.subjects.comparison import matching, names
+from keystore_audit.model.subjects.told import meaning, meanings
 from keystore_audit.profiles import VARIANTS, Profile, SubjectComparison, facts, implementations
 from keystore_audit.rules.governance import in_document
 from keystore_audit.rules.permissions import about, dated, own_grants
@@ -31,8 +32,9 @@ _SAFE_FORM: Final = (
     "the certificates again where that changes a subject."
 )
 
-_Named = tuple[Grant, PermissionsUse, Certificate, tuple[Profile, ...]]
-"""A grant, the document that holds it, a certificate, and the variants under which the grant names it."""
+_Named = tuple[Grant, PermissionsUse, Certificate, tuple[Profile, ...], bool]
+"""A grant, the document that holds it, a certificate, the variants under whose peers the grant names it, and whether it
+means that subject and no other that is here."""
 
 
 def _identities(keystore: Keystore) -> dict[str, Certificate]:
@@ -53,13 +55,19 @@ def _grants_and_identities(keystore: Keystore, identities: Sequence[Certificate]
     held = ((grant, use) for use in permissions_uses(keystore) if use.speaks for grant in use.document.grants)
     grants = grouped(held, lambda each: each[0].subject_name.text)
     tables = {comparison: matching(list(grants), identities, comparison) for comparison in SubjectComparison}
-    for subject, holders in grants.items():
-        for number in dict.fromkeys(number for table in tables.values() for number in table[subject]):
-            comparisons = [comparison for comparison, table in tables.items() if number in table[subject]]
-            if len(comparisons) < len(tables):
-                naming = tuple(p for p in VARIANTS.values() if p.trust.subjects in comparisons)
-                for grant, use in holders:
-                    yield grant, use, identities[number], naming
+    odd = [
+        (subject, identities[number], comparisons)
+        for subject in grants
+        for number in dict.fromkeys(number for table in tables.values() for number in table[subject])
+        if len(comparisons := [each for each, table in tables.items() if number in table[subject]]) < len(tables)
+    ]
+    subjects = {each.subject for each in identities}
+    meant = gathered((meant, each.subject) for each in identities for meant in meanings(each)) if odd else {}
+    for subject, identity, comparisons in odd:
+        naming = tuple(profile for profile in VARIANTS.values() if profile.trust.subjects in comparisons)
+        own = {subject} if subject in subjects else set(meant.get(meaning(subject), ()))
+        for grant, use in grants[subject]:
+            yield grant, use, identity, naming, own == {identity.subject}
 
 
 @rule(
@@ -79,15 +87,7 @@ def grant_names_another_subject(keystore: Keystore, context: Context) -> Iterato
     enclave has count where somebody has the key and an identity CA vouches for them (KA228, KA668).
     """
     enclaves = _identities(keystore)
-    subjects = {each.subject for each in enclaves.values()}
-    lent: list[_Named] = []
-    for each in _named(keystore, context.at):
-        grant, _use, certificate, _naming = each
-        # Text of the same meaning, in another order say, is another subject where an identity has the text itself.
-        to_the_letter = grant.subject_name.text in subjects and grant.subject_name.text != certificate.subject
-        if same_meaning(grant.subject_name.text, certificate) and not to_the_letter:
-            continue
-        lent.append(each)
+    lent = [each for each in _named(keystore, context.at) if not each[-1]]
     for (_sha256, naming), found in grouped(lent, lambda each: (each[2].sha256, each[3])).items():
         certificate, texts = found[0][2], list(dict.fromkeys(each[0].subject_name.text for each in found))
         whoever = (
@@ -121,10 +121,11 @@ def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[V
     chosen profile does not find it, else low.
     """
     enclaves = _identities(keystore)
-    for grant, use, certificate, naming in _named(keystore, context.at):
-        if certificate.sha256 not in enclaves or not same_meaning(grant.subject_name.text, certificate):
+    for grant, use, certificate, _naming, own in _named(keystore, context.at):
+        text = grant.subject_name.text
+        missing = [each for each in VARIANTS.values() if not names(text, certificate, each.trust.subjects)]
+        if certificate.sha256 not in enclaves or not own or len(missing) == len(VARIANTS):  # KA503 tells of nobody
             continue
-        missing = [profile for profile in VARIANTS.values() if profile not in naming]
         yield Violation(
             f"The grant of {quoted(grant.subject_name.text)} does not name the identity "
             f"{quoted(certificate.subject)} for {implementations(missing)}, though it means that subject.",

@@ -17,7 +17,8 @@ from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.typed import Grant, Operation
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.subjects.comparison import matching, same_meaning
+from keystore_audit.model.subjects.comparison import matching
+from keystore_audit.model.subjects.told import same_meaning
 from keystore_audit.profiles import VARIANTS, JoinCheck, Profile, SubjectComparison, Syntax, doing, facts
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject
 from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document, out_of_form
@@ -158,7 +159,7 @@ def _unnamed(use: PermissionsUse, named: Sequence[str]) -> Iterator[tuple[Enclav
         if enclave.identity is not None and enclave.identity.subject not in named and not _refused_by(use, enclave)
     ]
     firsts = [first for _enclave, first in lacking]
-    tables = {each: matching(named, firsts, each) for each in SubjectComparison} if firsts else {}
+    tables = {each: matching(named, firsts, each, own=True) for each in SubjectComparison} if firsts else {}
     for number, (enclave, first) in enumerate(lacking):
         naming = {each: [text for text in named if number in table[text]] for each, table in tables.items()}
         if not any(same_meaning(text, first) for texts in naming.values() for text in texts):

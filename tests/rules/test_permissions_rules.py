@@ -74,10 +74,11 @@ CYCLONE_DDS = {name for name in VARIANTS if name.startswith("cyclonedds")}
     ("named", "code", "finding_it"),
     [
         ("CN=/talker,O=x", "KA503", CYCLONE_DDS),  # another subject, of which Cyclone DDS sees the first part alone
-        ("/CN=/talker", "KA503", CYCLONE_DDS),
+        ("/CN=/talker", "KA520", CYCLONE_DDS),
+        ("/CN=\\/talker", "KA503", set()),  # peers of Fast DDS take it, and its own participant does not start
         ("cn=/talker", "KA503", set()),
         ("CN = /talker", "KA520", {"fastdds-2.14", "fastdds-3.2", "fastdds-3.6", "cyclonedds-11", "opendds"}),
-        ("CN=/talker ", "KA520", {*FAST_DDS, "cyclonedds-11", "opendds"}),
+        ("CN=/talker ", "KA520", {*FAST_DDS, *CYCLONE_DDS, "opendds"}),
     ],
 )
 def test_a_subject_that_is_no_text_of_a_grant_has_one_finding_of_who_does_not_find_it(

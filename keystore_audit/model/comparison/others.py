@@ -29,7 +29,7 @@ from keystore_audit.model.comparison.grants import (
 )
 from keystore_audit.model.comparison.sides import Pair, Sides, View
 from keystore_audit.model.formal.bit_sets import union
-from keystore_audit.model.subjects.comparison import same_meaning
+from keystore_audit.model.subjects.told import same_meaning
 from keystore_audit.text import instant
 
 SUBJECT: Final = "grant for"

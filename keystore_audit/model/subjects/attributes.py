@@ -1,42 +1,15 @@
-"""Subjects of certificates, and the types of their attributes as OpenSSL names them."""
+"""Subjects of certificates, and how OpenSSL and OpenDDS write them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable
 from functools import lru_cache
 from typing import Final, Protocol
 
 from cryptography import x509
 
-SHORT_NAMES: Final[Mapping[str, str]] = {
-    # OpenSSL's short names (crypto/objects/objects.txt) of what stands in subjects; cryptography knows nine of them.
-    "2.5.4.3": "CN",
-    "2.5.4.4": "SN",
-    "2.5.4.5": "serialNumber",
-    "2.5.4.6": "C",
-    "2.5.4.7": "L",
-    "2.5.4.8": "ST",
-    "2.5.4.9": "street",
-    "2.5.4.10": "O",
-    "2.5.4.11": "OU",
-    "2.5.4.12": "title",
-    "2.5.4.17": "postalCode",
-    "2.5.4.41": "name",
-    "2.5.4.42": "GN",
-    "2.5.4.43": "initials",
-    "2.5.4.44": "generationQualifier",
-    "2.5.4.46": "dnQualifier",
-    "2.5.4.65": "pseudonym",
-    "0.9.2342.19200300.100.1.1": "UID",
-    "0.9.2342.19200300.100.1.25": "DC",
-    "1.2.840.113549.1.9.1": "emailAddress",
-}
-
-OBJECT_IDENTIFIERS: Final[Mapping[str, x509.ObjectIdentifier]] = {
-    name: x509.ObjectIdentifier(number) for number, name in SHORT_NAMES.items()
-}
-"""By OpenSSL's short names."""
+from keystore_audit.keystore.attribute_types import SHORT_NAMES
 
 
 class Subject(Hashable, Protocol):
@@ -56,6 +29,25 @@ def typed(attribute: x509.NameAttribute[str | bytes]) -> tuple[str, str]:
     kind = attribute.oid.dotted_string
     value = attribute.value if isinstance(attribute.value, str) else "#" + attribute.value.hex().upper()
     return SHORT_NAMES.get(kind, kind), value
+
+
+@lru_cache(maxsize=32_768)
+def compact(certificate: Subject) -> str:
+    r"""The subject as X509_NAME_oneline of OpenSSL 3 gives it: `/C=DE/CN=x`, slashes and plus signs in values escaped.
+
+    Other octets than those of printed ASCII are written as `\xC3` (crypto/x509/x509_obj.c), here those of UTF-8.
+    """
+    return "".join(
+        f"{'+' if place else '/'}{kind}={''.join(map(_compactly, value.encode('utf-8', 'surrogatepass')))}"
+        for relative in certificate.subject_name.rdns
+        for place, (kind, value) in enumerate(map(typed, relative))
+    )
+
+
+def _compactly(octet: int) -> str:
+    if not 0x20 <= octet <= 0x7E:
+        return f"\\x{octet:02X}"
+    return f"\\{octet:c}" if octet in b"/+" else chr(octet)
 
 
 # Subjects as OpenDDS prints and compares them (Certificate.h, SubjectName.cpp; read).
@@ -120,10 +112,6 @@ def _parsed(text: str) -> RelativeNames | None:
 
 
 def _slashed(text: str) -> RelativeNames | None:
-    """`/type=value/type=value`: one relative name; what has no value is passed over."""
-    attributes: dict[str, str] = {}
-    for piece in text.split("/"):
-        kind, _sign, value = (each.strip(" ") for each in piece.partition("="))
-        if kind and value:
-            attributes.setdefault(kind, value)
-    return (frozenset(attributes.items()),) if attributes else None
+    """`/type=value/type=value`: a relative name each, in order; what has no type or no value is passed over."""
+    pieces = (tuple(part.strip(" ") for part in piece.strip(" ").partition("=")[::2]) for piece in text.split("/"))
+    return tuple(frozenset({(kind, value)}) for kind, value in pieces if kind and value) or None

@@ -8,7 +8,7 @@ writes; they differ about order, blanks, quotes, escapes, repeated attributes an
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import chain
 from typing import Final
@@ -16,12 +16,21 @@ from typing import Final
 from cryptography import x509
 from msgspec import Struct
 
+from keystore_audit.grouped import gathered
+from keystore_audit.keystore.attribute_types import SHORT_NAMES
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.model.subjects.attributes import SHORT_NAMES, Subject, oneline, relative_names, typed
+from keystore_audit.model.subjects.attributes import Subject, compact, oneline, relative_names, typed
 from keystore_audit.profiles import SubjectComparison
 
 TOKENWISE: Final = frozenset({SubjectComparison.PIECES_WITHIN, SubjectComparison.TRIMMED_PIECES_WITHIN})
 """Comparisons by parts of names: a text names each subject that is made of some of its own."""
+
+_COMPACT_TOO: Final = frozenset({SubjectComparison.PIECES_IN_ORDER, SubjectComparison.ATTRIBUTES})
+"""Comparisons of Fast DDS: of a peer, `compact` to the letter will do as well (Permissions.cpp,
+validate_remote_permissions). It does so where it answers the handshake (PKIDH.cpp, begin_handshake_reply), not where it
+began it: which of them depends on digests of both subjects (measured on 2.9.1; of the others read)."""
+
+_BLANKS: Final = " \t\r\n"
 
 MAX_PAIRS: Final = 200_000
 """Grants and certificates that are compared one by one: half a second. Only names in odd forms are; beyond it a grant
@@ -45,14 +54,30 @@ Attributes = tuple[tuple[str, str], ...]
 
 
 def matching(
-    subjects: Sequence[str], certificates: Sequence[Subject], comparison: SubjectComparison
+    subjects: Iterable[str], certificates: Sequence[Subject], comparison: SubjectComparison, *, own: bool = False
 ) -> dict[str, frozenset[int]]:
-    """For each text of `subjects` the certificates (indices) that a grant with this subject_name is taken to name."""
+    """For each text of `subjects` the certificates (indices) that a grant with this subject_name is taken to name.
+
+    By peers; `own`: by whoever has the certificate.
+    """
     wanted = dict.fromkeys(subjects)
     if comparison is SubjectComparison.EXACT:
         return _equal(wanted, range(len(certificates)), certificates)
-    if comparison in TOKENWISE:
-        return _tokenwise(tuple(wanted), tuple(certificates), comparison)
+    if comparison in TOKENWISE:  # as the parser leaves the text (xmlparser.c, save_payload; measured)
+        bare = {text: text.strip(_BLANKS) for text in wanted}
+        named = _tokenwise(tuple(dict.fromkeys(bare.values())), tuple(certificates), comparison)
+        return {text: named[inside] for text, inside in bare.items()}
+    found = _typed(wanted, certificates, comparison)
+    if not own and comparison in _COMPACT_TOO and any(text.startswith("/") for text in wanted):
+        compacts = gathered((compact(certificate), number) for number, certificate in enumerate(certificates))
+        found = {text: named.union(compacts.get(text, ())) for text, named in found.items()}
+    return found
+
+
+def _typed(
+    wanted: Mapping[str, None], certificates: Sequence[Subject], comparison: SubjectComparison
+) -> dict[str, frozenset[int]]:
+    """By those that compare attribute by attribute; subjects as sros2 writes them need no such thing."""
     plain = [number for number, certificate in enumerate(certificates) if _PLAIN.fullmatch(certificate.subject)]
     odd = sorted(set(range(len(certificates))) - set(plain))
     found = _equal(wanted, plain, certificates)
@@ -112,10 +137,10 @@ def _compared(
 
 @lru_cache(maxsize=65_536)
 def names(subject: str, certificate: Certificate, comparison: SubjectComparison) -> bool:
-    """Whether a grant with this subject_name is taken to name the certificate."""
+    """Whether a grant with this subject_name is taken, by whoever has the certificate, to name it."""
     if subject == certificate.subject and _PLAIN.fullmatch(subject):
         return True
-    return bool(matching((subject,), (certificate,), comparison)[subject])
+    return bool(matching((subject,), (certificate,), comparison, own=True)[subject])
 
 
 def is_printable(certificate: Certificate) -> bool:
@@ -123,14 +148,6 @@ def is_printable(certificate: Certificate) -> bool:
     return all(
         each.oid.dotted_string in SHORT_NAMES and isinstance(each.value, str) for each in certificate.subject_name
     )
-
-
-def same_meaning(subject: str, certificate: Certificate) -> bool:
-    """Whether the text means the certificate's subject: the same attributes in whatever order and spelling."""
-    text, own = _distinguished(subject), _distinguished(printed(certificate, escape_non_ascii=False))
-    if isinstance(text, str) or isinstance(own, str):
-        return text == own
-    return sorted(map(sorted, text)) == sorted(map(sorted, own))
 
 
 def printed(certificate: Subject, *, escape_non_ascii: bool) -> str:
@@ -202,17 +219,6 @@ def _trimmed(piece: str) -> str:
     return piece[low : high + 1]
 
 
-def _distinguished(text: str) -> tuple[frozenset[tuple[str, str]], ...] | str:
-    """Relative names in order, each a set of attributes, blanks off and quotes and escapes resolved; else the text."""
-    relative = []
-    for rdn in split(text, ","):
-        attributes = [each.partition("=") for each in split(rdn, "+")]
-        if not all(sign for _kind, sign, _value in attributes):
-            return text
-        relative.append(frozenset((kind.strip(" "), unescaped(value.strip(" "))) for kind, _sign, value in attributes))
-    return tuple(relative)
-
-
 def split(text: str, delimiter: str) -> Iterator[str]:
     """The pieces between delimiters that no backslash escapes and no quotes enclose."""
     if "\\" not in text and '"' not in text:  # nearly always
@@ -229,14 +235,6 @@ def split(text: str, delimiter: str) -> Iterator[str]:
             begin = place + 1
         place += 1
     yield text[begin:]
-
-
-def unescaped(value: str) -> str:
-    """Without the quotes around it and the backslashes in it."""
-    if len(value) > 1 and value[0] == value[-1] == '"':
-        value = value[1:-1]
-    pieces = value.split("\\")
-    return pieces[0] + "".join(pieces[1:])
 
 
 # --- one name within another

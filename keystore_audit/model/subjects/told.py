@@ -7,6 +7,7 @@ the other way about, and of several grants in a document the first that names th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Final
@@ -14,15 +15,20 @@ from typing import Final
 from cryptography import x509
 from msgspec import Struct
 
+from keystore_audit.keystore.attribute_types import OBJECT_IDENTIFIERS, written
 from keystore_audit.model.formal.system import System
-from keystore_audit.model.subjects.attributes import OBJECT_IDENTIFIERS
-from keystore_audit.model.subjects.comparison import escaped, matching, split, unescaped
+from keystore_audit.model.subjects.attributes import Subject, compact, typed
+from keystore_audit.model.subjects.comparison import escaped, matching, split
 from keystore_audit.profiles import VARIANTS
 
 Meaning = object
 """A subject however it is written: equal where the attributes are, in whatever order."""
 
 _REMEMBERED: Final = 65_536
+
+_COMPACT: Final = re.compile(r"(?:/[A-Za-z0-9.]+=[^/,+]+)+")
+
+_ESCAPED: Final = re.compile(rb"\\(?:([0-9A-Fa-f]{2})|(.?))", re.DOTALL)
 
 
 class ToldSubject(Struct, frozen=True):
@@ -34,30 +40,57 @@ class ToldSubject(Struct, frozen=True):
 
 @lru_cache(maxsize=_REMEMBERED)
 def told(text: str) -> ToldSubject | None:
-    """The subject that the text tells, whatever its blanks, its quotes and commas that say nothing; None for none."""
-    relative = [_plainly(piece.strip(" ")) for piece in split(text, ",") if piece.strip(" ")]
+    """The subject that the text tells, whatever its blanks, its quotes, its escapes and commas that say nothing.
+
+    In the form of RFC 4514, or as `/type=value/type=value` where no value has a slash. None: it tells none.
+    """
+    bare = text.strip()
+    if _COMPACT.fullmatch(bare):
+        bare = ",".join(reversed(bare[1:].replace("\\x", "\\").split("/")))
+    pieces = [piece for piece in split(bare, ",") if piece.strip(" ")]
+    relative = ["+".join(map(_plainly, split(piece, "+"))) for piece in pieces]
     try:
         name = x509.Name.from_rfc4514_string(",".join(relative), OBJECT_IDENTIFIERS)
     except ValueError:
         return None
-    return ToldSubject(subject=name.rfc4514_string(), subject_name=name) if relative else None
+    return ToldSubject(subject=written(name), subject_name=name) if relative else None
 
 
-def _plainly(relative: str) -> str:
-    kind, _sign, value = relative.partition("=")
-    value = value.strip(" ")
-    if value.startswith('"'):
-        value = escaped(unescaped(value))
-    return f"{kind.strip(' ')}={value}"
+def _plainly(attribute: str) -> str:
+    kind, _sign, value = attribute.partition("=")
+    return f"{kind.strip(' ')}={escaped(_unescaped(value.strip(' ')))}"
+
+
+def _unescaped(value: str) -> str:
+    """Without the quotes around it and the backslashes in it."""
+    if len(value) > 1 and value[0] == value[-1] == '"':
+        value = value[1:-1]
+    octets = _ESCAPED.sub(lambda found: bytes.fromhex(found[1].decode()) if found[1] else found[2], value.encode())
+    return octets.decode("utf-8", "backslashreplace")
 
 
 def meaning(text: str) -> Meaning:
     """Whom the text means; where it tells no subject, what it says."""
     subject = told(text)
-    if subject is None:
-        return text
-    relative = ([(each.oid.dotted_string, each.value) for each in rdn] for rdn in subject.subject_name.rdns)
-    return tuple(sorted(map(tuple, map(sorted, relative))))
+    return _slashes_bare(text.strip()) if subject is None else _attributes(subject)
+
+
+def meanings(certificate: Subject) -> tuple[Meaning, Meaning]:
+    """The meanings of a text that means the certificate's subject: its attributes, and all of it between slashes."""
+    return _attributes(certificate), _slashes_bare(compact(certificate))
+
+
+def same_meaning(text: str, certificate: Subject) -> bool:
+    """Whether the text means the certificate's subject, in whatever order and spelling."""
+    return text == certificate.subject or meaning(text) in meanings(certificate)
+
+
+def _attributes(subject: Subject) -> Meaning:
+    return tuple(sorted(tuple(sorted(map(typed, relative))) for relative in subject.subject_name.rdns))
+
+
+def _slashes_bare(text: str) -> str:
+    return text.replace("\\/", "/")
 
 
 def grants_naming(system: System, texts: Iterable[str]) -> Mapping[str, Sequence[frozenset[int]]]:

@@ -19,14 +19,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from keystore_audit.keystore.certificate import Certificate
-from keystore_audit.model.subjects.attributes import oneline
-from keystore_audit.model.subjects.comparison import names, printed, same_meaning
+from keystore_audit.model.subjects.attributes import compact, oneline
+from keystore_audit.model.subjects.comparison import names, printed
+from keystore_audit.model.subjects.told import same_meaning
 from keystore_audit.profiles import SubjectComparison
 from tests.amount import tried
 from tests.keystore.builder import certificate, evidence
 from tests.keystore.documents import PERMISSIONS
 from tests.oracles.xml.ours import DocumentKind
 from tests.oracles.xml.plugins import Plugin
+from tests.second_reader.openssl import certificates_in
 
 pytestmark = pytest.mark.xdist_group("xml-oracle")
 
@@ -181,6 +183,11 @@ def test_names_are_printed_as_openssl_prints_them(
         (((CN, "/talker"),), "CN=/talker,", False),
         (((CN, "/talker"),), "/CN=/talker", False),
         (((CN, "talker"),), "/CN=talker", True),
+        (((ORG, "Org"), (CN, "talker")), "/O=Org/CN=talker", True),
+        (((ORG, "Org"), (CN, "talker")), "/ O = Org / CN = talker", True),
+        (((ORG, "Org"), (CN, "talker")), "/CN=talker/O=Org", False),
+        (((ORG, "Org"), (ORG, "Org"), (CN, "talker")), "/O=Org/CN=talker", False),
+        (((NameOID.EMAIL_ADDRESS, "a@b"), (CN, "t")), "/emailAddress=a@b/CN=t", True),
         (((CN, "/a,b"),), "CN=/a\\,b", False),
         (((CN, "/a=b"),), "CN=/a\\=b", True),
         (((CN, "/tälker"),), "CN=/tälker", False),
@@ -197,3 +204,10 @@ def test_opendds(subject: tuple[tuple[x509.ObjectIdentifier, str], ...], grant: 
 def test_a_name_as_openssl_prints_it_means_the_name(title: str) -> None:
     made = evidence(certificate(named(SUBJECTS[title])))
     assert same_meaning(printed(made, escape_non_ascii=False), made)
+
+
+@pytest.mark.parametrize("title", SUBJECTS)
+def test_the_compact_form_is_that_of_openssl(title: str) -> None:
+    made = certificate(named(SUBJECTS[title]))
+    (theirs,) = certificates_in(made.pem)
+    assert compact(evidence(made)) == theirs.oneline
