@@ -58,6 +58,9 @@ GRANTS = (
     *("CN=/t\\C3\\A4lker", "CN=/a\\,b", "CN=/a,b", "CN=/talker/", "CN=/a//b", "CN=/a/b", 'CN=/tal\\"ker'),
     *('CN=/tal"ker', "CN=/talker,foo", "CN=/talker|x", "CN=,talker=", "talker=,CN=", "emailAddress=a@b,CN=/t"),
     *("CN=/t,emailAddress=a@b", "1.2.840.113549.1.9.1=a@b,CN=/t", "CN=/a=b", "CN=/a\\=b", "cn=/talker", "CN=/TALKER"),
+    *(" CN=/talker", "CN=/talker ", "\tCN=/talker", "CN=/talker\n", "\n  CN=/talker,O=Org\n", " CN=/talker, O=Org "),
+    *("CN=/talker,\nO=Org", "/O=Org/CN=/talker", "/CN=/talker/O=Org", "/ O=Org / CN=/talker", "/CN=\\/talker"),
+    *("/CN=/t/emailAddress=a@b", "/CN=/t\\C3\\A4lker", "CN=\\2Ftalker", "/OU=a/OU=b/CN=/t", "/O=Org", "CN=/"),
     *("CN=/talker,,O=x", "CN=/talker" + "," * 25, "CN=/talker," + "x=1," * 19, _LONG, _LONG[:1024], _LONG[:1023]),
 )
 

@@ -9,12 +9,13 @@ from tests.keystore.builder import certificate
 from tests.keystore.documents import allow, permissions, pubsub
 from tests.oracles.vendors.recipe import Recipe, common_authority, grant
 
-CN, ORG, OU, DC, C = (
+CN, ORG, OU, DC, C, MAIL = (
     NameOID.COMMON_NAME,
     NameOID.ORGANIZATION_NAME,
     NameOID.ORGANIZATIONAL_UNIT_NAME,
     NameOID.DOMAIN_COMPONENT,
     NameOID.COUNTRY_NAME,
+    NameOID.EMAIL_ADDRESS,
 )
 Parts = tuple[tuple[x509.ObjectIdentifier, str], ...]
 TALKER: Parts = ((CN, "/talker"),)
@@ -29,6 +30,17 @@ ONE_OF_TWO = x509.Name(
     ]
 )
 """The last of its relative names has two attributes, as some company PKIs write them."""
+
+
+MEMBER: Parts = ((C, "US"), (ORG, "Object Computing"), (CN, "CN_TEST"), (MAIL, "a@b.com"))
+"""As the certificates of the OMG's interoperability set are (omg-dds/dds-security)."""
+
+MAIN: Parts = ((C, "ES"), (ORG, "eProsima"), (OU, "eProsima"), (CN, "Main Subscriber"), (MAIL, "mainsub@eprosima.com"))
+"""As those of Fast DDS's tests and examples (eProsima/Fast-DDS)."""
+
+MUELLER: Parts = ((ORG, "Müller GmbH"), (CN, "/talker"))
+
+_MAIN = "emailAddress=mainsub@eprosima.com, CN=Main Subscriber, OU=eProsima, O=eProsima, C=ES"
 
 
 def subject(title: str, parts: Parts | x509.Name, named: str) -> Recipe:
@@ -95,4 +107,34 @@ RECIPES = (
     subject("with a leading #", ((CN, "#talker"),), "CN=\\#talker"),
     subject("with a type of a long name", ((NameOID.POSTAL_CODE, "1"), (CN, "/talker")), "CN=/talker,postalCode=1"),
     subject("empty in the certificate", (), "CN=/talker"),
+    subject("with an address, RFC 2253", MEMBER, "emailAddress=a@b.com,CN=CN_TEST,O=Object Computing,C=US"),
+    subject("with an address by OID", MEMBER, "1.2.840.113549.1.9.1=a@b.com,CN=CN_TEST,O=Object Computing,C=US"),
+    subject("with an address as E", MEMBER, "E=a@b.com,CN=CN_TEST,O=Object Computing,C=US"),
+    subject("with an address, between slashes", MEMBER, "/C=US/O=Object Computing/CN=CN_TEST/emailAddress=a@b.com"),
+    subject("between slashes, in another order", MEMBER, "/O=Object Computing/C=US/CN=CN_TEST/emailAddress=a@b.com"),
+    subject("between slashes, less one", MEMBER, "/C=US/O=Object Computing/CN=CN_TEST"),
+    subject("between slashes, one more", MEMBER, "/C=US/O=Object Computing/OU=x/CN=CN_TEST/emailAddress=a@b.com"),
+    subject("between slashes, blanks", MEMBER, "/ C=US / O=Object Computing / CN=CN_TEST / emailAddress=a@b.com"),
+    subject("between slashes, the slash of the value escaped", TALKER, "/CN=\\/talker"),
+    subject("between slashes, one value with a slash", ORGANISED, "/CN=/talker/O=Org"),
+    subject("between slashes, two in one", ONE_OF_TWO, "/OU=robots/CN=\\/talker+O=Organisation"),
+    subject("between slashes, one of two in one", ONE_OF_TWO, "/OU=robots/CN=/talker/O=Organisation"),
+    subject("between slashes, another attribute in the value", ((ORG, "a/CN=b"),), "/O=a/CN=b"),
+    subject("with a name of slash alone", ((CN, "/"),), "CN=/arm"),
+    subject("with blanks behind commas", MAIN, _MAIN),
+    subject("with blanks behind commas, and one before", MAIN, f" {_MAIN}"),
+    subject("with blanks behind commas, and one behind", MAIN, f"{_MAIN} "),
+    subject("with blanks behind commas, in line ends", MAIN, f"\n{_MAIN}\n"),
+    subject("of several parts, and a blank before", MAIN, " " + _MAIN.replace(", ", ",")),
+    subject("of several parts, and a blank behind", MAIN, _MAIN.replace(", ", ",") + " "),
+    subject("of several parts, in line ends", MAIN, "\n" + _MAIN.replace(", ", ",") + "\n"),
+    subject("of several parts, one a line", MAIN, _MAIN.replace(", ", ",\n")),
+    subject("with a blank before", TALKER, " CN=/talker"),
+    subject("with a blank behind", TALKER, "CN=/talker "),
+    subject("with a tab before", TALKER, "\tCN=/talker"),
+    subject("with a line end behind", TALKER, "CN=/talker\n"),
+    subject("of two parts beyond ASCII, literal", MUELLER, "CN=/talker,O=Müller GmbH"),
+    subject("of two parts beyond ASCII, escaped", MUELLER, "CN=/talker,O=M\\C3\\BCller GmbH"),
+    subject("of two parts beyond ASCII, escaped in small letters", MUELLER, "CN=/talker,O=M\\c3\\bcller GmbH"),
+    subject("of two parts beyond ASCII, between slashes", MUELLER, "/O=M\\C3\\BCller GmbH/CN=/talker"),
 )
