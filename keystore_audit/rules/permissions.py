@@ -18,7 +18,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.typed import Grant, Operation
 from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.subjects.comparison import matching
-from keystore_audit.model.subjects.told import same_meaning
+from keystore_audit.model.subjects.told import meaning, meanings, same_meaning
 from keystore_audit.profiles import VARIANTS, JoinCheck, Profile, SubjectComparison, Syntax, doing, facts
 from keystore_audit.rules.certificate import has_usual_subject, usual_subject
 from keystore_audit.rules.governance import AMBIGUOUS, DIFFER, UNREAD, in_document, out_of_form
@@ -33,15 +33,13 @@ def dated(grant: Grant) -> str:
     return f"{grant.subject_name.text} {grant.not_before.text} {grant.not_after.text}"
 
 
-def subjects(use: PermissionsUse) -> frozenset[str]:
-    """The subjects of the identities that carry the document."""
-    return frozenset(enclave.identity.subject for enclave in use.enclaves if enclave.identity is not None)
-
-
-def own_grants(use: PermissionsUse) -> Iterator[Grant]:
-    """The grants that name an enclave which carries the document, second ones too."""
-    own = subjects(use)
-    return (grant for grant in use.document.grants if grant.subject_name.text in own)
+def own_grants(use: PermissionsUse) -> list[Grant]:
+    """The grants that mean an enclave which carries the document, in whatever notation, second ones too."""
+    own = [enclave.identity for enclave in use.enclaves if enclave.identity is not None]
+    subjects = {each.subject for each in own}
+    meant = {meant for each in own for meant in meanings(each)}
+    texts = ((grant, grant.subject_name.text) for grant in use.document.grants)
+    return [grant for grant, text in texts if text in subjects or meaning(text) in meant]
 
 
 def about(use: PermissionsUse, grant: Grant, line: int | None, message: str, **more: Any) -> Violation:
@@ -214,19 +212,18 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     is no-grant-for-certificate. Where keystores of several robots are audited together, it says whose enclave it is;
     what that one may do by itself is not compared.
     """
-    own = subjects(use)
-    if not own or all(grant.subject_name.text in own for grant in use.document.grants):
+    own = {grant.subject_name.text for grant in own_grants(use)}
+    if not any(enclave.identity for enclave in use.enclaves):
         return
     everybody = {
         enclave.identity.subject: enclave.path for enclave in context.keystore.enclaves if enclave.identity is not None
     }
     elsewhere = {subject: other for subject, other in _elsewhere(use, context).items() if subject not in everybody}
     known = {*everybody, *elsewhere}
-    misspelt = not any(own_grants(use))
     others = [
         grant
         for grant in use.document.grants
-        if grant.subject_name.text not in own and (grant.subject_name.text in known or not misspelt)
+        if grant.subject_name.text not in own and (own or grant.subject_name.text in known)
     ]
     if others:
         names = list(dict.fromkeys(grant.subject_name.text for grant in others))

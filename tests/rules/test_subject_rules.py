@@ -7,12 +7,13 @@ from collections.abc import Sequence
 import pytest
 from cryptography import x509
 from cryptography.x509.oid import NameOID
+from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.profiles import VARIANTS
 from tests.keystore.builder import authority, certificate
-from tests.rules.evidence import certificates, enclave, grant, judged, keystore, permissions, text
+from tests.rules.evidence import certificates, codes, enclave, grant, judged, keystore, permissions, text
 
 C, ORG, CN, MAIL = (
     NameOID.COUNTRY_NAME,
@@ -99,3 +100,14 @@ def test_text_that_means_two_subjects_of_the_keystore_gives_each_the_grant_of_th
     both = said(holder(one, "CN = TEST, O = Org"), holder(other, "O=Org,CN=TEST", path="/listener"))
     assert alone == {"KA520"}
     assert {each.severity for each in both if each.code == "KA519"} == {Severity.CRITICAL}
+
+
+@pytest.mark.parametrize(
+    ("named", "expired"), [("/C=US/O=Object Computing/CN=TEST/emailAddress=a@b.com", True), ("/C=US/CN=TEST", False)]
+)
+def test_the_own_grant_is_the_own_in_whatever_notation(named: str, expired: bool) -> None:
+    over = grant("/talker", subject_name=text(named, 39), not_after=text("2021-01-01T00:00:00", 41))
+    whole = holder(OMG, named)
+    found = codes(keystore(replace(whole, permissions=permissions("enclaves/talker/permissions.p7s", over))))
+    assert ("KA505" in found) is expired
+    assert "KA512" not in found

@@ -91,9 +91,7 @@ def _typed(
 def _equal(
     subjects: Iterable[str], numbers: Iterable[int], certificates: Sequence[Subject]
 ) -> dict[str, frozenset[int]]:
-    by_name: dict[str, set[int]] = {}
-    for number in numbers:
-        by_name.setdefault(certificates[number].subject, set()).add(number)
+    by_name = gathered((certificates[number].subject, number) for number in numbers)
     return {text: frozenset(by_name.get(text, ())) for text in subjects}
 
 
@@ -118,16 +116,10 @@ def _compared(
     """By the comparison itself, for the certificates `numbers`."""
     by_attribute = _BY_ATTRIBUTE.get(comparison)
     if by_attribute is None:
-        ordered = comparison is SubjectComparison.PIECES_IN_ORDER
-        found: dict[object, set[int]] = {}
-        for number in numbers:
-            each = certificates[number]
-            own = _ordered(_printed(each, escape_non_ascii=False)) if ordered else relative_names(oneline(each))
-            found.setdefault(own, set()).add(number)
-        found[None] = set()  # what is no name names nobody
-        return {
-            text: frozenset(found.get(_ordered(text) if ordered else relative_names(text), ())) for text in subjects
-        }
+        parse, print_name = _WHOLE[comparison]
+        found = gathered((parse(print_name(certificates[number])), number) for number in numbers)
+        found.pop(None, None)  # what is no name names nobody
+        return {text: frozenset(found.get(parse(text), ())) for text in subjects}
     printed_names = [
         _printed(certificates[number], escape_non_ascii=by_attribute.escape_non_ascii) for number in numbers
     ]
@@ -364,3 +356,9 @@ _BY_ATTRIBUTE: Final = {
         parse=partial(_pieces, trimmed=True), names=None, escape_non_ascii=True
     ),
 }
+
+_WHOLE: Final[Mapping[SubjectComparison, tuple[Callable[[str], object], Callable[[Subject], str]]]] = {
+    SubjectComparison.PIECES_IN_ORDER: (_ordered, partial(_printed, escape_non_ascii=False)),
+    SubjectComparison.RELATIVE_NAMES: (relative_names, oneline),
+}
+"""How a comparison of the whole takes texts apart, and how it prints a certificate's subject before."""

@@ -75,6 +75,7 @@ def meaning(text: str) -> Meaning:
     return _slashes_bare(text.strip()) if subject is None else _attributes(subject)
 
 
+@lru_cache(maxsize=_REMEMBERED)
 def meanings(certificate: Subject) -> tuple[Meaning, Meaning]:
     """The meanings of a text that means the certificate's subject: its attributes, and all of it between slashes."""
     return _attributes(certificate), _slashes_bare(compact(certificate))

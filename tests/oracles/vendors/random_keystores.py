@@ -61,7 +61,7 @@ def _grant(random: Random, parts: Parts) -> str:
         rules.insert(random.randrange(len(rules) + 1), d.allow(d.pub("rt/z"), domains=d.ids((0, 9))))
     return r.grant(
         *rules,
-        subject=_notation(random, parts) if random.random() < 0.85 else "CN=/other",
+        subject=_notation(random, parts) if random.random() < 0.9 else "CN=/other",
         start=r.date(hours=24) if random.random() < 0.1 else r.LAST_YEAR,
         end=r.date(hours=-24) if random.random() < 0.1 else r.NEXT_YEAR,
         default=random.choice(("ALLOW", "DENY", "DENY")),
