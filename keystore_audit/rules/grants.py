@@ -226,13 +226,11 @@ def grant_outlives_certificate(use: PermissionsUse) -> Iterator[Violation]:
     The next identity of that name has its rights without anybody signing them: a signed grant cannot be taken back
     before it ends.
     """
-    ends: dict[str, datetime] = {}
-    for enclave in use.enclaves:
-        first = enclave.identity
-        if first is not None:
-            ends[first.subject] = max(first.not_after, ends.get(first.subject, first.not_after))
+    firsts = [enclave.identity for enclave in use.enclaves if enclave.identity is not None]
+    ends = gathered((meant, each.not_after) for each in firsts for meant in (each.subject, *meanings(each)))
     for grant, start, end in _dated(use):
-        identity_ends = ends[grant.subject_name.text]
+        text = grant.subject_name.text
+        identity_ends = max(ends.get(text) or ends[meaning(text)])
         if start <= end and end > identity_ends:
             says = f"is good until {instant(end)}, the identity only until {instant(identity_ends)}"
             yield _of_date(use, grant, grant.not_after, says)

@@ -108,6 +108,7 @@ def test_text_that_means_two_subjects_of_the_keystore_gives_each_the_grant_of_th
 def test_the_own_grant_is_the_own_in_whatever_notation(named: str, expired: bool) -> None:
     over = grant("/talker", subject_name=text(named, 39), not_after=text("2021-01-01T00:00:00", 41))
     whole = holder(OMG, named)
+    assert ("KA513" in codes(keystore(whole))) is expired
     found = codes(keystore(replace(whole, permissions=permissions("enclaves/talker/permissions.p7s", over))))
     assert ("KA505" in found) is expired
     assert "KA512" not in found
