@@ -19,6 +19,7 @@ from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.divergence.substitution import Cause
 from keystore_audit.model.meaning import Divergence, Example
 from keystore_audit.model.names import ros_name
+from keystore_audit.model.subjects.told import own_grant
 from keystore_audit.profiles import TESTED_ON, VARIANTS, JoinCheck, doing, explained, facts
 from keystore_audit.rules.registry import VERBS, Context, Violation, either, listed, located, quoted, rule
 from keystore_audit.rules.remedies import ALLOW_DOMAINS, COVER_DOMAIN, in_governance, in_permissions
@@ -162,11 +163,8 @@ def _unspoken(context: Context, cause: Cause) -> Iterator[list[Divergence]]:
 def _without_a_domain(context: Context) -> Iterator[str]:
     """Enclaves whose grant has no allow rule, or none for a governed domain: KA514 and KA508 say so."""
     for enclave in context.keystore.enclaves:
-        governance, permissions, first = enclave.governance, enclave.permissions, enclave.identity
-        if governance is None or governance.governance is None or permissions is None or first is None:
-            continue
-        own = next((grant for grant in permissions.grants if grant.subject_name.text == first.subject), None)
-        if own is not None:
+        governance, own = enclave.governance, own_grant(enclave)
+        if governance is not None and governance.governance is not None and own is not None:
             allowed = own.allowed_domains
             if not allowed or not (own.default_allow or meet(allowed, governance.domains)):
                 yield enclave.path

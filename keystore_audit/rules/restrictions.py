@@ -16,6 +16,7 @@ from keystore_audit.model.matching.expression import has_wildcard, parse
 from keystore_audit.model.matching.patterns import EVERY_PARTITION
 from keystore_audit.model.names import DISCOVERY_TOPIC, ros_name
 from keystore_audit.model.semantics import DEFAULT_PARTITION
+from keystore_audit.model.subjects.told import own_grant
 from keystore_audit.profiles import TESTED_ON, VARIANTS, Matcher, OpenRange, PartitionReading, doing, facts
 from keystore_audit.rules.permissions import about
 from keystore_audit.rules.registry import VERBS, Context, Violation, listed, more_like, quoted, rule
@@ -123,12 +124,8 @@ def grant_outside_governance_domains(use: PermissionsUse) -> Iterator[Violation]
 
     Fast DDS creates the participant all the same, and peers refuse its endpoints (measured).
     """
-    grants: dict[str, Grant] = {}
-    for grant in use.document.grants:
-        grants.setdefault(grant.subject_name.text, grant)
     for enclave in use.enclaves:
-        file, first = enclave.governance, enclave.identity
-        own = grants.get(first.subject) if first is not None else None
+        file, own = enclave.governance, own_grant(enclave)
         if file is None or file.governance is None or own is None or own.default_allow:
             continue
         governed, allowed = file.domains, own.allowed_domains

@@ -16,6 +16,8 @@ from cryptography import x509
 from msgspec import Struct
 
 from keystore_audit.keystore.attribute_types import OBJECT_IDENTIFIERS, written
+from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.typed import Grant
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.subjects.attributes import Subject, compact, typed
 from keystore_audit.model.subjects.comparison import escaped, matching, split
@@ -84,6 +86,16 @@ def meanings(certificate: Subject) -> tuple[Meaning, Meaning]:
 def same_meaning(text: str, certificate: Subject) -> bool:
     """Whether the text means the certificate's subject, in whatever order and spelling."""
     return text == certificate.subject or meaning(text) in meanings(certificate)
+
+
+def own_grant(enclave: Enclave) -> Grant | None:
+    """The first grant of its document that says the enclave's subject, else the first that means it."""
+    first = enclave.identity
+    if first is None:
+        return None
+    said = (grant for grant in enclave.grants if grant.subject_name.text == first.subject)
+    meant = (grant for grant in enclave.grants if same_meaning(grant.subject_name.text, first))
+    return next(said, None) or next(meant, None)
 
 
 def _attributes(subject: Subject) -> Meaning:
