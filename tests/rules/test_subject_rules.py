@@ -11,7 +11,8 @@ from msgspec.structs import replace
 
 from keystore_audit.findings import Finding, Severity
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.profiles import VARIANTS
+from keystore_audit.model.subjects.told import contested
+from keystore_audit.profiles import VARIANTS, SubjectComparison
 from tests.keystore.builder import authority, certificate
 from tests.rules.evidence import certificates, codes, enclave, grant, judged, keystore, permissions, text
 
@@ -112,3 +113,21 @@ def test_the_own_grant_is_the_own_in_whatever_notation(named: str, expired: bool
     found = codes(keystore(replace(whole, permissions=permissions("enclaves/talker/permissions.p7s", over))))
     assert ("KA505" in found) is expired
     assert "KA512" not in found
+
+
+@pytest.mark.parametrize(
+    ("named", "comparison", "rests_on_the_handshake"),
+    [
+        (("/CN=\\/talker", "CN=/talker"), SubjectComparison.PIECES_IN_ORDER, True),
+        (("CN = /talker", "/CN=\\/talker"), SubjectComparison.ATTRIBUTES, True),
+        (("/CN=\\/talker", "CN=/talker"), SubjectComparison.PIECES_WITHIN, False),
+        (("/CN=\\/other", "CN=/talker"), SubjectComparison.PIECES_IN_ORDER, False),
+        (("/CN=\\/talker",), SubjectComparison.PIECES_IN_ORDER, False),
+    ],
+)
+def test_both_forms_of_a_subject_leave_it_open_which_grant_counts(
+    named: Sequence[str], comparison: SubjectComparison, rests_on_the_handshake: bool
+) -> None:
+    """Measured with two processes of Fast DDS 2.9.1 whose digests of names fell either way."""
+    grants = [grant("/talker", subject_name=text(each, 39)) for each in named]
+    assert contested(permissions("enclaves/talker/permissions.p7s", *grants), comparison) is rests_on_the_handshake

@@ -17,6 +17,7 @@ from keystore_audit.keystore.document import KNOWN_FORMS
 from keystore_audit.keystore.issuer import Issue
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
+from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.keystore.unmanaged import UnmanagedIdentity
 from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.inventory import (
@@ -29,6 +30,7 @@ from keystore_audit.model.inventory import (
 from keystore_audit.model.participants.admitted import admitted
 from keystore_audit.model.question import Doubt
 from keystore_audit.model.subjects.comparison import is_printable
+from keystore_audit.model.subjects.told import contested
 from keystore_audit.model.trust.revocation import list_unread
 from keystore_audit.model.trust.verdicts import MAX_AUTHORITIES, envelope, is_authority, issue, may_take, stands_alone
 from keystore_audit.profiles import Access, Profile, Trust, facts
@@ -106,6 +108,7 @@ def may_say_anything(
 ) -> bool:
     """Whether who has one of these permissions CA files may take the document, and what it says is unknown."""
     unknown = read.is_silent or envelope(document.signed).verdict is Truth.UNKNOWN
+    unknown = unknown or (isinstance(document, PermissionsFile) and contested(document, trust.subjects))
     return unknown and may_take(document.signed, files, trust)
 
 
@@ -117,7 +120,9 @@ def document_doubt(enclave: str | None, file: Typed, read: ReadDocument) -> Doub
         return _doubt(enclave, file.signed.file.place, *read.doubt)
     defect = defect or first_opaque(defects)
     if defect is None:
-        return _doubt(enclave, file.signed.file.place, "the document has no meaning that every parser agrees on")
+        begins = "which of its grants counts for a peer rests on who begins the handshake: one is in OpenSSL's form"
+        reason = begins if read.is_readable else "the document has no meaning that every parser agrees on"
+        return _doubt(enclave, file.signed.file.place, reason)
     return _doubt(enclave, defect.path, defect.detail, defect.line)
 
 

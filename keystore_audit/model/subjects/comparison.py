@@ -25,7 +25,7 @@ from keystore_audit.profiles import SubjectComparison
 TOKENWISE: Final = frozenset({SubjectComparison.PIECES_WITHIN, SubjectComparison.TRIMMED_PIECES_WITHIN})
 """Comparisons by parts of names: a text names each subject that is made of some of its own."""
 
-_COMPACT_TOO: Final = frozenset({SubjectComparison.PIECES_IN_ORDER, SubjectComparison.ATTRIBUTES})
+COMPACT_TOO: Final = frozenset({SubjectComparison.PIECES_IN_ORDER, SubjectComparison.ATTRIBUTES})
 """Comparisons of Fast DDS: of a peer, `compact` to the letter will do as well (Permissions.cpp,
 validate_remote_permissions). It does so where it answers the handshake (PKIDH.cpp, begin_handshake_reply), not where it
 began it: which of them depends on digests of both subjects (measured on 2.9.1; of the others read)."""
@@ -68,7 +68,7 @@ def matching(
         named = _tokenwise(tuple(dict.fromkeys(bare.values())), tuple(certificates), comparison)
         return {text: named[inside] for text, inside in bare.items()}
     found = _typed(wanted, certificates, comparison)
-    if not own and comparison in _COMPACT_TOO and any(text.startswith("/") for text in wanted):
+    if not own and comparison in COMPACT_TOO and any(text.startswith("/") for text in wanted):
         compacts = gathered((compact(certificate), number) for number, certificate in enumerate(certificates))
         found = {text: named.union(compacts.get(text, ())) for text, named in found.items()}
     return found

@@ -17,11 +17,11 @@ from msgspec import Struct
 
 from keystore_audit.keystore.attribute_types import OBJECT_IDENTIFIERS, written
 from keystore_audit.keystore.keystore import Enclave
-from keystore_audit.keystore.typed import Grant
+from keystore_audit.keystore.typed import Grant, PermissionsFile
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.subjects.attributes import Subject, compact, typed
-from keystore_audit.model.subjects.comparison import escaped, matching, split
-from keystore_audit.profiles import VARIANTS
+from keystore_audit.model.subjects.comparison import COMPACT_TOO, escaped, matching, split
+from keystore_audit.profiles import VARIANTS, SubjectComparison
 
 Meaning = object
 """A subject however it is written: equal where the attributes are, in whatever order."""
@@ -86,6 +86,16 @@ def meanings(certificate: Subject) -> tuple[Meaning, Meaning]:
 def same_meaning(text: str, certificate: Subject) -> bool:
     """Whether the text means the certificate's subject, in whatever order and spelling."""
     return text == certificate.subject or meaning(text) in meanings(certificate)
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def contested(file: PermissionsFile, comparison: SubjectComparison) -> bool:
+    """Whether it rests on who begins a handshake which grant of the document counts for a peer (measured).
+
+    So it is where one grant is for another's subject in the form `compact`.
+    """
+    slashed = {text for text in file.subjects if text.startswith("/")} if comparison in COMPACT_TOO else ()
+    return bool(slashed) and any(compact(each) in slashed for each in map(told, file.subjects) if each is not None)
 
 
 def own_grant(enclave: Enclave) -> Grant | None:

@@ -132,6 +132,7 @@ def _grants() -> list[Case]:
         _presents("subject in the one-line form", grant("/CN=/second", first)),
         # To Fast DDS, whose digests of names let the second side begin the handshake here.
         _presents("subject as X509_NAME_oneline prints it", grant("/CN=\\/second", first)),
+        _presents("subject in both forms", grant("/CN=\\/second", first), grant(_SUBJECT, second)),
         _presents("subject with blanks round it", grant(" CN=/second ", first)),
         _presents("subject with newlines round it", grant("\nCN=/second\n", first)),
         _presents("subject with more than the certificate", grant("CN=/second,O=More", first)),

@@ -41,7 +41,7 @@ def test_every_letter_is_among_the_answers_of_either_vendor() -> None:
         assert {"+", ".", "-", "~"} <= seen, f"the pairs of {vendor} do not tell its answers apart"
 
 
-ABSTAINING = {"subject with blanks round it", "subject with newlines round it"}
+ABSTAINING = {"subject with blanks round it", "subject with newlines round it", "subject in both forms"}
 """Where we do not say what a document means: a subject that implementations read differently."""
 
 
@@ -85,3 +85,13 @@ def test_we_decide_as_an_honest_side_does(vendor: str, tmp_path: Path) -> None:
             if not more and answer.decision is not wanted:
                 others.append(f"{case.title}: {endpoint}: measured {letters}, decision is {answer.decision.value}")
     assert not others
+
+
+def test_what_rests_on_the_handshake_is_unknown_to_fast_dds_alone(tmp_path: Path) -> None:
+    (case,) = (case for case in CASES if case.title == "subject in both forms")
+    case.sides(tmp_path)
+    ours = {vendor: said(tmp_path / KEYSTORE, case, 0, vendor) for vendor in PROFILES}
+    assert {vendor: {each.effective for each, *_ in answers} for vendor, answers in ours.items()} == {
+        "cyclone": {Truth.YES, Truth.NO},
+        "fastdds": {Truth.UNKNOWN},
+    }
