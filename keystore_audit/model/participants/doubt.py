@@ -99,16 +99,25 @@ def _doubts_of_others(keystore: Keystore, trust: Trust, access: Access, accesses
         if document is None:
             continue
         read = accesses.read(document, access)
-        if may_say_anything(document, read, files, trust):
+        if may_say_anything(document, read, files, trust, to_peers=True):
             yield document_doubt(path, document, read)
 
 
 def may_say_anything(
-    document: Typed, read: ReadDocument, files: Iterable[CertificateFile | None], trust: Trust
+    document: Typed,
+    read: ReadDocument,
+    files: Iterable[CertificateFile | None],
+    trust: Trust,
+    *,
+    to_peers: bool = False,
 ) -> bool:
-    """Whether who has one of these permissions CA files may take the document, and what it says is unknown."""
+    """Whether who has one of these permissions CA files may take the document, and what it says is unknown.
+
+    `to_peers`: not to its own enclave, which knows whom it compares.
+    """
     unknown = read.is_silent or envelope(document.signed).verdict is Truth.UNKNOWN
-    unknown = unknown or (isinstance(document, PermissionsFile) and contested(document, trust.subjects))
+    if to_peers and isinstance(document, PermissionsFile):
+        unknown = unknown or contested(document, trust.subjects)
     return unknown and may_take(document.signed, files, trust)
 
 

@@ -152,7 +152,7 @@ class Views:
         if document.file is None:
             return True
         read = self._accesses.read(document.file, kind.access)
-        return may_say_anything(document.file, read, self._permissions_cas, kind.trust)
+        return may_say_anything(document.file, read, self._permissions_cas, kind.trust, to_peers=True)
 
     def signers(self, document: Document, trust: Trust) -> frozenset[int]:
         """Who made the signatures, as the implementation finds them: in the message, where it does not pin."""
