@@ -13,7 +13,8 @@ from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Kind
 from keystore_audit.keystore.document import Text
 from keystore_audit.keystore.keystore import Keystore
-from keystore_audit.keystore.typed import Grant
+from keystore_audit.keystore.typed import Grant, Permissions
+from keystore_audit.model.access_view import typed_by
 from keystore_audit.model.claims.ability import sent
 from keystore_audit.model.inventory import unmanaged_identities
 from keystore_audit.model.subjects.comparison import matching, names
@@ -122,8 +123,7 @@ def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[V
     """
     enclaves = _identities(keystore)
     for grant, use, certificate, _naming, own in _named(keystore, context.at):
-        text = grant.subject_name.text
-        missing = [each for each in VARIANTS.values() if not names(text, certificate, each.trust.subjects)]
+        missing = [each for each in VARIANTS.values() if not _finds(use, grant, certificate, each)]
         if certificate.sha256 not in enclaves or not own or len(missing) == len(VARIANTS):  # KA503 tells of nobody
             continue
         yield Violation(
@@ -134,6 +134,13 @@ def subject_read_differently(keystore: Keystore, context: Context) -> Iterator[V
             profiles=tuple(profile.name for profile in missing),
             key=f"{grant.subject_name.text}\0{certificate.subject}",
         )
+
+
+def _finds(use: PermissionsUse, grant: Grant, certificate: Certificate, profile: Profile) -> bool:
+    """Whether an implementation takes the grant, as it reads it, for the certificate's, or does not read it at all."""
+    read, place = typed_by(use.document, profile.access), use.document.grants.index(grant)
+    grants = read.grants[place : place + 1] if isinstance(read, Permissions) else ()
+    return not grants or names(grants[0].subject_name.text, certificate, profile.trust.subjects)
 
 
 def _places(use: PermissionsUse, grant: Grant, certificate: Certificate) -> tuple[Location, ...]:
