@@ -119,8 +119,8 @@ def _empty(random: Random, root: etree._Element) -> None:
 
 
 def _value(random: Random, root: etree._Element) -> None:
-    element = random.choice([each for each in root.iter(etree.Element) if _values(str(each.tag))])
-    element.text = random.choice(_values(str(element.tag)))
+    element = random.choice([each for each in root.iter(etree.Element) if _values(str(each.tag))] or [root])
+    element.text = random.choice(_values(str(element.tag)) or ("text",))
 
 
 _CHANGES: tuple[Callable[[Random, etree._Element], None], ...] = (
