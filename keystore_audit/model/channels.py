@@ -39,19 +39,19 @@ FURTHER = 20_000
 FURTHER_PER_DOCUMENT = 1_500
 """Channels of further domain classes than the first, each of which has all classes of names: about 200 MB; and how many
 a keystore of few documents has, since thousands of names in a hundred domains are seconds.
-
 1,000 enclaves have 30,000 classes of names, and so may be in ten domain classes; two enclaves with 1,000 in twenty."""
 
 MAX_RULED = 50_000_000
 """Pairs of such a channel and what topic rules of governance documents are about: a second and 50 MB.
-
 Those of 30,000 classes of names in ten domain classes may have 180 topic rules."""
 
 ReadRegion = tuple[Matcher, Region]
 """A region with the matcher that reads its expressions."""
-
 Point = tuple[str, ...]
 """A topic name, and the names of all partitions that an endpoint is in."""
+
+_Listed = tuple[int, frozenset[int] | None, bool]
+"""A shape that lists a topic, with the partition patterns beside it, and `every` of the area."""
 
 
 class Channels(Struct, frozen=True, kw_only=True, eq=False):
@@ -249,10 +249,6 @@ def _check_cells(classes: int, others: int, words: str, most: int = MAX_CELLS) -
         raise BudgetExceeded(message)
 
 
-_Listed = tuple[int, frozenset[int] | None, bool]
-"""A shape that lists a topic, with the partition patterns beside it, and `every` of the area."""
-
-
 class _Shapes:
     """The regions by what they mean: however many are written alike, or mean the same to several implementations."""
 
@@ -346,7 +342,7 @@ class _Shapes:
         """One topic name in all partitions of an endpoint."""
         topic, *partitions = point
         only, shapes = self._topic(topic)
-        matching = [self._partitions.matching(partition) for partition in partitions]
+        matching = [*map(self._partitions.matching, partitions)]
         hits = {
             number
             for number, listed, every in shapes
