@@ -37,7 +37,6 @@ from keystore_audit.model.ros.halves import Halves, halves
 from keystore_audit.model.ros.holders import Holder, Holders
 from keystore_audit.model.ros.services import Reach, Rivals, Services
 from keystore_audit.model.semantics import DIRECTIONS, is_controlled
-from keystore_audit.model.subjects.told import own_grant
 from keystore_audit.profiles import VARIANTS, Matcher, Profile
 
 if TYPE_CHECKING:
@@ -153,7 +152,8 @@ def _controls(enclave: Enclave, operation: Operation, topic: str) -> bool:
 def _granted(enclaves: Iterable[Enclave]) -> Iterator[tuple[Enclave, Grant, Location]]:
     """Enclaves with the grant of theirs, where it allows anything, and its place."""
     for enclave in enclaves:
-        grant = own_grant(enclave)
+        subject = None if enclave.identity is None else enclave.identity.subject
+        grant = next((each for each in enclave.grants if each.subject_name.text == subject), None)
         if grant is not None and enclave.permissions is not None and any(rule.allow for rule in grant.rules):
             yield enclave, grant, Location(path=enclave.permissions.signed.file.place, line=grant.line)
 

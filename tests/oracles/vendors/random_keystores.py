@@ -43,7 +43,7 @@ def _notation(random: Random, parts: Parts) -> str:
     beyond = random.choice(("ü", "\\C3\\BC"))
     written = [(SHORT_NAMES[kind.dotted_string], value.replace("ü", beyond)) for kind, value in parts]
     pieces = ["=".join(each) for each in written]
-    if random.random() < 0.8:
+    if random.random() < 0.85:
         return ",".join(reversed(pieces))
     if random.random() < 0.2:
         changed = random.choice((f"{parts[0][0].dotted_string}={written[0][1]}", "OU=x", "CN=/talker", "CN=/", "x"))
@@ -57,11 +57,11 @@ def _notation(random: Random, parts: Parts) -> str:
 
 def _grant(random: Random, parts: Parts) -> str:
     rules = [_RULES.rule(random) for _ in range(random.choice((1, 2, 2, 3, 4)))]
-    if random.random() < 0.8:
+    if random.random() < 0.7:
         rules.insert(random.randrange(len(rules) + 1), d.allow(d.pub("rt/z"), domains=d.ids((0, 9))))
     return r.grant(
         *rules,
-        subject=_notation(random, parts) if random.random() < 0.9 else "CN=/other",
+        subject=_notation(random, parts) if random.random() < 0.92 else "CN=/other",
         start=r.date(hours=24) if random.random() < 0.1 else r.LAST_YEAR,
         end=r.date(hours=-24) if random.random() < 0.1 else r.NEXT_YEAR,
         default=random.choice(("ALLOW", "DENY", "DENY")),
