@@ -43,7 +43,7 @@ def _notation(random: Random, parts: Parts) -> str:
     beyond = random.choice(("ü", "\\C3\\BC"))
     written = [(SHORT_NAMES[kind.dotted_string], value.replace("ü", beyond)) for kind, value in parts]
     pieces = ["=".join(each) for each in written]
-    if random.random() < 0.85:
+    if random.random() < 0.9:
         return ",".join(reversed(pieces))
     if random.random() < 0.2:
         changed = random.choice((f"{parts[0][0].dotted_string}={written[0][1]}", "OU=x", "CN=/talker", "CN=/", "x"))
