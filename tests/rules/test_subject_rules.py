@@ -123,6 +123,8 @@ def test_the_own_grant_is_the_own_in_whatever_notation(named: str, expired: bool
         (("/CN=\\/talker", "CN=/talker"), SubjectComparison.PIECES_WITHIN, False),
         (("/CN=\\/other", "CN=/talker"), SubjectComparison.PIECES_IN_ORDER, False),
         (("/CN=\\/talker",), SubjectComparison.PIECES_IN_ORDER, False),
+        (("/C=US/CN=x", "CN=x,C=US"), SubjectComparison.PIECES_IN_ORDER, True),
+        (("/C=US/CN=x",), SubjectComparison.PIECES_IN_ORDER, False),  # as in the OMG's interoperability set
     ],
 )
 def test_both_forms_of_a_subject_leave_it_open_which_grant_counts(

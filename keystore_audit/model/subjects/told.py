@@ -95,7 +95,8 @@ def contested(file: PermissionsFile, comparison: SubjectComparison) -> bool:
     So it is where one grant is for another's subject in the form `compact`.
     """
     slashed = {text for text in file.subjects if text.startswith("/")} if comparison in COMPACT_TOO else ()
-    return bool(slashed) and any(compact(each) in slashed for each in map(told, file.subjects) if each is not None)
+    others = file.subjects.difference(slashed) if slashed else ()
+    return any(compact(each) in slashed for each in map(told, others) if each is not None)
 
 
 def own_grant(enclave: Enclave) -> Grant | None:
