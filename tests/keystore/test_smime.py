@@ -49,7 +49,15 @@ def verdict(message: bytes) -> Truth:
 # --- the two real writers
 
 
-@pytest.mark.parametrize("spoil", [lambda m: m, lambda m: b"X: y\nY: x\n" + m, lambda m: m.replace(b"\r\n", b"\n")])
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda m: m,
+        lambda m: b"X: y\nY: x\n" + m,
+        lambda m: m.replace(b"\r\n", b"\n"),
+        lambda m: m.replace(b"\r\n", b"\n").replace(b"\n", b"\r\r\n"),
+    ],
+)
 @pytest.mark.parametrize("message", [STOCK, SROS2], ids=["openssl", "pyca"])
 def test_lines_are_those_of_the_file(message: bytes, spoil: Callable[[bytes], bytes]) -> None:
     message = spoil(message)
