@@ -174,11 +174,19 @@ def _whose(report: Report, deciding: Sequence[Finding]) -> str:
 def _in_short(page: Page, report: Report) -> None:
     """A line each of who cannot start, what was decided and accepted, what it rests on, and how long it lasts."""
     page.blank()
-    for usable, words in (
-        (Truth.NO, "its DDS participant does not start everywhere"),
-        (Truth.UNKNOWN, "unknown whether its DDS participant starts"),
+    starts = {each.path: {use.usable for use in each.profiles.values()} for each in report.enclaves}
+    for words, paths in (
+        ("its DDS participant starts nowhere", [path for path, found in starts.items() if found == {Truth.NO}]),
+        (
+            "its DDS participant does not start everywhere",
+            [path for path, found in starts.items() if Truth.NO in found != {Truth.NO}],
+        ),
+        (
+            "unknown whether its DDS participant starts",
+            [path for path, found in starts.items() if Truth.UNKNOWN in found],
+        ),
     ):
-        if paths := [e.path for e in report.enclaves if any(use.usable is usable for use in e.profiles.values())]:
+        if paths:
             put_rows(page, "Enclaves", [f"{some(paths, MAX_NAMED)}: {words} (-v)"])
     if report.accepted:
         put_rows(page, "Accepted", [f"{counted(len(report.accepted), 'finding')}, not counted (-v)"])

@@ -169,6 +169,13 @@ def test_a_report_is_shown_as_it_was(what: str, make_report: MakeReport, golden:
     golden(f"report/{what}.txt", render(change(make_report()), view))
 
 
+def test_who_starts_nowhere_is_not_said_to_start_somewhere(make_report: MakeReport) -> None:
+    short = " ".join(render(starting(make_report())).split())
+    assert "/c, /x, /y: its DDS participant starts nowhere" in short
+    assert "/a, /b: its DDS participant does not start everywhere" in short
+    assert "/a, /b: unknown whether its DDS participant starts" in short
+
+
 def test_several_reports_are_shown_as_they_were(make_report: MakeReport, golden: Golden) -> None:
     passed = make_report("[red]b[/red]:smile:", verdict=Verdict.PASS, exit_code=0)
     golden("report/several.txt", render_several([make_report("a"), passed]))
