@@ -100,6 +100,7 @@ def envelopes() -> tuple[Recipe, ...]:
     changes: dict[str, Callable[[bytes], bytes]] = {
         "in LF": lambda m: m.replace(b"\r\n", b"\n"),
         "in CRLF": lambda m: m.replace(b"\r\n", b"\n").replace(b"\n", b"\r\n"),
+        "in CR CR LF": lambda m: m.replace(b"\r\n", b"\n").replace(b"\n", b"\r\r\n"),
         "with a blank line first": lambda m: b"\n" + m,
         "with a byte order mark": lambda m: b"\xef\xbb\xbf" + m,
         "with text behind": lambda m: m + b"trailing\n",
