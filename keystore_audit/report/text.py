@@ -175,18 +175,12 @@ def _in_short(page: Page, report: Report) -> None:
     """A line each of who cannot start, what was decided and accepted, what it rests on, and how long it lasts."""
     page.blank()
     starts = {each.path: {use.usable for use in each.profiles.values()} for each in report.enclaves}
-    for words, paths in (
-        ("its DDS participant starts nowhere", [path for path, found in starts.items() if found == {Truth.NO}]),
-        (
-            "its DDS participant does not start everywhere",
-            [path for path, found in starts.items() if Truth.NO in found != {Truth.NO}],
-        ),
-        (
-            "unknown whether its DDS participant starts",
-            [path for path, found in starts.items() if Truth.UNKNOWN in found],
-        ),
+    for usable, wherever, words in (
+        (Truth.NO, True, "its DDS participant starts nowhere"),
+        (Truth.NO, False, "its DDS participant does not start everywhere"),
+        (Truth.UNKNOWN, False, "unknown whether its DDS participant starts"),
     ):
-        if paths:
+        if paths := [path for path, uses in starts.items() if usable in uses and (uses == {Truth.NO}) is wherever]:
             put_rows(page, "Enclaves", [f"{some(paths, MAX_NAMED)}: {words} (-v)"])
     if report.accepted:
         put_rows(page, "Accepted", [f"{counted(len(report.accepted), 'finding')}, not counted (-v)"])
