@@ -86,13 +86,14 @@ class Document:
     """A reader of the values in a valid document, with the defects of those that have no meaning.
 
     The methods expect elements of a valid one, and add `Kind.VALUE_INVALID` for values that the schema lets pass.
-    `inverted`: ranges may end before they begin.
+    `syntax`: whose reading it is; then ids may be of no domain, and ranges end before they begin where somebody reads
+    that.
     """
 
-    def __init__(self, signed: SignedDocument, *, inverted: bool = False) -> None:
+    def __init__(self, signed: SignedDocument, syntax: Syntax | None = None) -> None:
         self.signed = signed
         self.defects: list[Defect] = []
-        self._inverted = inverted
+        self._syntax = syntax
         self._line_before = None if signed.first_line is None else signed.first_line - 1
         self._invalid = 0
 
@@ -149,7 +150,7 @@ class Document:
                 continue
             bounds = {bound.tag: self._domain(bound) for bound in elements(entry)}
             low, high = bounds.get("min"), bounds.get("max")
-            if low is not None and high is not None and low > high and not self._inverted:
+            if low is not None and high is not None and low > high and self._syntax not in ONLY_1_1:
                 self.invalid(entry, f"expected min <= max, found {low} > {high}: implementations read it differently")
             yield DomainRange(low=low, high=high, line=self.line(entry))
 
@@ -159,7 +160,7 @@ class Document:
             self.invalid(element, f"expected a domain id in plain digits, found {text[:40]!r}")
             return None
         number = int(text)
-        if number > MAX_DOMAIN:
+        if number > MAX_DOMAIN and self._syntax is None:
             self.invalid(element, f"expected a domain id of 0 to {MAX_DOMAIN}, found {number}")
         return number
 
@@ -228,7 +229,7 @@ def _readings(
     root: etree._Element, signed: SignedDocument, grammar: Grammar, read: Callable[[Document, etree._Element], T]
 ) -> Iterator[tuple[Syntax, T | str | Defect]]:
     for syntax in FORMS:
-        own = Document(signed, inverted=syntax in ONLY_1_1)
+        own = Document(signed, syntax)
         try:
             form = as_read(root, grammar, syntax)
         except Refused as refused:

@@ -2,8 +2,7 @@
 
 Every expression of every readable document, as each kind of implementation reads it, takes part in the classes, so that
 each ordered rule list, each default and each governance look-up is constant on a class; one evaluation per class is
-then exact for all names (docs/model.md). Classes that no rule of any document tells apart are merged: that hands no
-decision to anybody, since equal matches decide alike.
+then exact for all names (docs/model.md). Classes that no rule of any document tells apart are merged.
 """
 
 from __future__ import annotations
@@ -31,19 +30,16 @@ ANY_TOPIC = "rt/chatter"
 """The name by which the channel of an ungoverned domain goes: every topic there is alike."""
 
 MAX_CELLS = 1_000_000
-"""Pairs of a topic class and a partition or domain class: about a second and 200 MB. Beyond it the answer is unknown;
-10,000 enclaves as `ros2 security` makes them have some 300,000."""
+"""Pairs of a topic class and a partition or domain class: a second and 200 MB. 10,000 stock enclaves have 300,000."""
 
 MAX_FURTHER = 300_000
 FURTHER = 20_000
 FURTHER_PER_DOCUMENT = 1_500
-"""Channels of further domain classes than the first, each of which has all classes of names: about 200 MB; and how many
-a keystore of few documents has, since thousands of names in a hundred domains are seconds.
-1,000 enclaves have 30,000 classes of names, and so may be in ten domain classes; two enclaves with 1,000 in twenty."""
+"""Channels of further domain classes than the first, each with all classes of names: about 200 MB; and how many a
+keystore of few documents has. 1,000 enclaves have 30,000 classes of names: they may be in ten domain classes."""
 
 MAX_RULED = 50_000_000
-"""Pairs of such a channel and what topic rules of governance documents are about: a second and 50 MB.
-Those of 30,000 classes of names in ten domain classes may have 180 topic rules."""
+"""Pairs of such a channel and what topic rules of governance documents are about: a second and 50 MB."""
 
 ReadRegion = tuple[Matcher, Region]
 """A region with the matcher that reads its expressions."""

@@ -83,7 +83,7 @@ def answers(document: bytes) -> tuple[str, str, str]:
         (ID, b"<id> +03 </id>", ("ids=[(3, 3)]",) * 3),
         (ID, b"<id>0x3</id>", ("refused", "unknown", "unknown")),
         (ID, b"<id>three</id>", ("refused", "refused", "refused")),
-        (ID, b"<id>233</id>", ("unknown", "unknown", "unknown")),
+        (ID, b"<id>430</id>", ("ids=[(430, 430)]",) * 3),
         (ID, b"<id_range><max>3</max><min>2</min></id_range>", ("refused", "ids=[(2, 3)]", "ids=[(2, 3)]")),
         (ID, b"<id_range><min>5</min><max>2</max></id_range>", ("unknown", "ids=[(5, 2)]", "ids=[(5, 2)]")),
         # names

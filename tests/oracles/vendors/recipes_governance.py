@@ -74,6 +74,8 @@ IDS = (
     of_ids("of id 231", "<id>231</id>", domain=231),
     of_ids("of id 0 and 231", "<id>0</id><id>231</id>"),
     of_ids("of id 232", "<id>0</id><id>232</id>", domain=232),
+    of_ids("of id 0 and 430", "<id>0</id><id>430</id>"),
+    of_ids("of a range to 430", "<id_range><min>0</min><max>430</max></id_range>", domain=9),
     of_ids("of id 231 by a range from 0", "<id_range><min>0</min><max>230</max></id_range>", domain=231),
     of_ids("with leading zeros", "<id>00</id>"),
     of_ids("with a sign", "<id>+0</id>"),
