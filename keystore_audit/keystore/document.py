@@ -186,7 +186,8 @@ class Readings(Struct, Generic[T], frozen=True, kw_only=True):
     @property
     def common(self) -> T | None:
         """What it says to every one, if that is one meaning."""
-        return self.distinct[0] if len({*map(id, self.by_syntax.values())}) == 1 and self.distinct else None
+        first = self.first
+        return first if all(self.by_syntax.get(syntax) is first for syntax in Syntax) else None
 
     @property
     def distinct(self) -> list[T]:

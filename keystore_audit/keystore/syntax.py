@@ -109,7 +109,7 @@ class _BySchema:
         elif not children:
             made.text = self._value(tag, element)
         else:
-            self._check_nested(element)
+            raise Unclear(element, f"elements in the value of <{tag}>")
         return made
 
     def _tag(self, element: etree._Element) -> str:
@@ -122,10 +122,6 @@ class _BySchema:
         """Text beside elements."""
         if _beside(element):
             raise Refused(f"text beside the elements of <{element.tag}>")
-
-    def _check_nested(self, element: etree._Element) -> None:
-        """Elements in an element of text."""
-        raise Refused(f"elements in the value of <{element.tag!s}>")
 
     def _kept(self, _tag: str, children: list[etree._Element]) -> Sequence[etree._Element]:
         """Those of the elements in an element that are looked at."""
@@ -166,9 +162,6 @@ class _InOrder(_BySchema):
 
     def _check_text(self, element: etree._Element) -> None:
         """It is passed over."""
-
-    def _check_nested(self, element: etree._Element) -> None:
-        raise Unclear(element, f"elements in the value of <{element.tag!s}>")
 
     def _kept(self, tag: str, children: list[etree._Element]) -> Sequence[etree._Element]:
         tags = [self._tag(child) for child in children]
@@ -254,9 +247,6 @@ class _AnyOrder(_BySchema):
         if names:
             raise Refused(f"the attribute {min(names)}")
 
-    def _check_nested(self, element: etree._Element) -> None:
-        raise Unclear(element, f"elements in the value of <{element.tag!s}>")
-
     def _check_text(self, element: etree._Element) -> None:
         if element.tag != "data_tags":
             super()._check_text(element)
@@ -314,7 +304,7 @@ def _beside(element: etree._Element) -> bool:
     return bool((element.text or "").strip()) or any((child.tail or "").strip() for child in element)
 
 
-def _in_order(children: Iterator[etree._Element] | Sequence[etree._Element]) -> list[etree._Element]:
+def _in_order(children: Sequence[etree._Element]) -> list[etree._Element]:
     return sorted(children, key=lambda child: _ORDER.get(str(child.tag), 0))
 
 
