@@ -11,6 +11,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from keystore_audit.keystore.document import Readings
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.typed import Operation, ProtectionKind
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort, name_classes
@@ -213,7 +214,7 @@ def test_names_that_nobody_is_at_the_other_end_of_are_found_exactly(drawn: list[
 def test_an_enclave_that_cannot_be_read_may_be_at_the_other_end() -> None:
     talker = enclave("/talker", permissions=permissions("t.p7s", grant("/talker", allow(["rt/a"]))))
     listener = enclave("/listener", permissions=permissions("l.p7s", grant("/listener", allow([], ["rt/b"]))))
-    opaque = enclave("/opaque", permissions=permissions("o.p7s", permissions=None))
+    opaque = enclave("/opaque", permissions=permissions("o.p7s", readings=Readings(by_syntax={})))
     assert set(of(keystore(talker, listener))) == {"t.p7s", "l.p7s"}
     assert of(keystore(talker, listener, opaque)) == {}
 

@@ -289,7 +289,7 @@ def test_which_grant_is_compared(tmp_path: Path) -> None:
 
 def test_what_cannot_be_read_is_undecided(tmp_path: Path) -> None:
     place = "enclaves/talker/permissions.p7s"
-    ambiguous = permissions(place, permissions=None, defects=(defect(Kind.XML_AMBIGUOUS, place),))
+    ambiguous = permissions(place, defects=(defect(Kind.XML_AMBIGUOUS, place),))
     unread = {Role.PERMISSIONS: absent(place, Status.OUTSIDE, "leads out of the keystore")}
     for held in (enclave("/talker", permissions=ambiguous), enclave("/talker", permissions=None, files=unread)):
         found = compared(policy_of(tmp_path, CHATTER), keystore(held, enclave("/listener")))
