@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 
-from keystore_audit.keystore import document
+from keystore_audit.keystore import grammar
 from tests.amount import tried
 from tests.oracles.xml import ours
 from tests.oracles.xml.corpus import DOCUMENTS, kind_of
@@ -74,7 +74,7 @@ def test_every_signed_document_of_the_samples(parsers: Parsers, repository: Path
 def without_explanations() -> Iterator[None]:
     """Whether a document is valid is libxml2's word; xmlschema's explanations would take most of the time."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(document, "MAX_EXPLAINED_BYTES", 0)
+        patch.setattr(grammar, "MAX_EXPLAINED_BYTES", 0)
         yield
 
 
