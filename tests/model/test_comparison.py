@@ -79,7 +79,7 @@ def test_a_keystore_and_itself(tmp_path: Path) -> None:
 
 
 def test_an_unread_document_is_unknown_and_not_compared(tmp_path: Path) -> None:
-    twice = BASE.members["/talker"].permissions.replace("<dds>", "<dds a='&#38;'>")
+    twice = BASE.members["/talker"].permissions.replace("<dds>", "<!DOCTYPE dds><dds>")
     found = compared(BASE, BASE.member("/talker", permissions=twice), tmp_path)
     assert {(each.side, each.enclave) for each in found.unknown} == {("new", "/talker")}
     assert [change for change in found.changes if "/talker" in change.enclaves] == []
@@ -92,7 +92,7 @@ def test_an_unread_document_that_its_own_enclave_refuses_is_unknown_where_peers_
     another = authority("another")
     names = ("talker",) if taken else [path.strip("/") for path in BASE.members]
     old = replace(BASE, files={f"enclaves/{name}/permissions_ca.cert.pem": another.pem for name in names})
-    unread = BASE.members["/talker"].permissions.replace("<dds>", "<dds a='&#38;'>")
+    unread = BASE.members["/talker"].permissions.replace("<dds>", "<!DOCTYPE dds><dds>")
     found = compared(old, old.member("/talker", permissions=unread), tmp_path)
     assert {(each.side, each.enclave) for each in found.unknown} == ({("new", "/talker")} if taken else set())
 
