@@ -22,8 +22,8 @@ from tests.second_reader.implementations import (
     covers,
     decides,
     governs,
+    has_topic,
     lists,
-    lists_first,
     names,
 )
 from tests.second_reader.listing import Bounds, Enclave, Listing
@@ -483,9 +483,7 @@ class _System(Struct):
             for place, grant in enumerate(permissions or ()):
                 for kind in ("publish", "subscribe"):
                     may = decides(grant, kind, topic, partition, domain, self.way)
-                    first = lists_first(grant, topic, domain, self.way) if self.way.blocks_topics else None
-                    if controlled and first is not None and not first.allow:
-                        may = False
+                    may = may and (not controlled or has_topic(grant, topic, domain, self.way))
                     found.append((number, place, kind, may))
             if governance is not None:
                 rule, topic_rule = governs(governance, topic, domain, self.way)

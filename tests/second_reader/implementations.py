@@ -46,8 +46,10 @@ class Implementation(Struct, frozen=True, eq=False):
     relay_reads: bool = False
     relays: bool = False
     refuses_open_rtps: bool = False
-    blocks_topics: bool = False
+    topics_by: tuple[tuple[str, ...], ...] = ()
 
+
+_BOTH = ("publish", "subscribe")
 
 _SPEC = Implementation(
     name="spec",
@@ -99,8 +101,8 @@ IMPLEMENTATIONS = {
         replace(_FASTDDS, name="fastdds-2.14"),
         replace(_FASTDDS, name="fastdds-3.2"),
         replace(_FASTDDS, name="fastdds-3.6"),
-        replace(_CYCLONEDDS, name="cyclonedds-0.10", pins=False, subjects="cyclonedds", blocks_topics=True),
-        replace(_CYCLONEDDS, name="cyclonedds-11"),
+        replace(_CYCLONEDDS, name="cyclonedds-0.10", pins=False, subjects="cyclonedds", topics_by=(_BOTH,)),
+        replace(_CYCLONEDDS, name="cyclonedds-11", topics_by=(_BOTH[:1], _BOTH[1:])),
     )
 }
 
@@ -233,11 +235,18 @@ def decides(grant: Grant, kind: str, topic: str, partition: str, domain: int, wa
 
 
 @cache
-def lists_first(grant: Grant, topic: str, domain: int, way: Implementation) -> Rule | None:
-    """The first rule that lists the topic for publishing or subscribing, in whatever partition."""
+def has_topic(grant: Grant, topic: str, domain: int, way: Implementation) -> bool:
+    """Whether there is the topic at all: by the first rule that lists it, or by the first of one of the two kinds."""
+    default = way.honours_default and grant.default == "ALLOW"
+    first = [_lists_first(grant, topic, domain, way, kinds) for kinds in way.topics_by]
+    return not any(first) or any(rule.allow if rule else default for rule in first)
+
+
+def _lists_first(grant: Grant, topic: str, domain: int, way: Implementation, kinds: tuple[str, ...]) -> Rule | None:
+    """The first rule that lists the topic for one of these, in whatever partition."""
     for rule in grant.rules:
         if covers(rule.ids, domain, way):
-            listed = (each for each in rule.criteria if each.kind != "relay")
+            listed = (each for each in rule.criteria if each.kind in kinds)
             if any(_is_in(topic, each.topics, way.matcher) for each in listed):
                 return rule
     return None
