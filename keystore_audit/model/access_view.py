@@ -16,7 +16,7 @@ from keystore_audit.assumptions import EVERY, Assumption
 from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.defect import Defect
-from keystore_audit.keystore.document import MAX_DOMAIN, DomainRange, Readings
+from keystore_audit.keystore.document import DomainRange, Readings
 from keystore_audit.keystore.keystore import Enclave
 from keystore_audit.keystore.typed import Governance, GovernanceFile, Permissions, PermissionsFile, ProtectionKind
 from keystore_audit.model.domains import Interval
@@ -182,20 +182,22 @@ class AccessViews:
         try:
             return build(self), self
         except BudgetExceeded as exceeded:
-            why, counts = exceeded.message, range(1, len(self._held.files) + 1)
+            why = exceeded.message
+            found: tuple[T, AccessViews] | None = None
 
             def fits(count: int) -> bool:
+                nonlocal found
+                views = self._without(count, why)
                 try:
-                    build(self._without(count, why))
+                    found = build(views), views
                 except BudgetExceeded:
                     return False
                 return True
 
-            number = bisect_left(counts, True, key=fits)
-            if number == len(counts):
+            bisect_left(range(1, len(self._held.files) + 1), True, key=fits)  # the last that fits is of the fewest
+            if found is None:
                 raise
-            views = self._without(counts[number], why)
-            return build(views), views
+            return found
 
     def _without(self, count: int, why: str) -> AccessViews:
         """The views where so many documents count as unread."""
@@ -288,9 +290,8 @@ class AccessViews:
             return ReadDocument(doubt=doubt)
         if unbounded is not None:
             return ReadDocument(refusal="it has an <id_range> without <min>")
-        if access.open_ranges is OpenRange.LONE_MAX_REFUSED and any(
-            (each.low or 0) > (each.high or MAX_DOMAIN) for each in ranges
-        ):
+        inverted = any(each.high is not None and (each.low or 0) > each.high for each in ranges)
+        if inverted and access.open_ranges is OpenRange.LONE_MAX_REFUSED:
             return ReadDocument(refusal="it has an <id_range> that ends before it begins")
         if _opens_protected_rtps(typed) and access.refuses_unauthenticated_with_rtps:
             return ReadDocument(refusal="it allows unauthenticated participants beside a protected RTPS")

@@ -74,6 +74,7 @@ IDS = (
     of_ids("of id 231", "<id>231</id>", domain=231),
     of_ids("of id 0 and 231", "<id>0</id><id>231</id>"),
     of_ids("of id 232", "<id>0</id><id>232</id>", domain=232),
+    of_ids("of id 0 and a range of 5 to 0", "<id>0</id><id_range><min>5</min><max>0</max></id_range>"),
     of_ids("of id 0 and 430", "<id>0</id><id>430</id>"),
     of_ids("of a range to 430", "<id_range><min>0</min><max>430</max></id_range>", domain=9),
     of_ids("of id 231 by a range from 0", "<id_range><min>0</min><max>230</max></id_range>", domain=231),
