@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
-from functools import partial
 from typing import Final
 
 from msgspec import Struct
@@ -90,8 +89,9 @@ def find_flow(
     claims = questions(question)
     keystore = given.keystore(path)
     profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
-    build = partial(SystemBuilder, keystore, profiles, at, claims=claims)
-    builder, accesses = accesses.within_budget(lambda views: build(accesses=views))
+    builder, accesses = accesses.within_budget(
+        lambda views: SystemBuilder(keystore, profiles, at, views, claims=claims)
+    )
     usabilities = Usabilities(None, accesses)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}, usabilities))
     runs, answers = _decide(native, engines or Engines())

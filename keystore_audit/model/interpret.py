@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
-from functools import partial
 from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
@@ -68,8 +67,9 @@ def interpret(
     declared = declared or Declared()
     named = (*place_regions(places), *declared.regions(), *_wires(nodes))
     try:
-        build = partial(SystemBuilder, keystore, profiles, at, claims=claims, named=named)
-        builder, accesses = accesses.within_budget(lambda views: build(accesses=views))
+        builder, accesses = accesses.within_budget(
+            lambda views: SystemBuilder(keystore, profiles, at, views, claims=claims, named=named)
+        )
         systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities)
         systems = with_places(systems, places, builder.channels, keystore)
         if nodes:
