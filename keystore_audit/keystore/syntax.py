@@ -15,7 +15,7 @@ from typing import Final
 from lxml import etree
 
 from keystore_audit.keystore.grammar import Grammar, elements, is_valid, joined
-from keystore_audit.keystore.xml import QUOTES, REPEATABLE, SCHEMA_LOCATION
+from keystore_audit.keystore.xml import BLANKS, QUOTES, REPEATABLE, SCHEMA_LOCATION
 from keystore_audit.profiles import Syntax
 
 _FLAGS: Final = frozenset(
@@ -135,7 +135,7 @@ class _BySchema:
         text = joined(element)
         if tag not in _FLAGS | _NUMBERS | _DATES:
             return text
-        text = text.strip()
+        text = text.strip(BLANKS)
         if tag in _FLAGS and text in ("TRUE", "FALSE"):  # the OMG's own documents have these
             return text.lower()
         return str(int(text)) if tag in _NUMBERS and _PLAIN_NUMBER.fullmatch(text) else text
@@ -149,7 +149,7 @@ class _InOrder(_BySchema):
         if next(behind, None) is not None:
             raise Refused("an instruction behind the start of the root")
         last = root[-1] if self.grammar is Grammar.GOVERNANCE and len(root) else None
-        if last is not None and (type(last) is _COMMENT or (last.tail or "").strip()):
+        if last is not None and (type(last) is _COMMENT or (last.tail or "").strip(BLANKS)):
             raise Refused("something behind </domain_access_rules>")
         return self._made(root)
 
@@ -187,13 +187,13 @@ class _InOrder(_BySchema):
 
     def _value(self, tag: str, element: etree._Element) -> str:
         pieces = [element.text, *(child.tail for child in element if tag not in _FLAGS | _NUMBERS)]
-        text = str(next((each for each in pieces if (each or "").strip()), ""))
+        text = str(next((each for each in pieces if (each or "").strip(BLANKS)), ""))
         if not text and len(element):
             raise Refused(f"a comment before the value of <{tag}>")
         if tag in _FLAGS:
             return _flag(text, element)
         if tag in _NUMBERS:
-            return _number(text.strip(), element)
+            return _number(text.strip(BLANKS), element)
         if tag == "subject_name" and not text:
             raise Refused("an empty <subject_name>")
         return text
@@ -274,7 +274,7 @@ class _AnyOrder(_BySchema):
         return _in_order(kept)
 
     def _value(self, tag: str, element: etree._Element) -> str:
-        text = joined(element).strip()
+        text = joined(element).strip(BLANKS)
         if text.startswith(QUOTES):  # it is refused, unless something behind it closes the string
             raise Unclear(element, "a value that begins with a quote")
         if tag in _FLAGS:
@@ -301,7 +301,7 @@ class _AnyOrder(_BySchema):
 
 def _beside(element: etree._Element) -> bool:
     """Whether there is text beside the elements of an element."""
-    return bool((element.text or "").strip()) or any((child.tail or "").strip() for child in element)
+    return bool((element.text or "").strip(BLANKS)) or any((child.tail or "").strip(BLANKS) for child in element)
 
 
 def _in_order(children: Sequence[etree._Element]) -> list[etree._Element]:

@@ -41,6 +41,8 @@ _CONTROLS: Final = bytes(code for code in (*range(0x20), 0x7F) if code not in b"
 _DECLARED_ENCODING: Final = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([^"'>]*)["']""")
 _MARKUP: Final = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!\[CDATA\[|<!DOCTYPE", re.DOTALL)
 BLANKS: Final = " \t\r\n"
+"""What parsers trim, and no space beyond ASCII (measured on a space of no break)."""
+
 _SPELLINGS: Final = (
     # What a tree does not show and parsers do not spell alike (measured: tinyxml2 9, Cyclone DDS 0.10.2).
     (re.compile(rb"</[^\s<>]+\s"), Kind.XML_AMBIGUOUS, facts.BLANK_IN_END_TAG),

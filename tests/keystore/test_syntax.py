@@ -119,6 +119,8 @@ def test_governance(old: bytes, new: bytes, expected: tuple[str, str, str]) -> N
         (SUBJECT, b"<subject_name>CN=/<!-- -->talker", ("", "subject=CN=/", "")),
         (SUBJECT, b"<subject_name>", ("unknown", "refused", "refused")),
         (TOPIC, b"<topic>rt/<!-- -->chatter", ("", "topics=['rt/']", "")),
+        (TOPIC, "<topic>\u00a0rt/<!-- -->chatter".encode(),
+         ("topics=['\\xa0rt/chatter']", "topics=['\\xa0rt/']", "topics=['\\xa0rt/chatter']")),
         (TOPIC, b"<topic>rt/chatter ", ("topics=['rt/chatter ']", "topics=['rt/chatter ']", "")),
         (NOT_AFTER, b"<not_after>2034-1-1</not_after>", ("refused", "until=2034-1-1", "until=2034-1-1")),
         (NOT_AFTER, b"", ("refused", "refused", "refused")),

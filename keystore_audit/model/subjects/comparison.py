@@ -19,6 +19,7 @@ from msgspec import Struct
 from keystore_audit.grouped import gathered
 from keystore_audit.keystore.attribute_types import SHORT_NAMES
 from keystore_audit.keystore.certificate import Certificate
+from keystore_audit.keystore.xml import BLANKS
 from keystore_audit.model.subjects.attributes import Subject, compact, oneline, relative_names, typed
 from keystore_audit.profiles import SubjectComparison
 
@@ -29,8 +30,6 @@ COMPACT_TOO: Final = frozenset({SubjectComparison.PIECES_IN_ORDER, SubjectCompar
 """Comparisons of Fast DDS: of a peer, `compact` to the letter will do as well (Permissions.cpp,
 validate_remote_permissions). It does so where it answers the handshake (PKIDH.cpp, begin_handshake_reply), not where it
 began it: which of them depends on digests of both subjects (measured on 2.9.1; of the others read)."""
-
-_BLANKS: Final = " \t\r\n"
 
 MAX_PAIRS: Final = 200_000
 """Grants and certificates that are compared one by one: half a second. Only names in odd forms are; beyond it a grant
@@ -64,7 +63,7 @@ def matching(
     if comparison is SubjectComparison.EXACT:
         return _equal(wanted, range(len(certificates)), certificates)
     if comparison in TOKENWISE:  # as the parser leaves the text (xmlparser.c, save_payload; measured)
-        bare = {text: text.strip(_BLANKS) for text in wanted}
+        bare = {text: text.strip(BLANKS) for text in wanted}
         named = _tokenwise(tuple(dict.fromkeys(bare.values())), tuple(certificates), comparison)
         return {text: named[inside] for text, inside in bare.items()}
     found = _typed(wanted, certificates, comparison)

@@ -41,6 +41,8 @@ OTHERS = grant(allow(pub("*")), subject="CN=/listener")
 TAGS = "<data_tags><tag><name>n</name><value>v</value></tag></data_tags>"
 PARTITION = "<partitions><partition></partition></partitions>"
 
+NO_BREAK = PLAIN.replace("<topic>", "<topic>\u00a0").replace("<default>DENY", "<default> DENY")
+
 MISSING = tuple(
     map(
         without,
@@ -102,6 +104,7 @@ FOREIGN = (
     altered("with an unknown element in the criterion", TOPICS, TOPICS + "<note>x</note>"),
     altered("with an unknown attribute", "<allow_rule>", '<allow_rule id="1">'),
     altered("with another attribute of the grant", "<grant ", '<grant id="1" '),
+    written("with a space of no break before topics, out of form", NO_BREAK),
     altered("with a default namespace", "<dds>", '<dds xmlns="http://www.omg.org/spec/DDS-SECURITY">'),
     altered("with a prefix", "<dds>", '<dds xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance">'),
     altered("with another root", "dds>", "permissions_document>", 2),
