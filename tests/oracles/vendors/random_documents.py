@@ -29,7 +29,8 @@ _ENDPOINTS = (
     publish("rt/a", "p"),
     *(subscribe(f"rt/{name}") for name in ("a", "open")),
 )
-_BLANKS = (" ", "\n  ", "\t", "\u00a0")
+_BLANKS = (*(" ", "\n  ", "\t") * 4, "\u00a0")
+"""The last one is none to anybody, and what that makes of a number nobody has measured."""
 _FLAGS = ("TRUE", "FALSE", "True", "False", "tRuE", "1", "0", "yes", "", "2", " true ", "\nfalse\n")
 _KINDS = ("NONE", "SIGN", "sign", "ENCRYPT", "", " SIGN ", "ALL", "ENCRYPT_WITH_ORIGIN_AUTHENTICATION")
 _NUMBERS = ("0", " 0 ", "+0", "00", "7", "\n0\n", "no")
