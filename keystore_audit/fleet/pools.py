@@ -13,9 +13,10 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from contextlib import suppress
 from itertools import islice
+from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from msgspec import Struct
@@ -23,6 +24,7 @@ from msgspec import Struct
 from keystore_audit.errors import UsageError
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
     from multiprocessing.context import ForkServerContext
 
     from distributed import Client
@@ -52,21 +54,48 @@ class Lost(Struct, frozen=True, kw_only=True):
     reason: str
 
 
-def _error(future: Future[Any]) -> BaseException | None:
-    """Why it has no result; not raised: it may be the exit of another process."""
-    try:
-        return future.exception()
-    except CancelledError as cancelled:
-        return cancelled
+class _Worker:
+    """A process that carries out one task at a time.
+
+    Its pipe is its own, and this process holds one end alone: whenever it ends, also amid an answer, that is heard.
+    (A concurrent.futures.ProcessPoolExecutor holds both, and waits for ever for the rest of such an answer.)
+    """
+
+    def __init__(self, context: ForkServerContext) -> None:
+        self._pipe, theirs = context.Pipe()
+        about = (theirs, os.getcwd(), gc.get_threshold())
+        self._process = context.Process(target=_work, args=about, daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def is_alive(self) -> bool:
+        return self._process.is_alive()
+
+    def answer(self, work: Callable[[Any], Any], task: object) -> Any:
+        """What it says. Raises EOFError or OSError if it ends."""
+        self._pipe.send((work, task))
+        return self._pipe.recv()
+
+    def let_go(self) -> None:
+        """It waits for a task: none will come."""
+        self._pipe.close()
+
+    def stop(self) -> None:
+        self._process.terminate()
+
+    def await_end(self) -> None:
+        self._process.join(PATIENCE)
+        self._process.kill()
 
 
 class Processes:
-    """So many processes of this machine, each a pool of its own: one that ends loses its task alone."""
+    """So many processes of this machine: one that ends loses its task alone."""
 
     def __init__(self, count: int) -> None:
         self._count = count
-        self._idle: list[Executor] = []
-        self._busy: dict[Future[Any], Executor] = {}
+        self._threads = ThreadPoolExecutor(count)  # each waits for one process
+        self._idle: list[_Worker] = []
+        self._busy: dict[Future[Any], _Worker] = {}
         self._context: ForkServerContext | None = None
 
     def room(self) -> int:
@@ -75,42 +104,35 @@ class Processes:
 
     def submit(self, work: Callable[[Any], Any], task: object) -> Future[Any]:
         """Hand it to a process that has none."""
-        while True:
-            pool = self._idle.pop() if self._idle else self._started()
-            try:
-                future = pool.submit(work, task)
-            except BrokenProcessPool:  # it has ended while it had nothing to do
-                continue
-            self._busy[future] = pool
-            return future
+        self._context = self._context or _forkserver()
+        worker = self._idle.pop() if self._idle else None
+        if worker is None or not worker.is_alive():  # it may have ended while it had nothing to do
+            worker = _Worker(self._context)
+        future = self._threads.submit(worker.answer, work, task)
+        self._busy[future] = worker
+        return future
 
     def result(self, future: Future[Any]) -> Any:
         """What it says, or that it ended; of the others the process is free again."""
-        pool, error = self._busy.pop(future), _error(future)
-        if isinstance(error, BrokenProcessPool):
-            pool.shutdown()
+        worker = self._busy.pop(future)
+        try:
+            said = future.result()
+        except (EOFError, OSError):
+            worker.await_end()
             return Lost(reason="The process that was at it ended before its time (killed, or out of memory).")
-        self._idle.append(pool)
-        if error is not None:
-            return Lost(reason=f"It could not be carried out ({type(error).__name__}).")
-        return future.result()
+        self._idle.append(worker)
+        return said
 
     def close(self) -> None:
         """Let those that are idle go; ask the others to end, and kill those that do not."""
-        for pool in (*self._idle, *self._busy.values()):
-            pool.shutdown(wait=False, cancel_futures=True)
-        processes = multiprocessing.active_children()
-        for process in processes if self._busy else ():
-            process.terminate()
-        for process in processes:
-            process.join(PATIENCE)
-            process.kill()
+        for worker in self._idle:
+            worker.let_go()
+        for worker in self._busy.values():
+            worker.stop()
+        for worker in (*self._idle, *self._busy.values()):
+            worker.await_end()
+        self._threads.shutdown()
         self._idle, self._busy = [], {}
-
-    def _started(self) -> Executor:
-        self._context = self._context or _forkserver()
-        about = (os.getcwd(), gc.get_threshold())
-        return ProcessPoolExecutor(1, mp_context=self._context, initializer=_begin, initargs=about)
 
 
 def processors() -> int:
@@ -143,14 +165,22 @@ def _forkserver() -> ForkServerContext:
     return context
 
 
-def _begin(directory: str, thresholds: tuple[int, int, int]) -> None:
-    """Make this process one that works where the command does, and ends when it is asked to, or the command is gone."""
+def _work(tasks: Connection, directory: str, thresholds: tuple[int, int, int]) -> None:
+    """Carry out what comes, where the command works; end when asked to, or when the command is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # an exception, so that Java is ended too
     os.chdir(directory)
     gc.freeze()
     gc.set_threshold(*thresholds)
     threading.Thread(target=_end_with_the_command, daemon=True).start()
+    with suppress(EOFError, OSError):
+        while True:
+            work, task = tasks.recv()
+            try:
+                said = ForkingPickler.dumps(work(task))
+            except Exception as error:  # noqa: BLE001 - it is told, and the next one may do
+                said = ForkingPickler.dumps(Lost(reason=f"It could not be carried out ({type(error).__name__})."))
+            tasks.send_bytes(said)
 
 
 def _end_with_the_command() -> None:
@@ -189,7 +219,10 @@ class Cluster:
 
     def result(self, future: Future[Any]) -> Any:
         """What a worker says; a task that took several workers with it (Dask's `allowed-failures`) is lost."""
-        error = _error(future)
+        try:
+            error = future.exception()  # not raised: it may be the exit of another process
+        except CancelledError as cancelled:
+            error = cancelled
         if error is not None:
             return Lost(reason=f"The cluster has not carried it out ({type(error).__name__}).")
         return future.result()

@@ -51,6 +51,7 @@ def test_processes_are_kept_and_work_where_this_one_does(tmp_path: Path, monkeyp
     [
         (work.end_at_three, "ended before its time"),
         (work.leave_at_three, "ended before its time"),
+        (work.end_amid_the_answer, "ended before its time"),
         (work.fail_at_three, "MemoryError"),
         (work.unsendable_at_three, "could not be carried out"),
     ],
@@ -61,7 +62,7 @@ def test_what_ends_a_process_loses_its_task_alone(function: Callable[[int], int]
     lost = results.pop(3)
     assert isinstance(lost, Lost)
     assert words in lost.reason
-    assert results == {number: number for number in range(8) if number != 3}
+    assert results == {number: function(number) for number in range(8) if number != 3}
 
 
 def test_nothing_is_left_running() -> None:
