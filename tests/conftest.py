@@ -7,14 +7,15 @@ import ctypes.util
 import gc
 import shutil
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import NoReturn
 
 import pytest
 from hypothesis import settings
 
-from keystore_audit.engine.alloy.process import AnalyzerProcess
+from keystore_audit.engine.alloy.kept import CURRENT, Kept
 from keystore_audit.resources import in_ci
 from tests.amount import tried
 
@@ -73,12 +74,19 @@ def pytest_make_parametrize_id(val: object, argname: str) -> str | None:
     return argname if isinstance(val, bytes) else None
 
 
-@pytest.fixture
-def resident_analyzer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the program find a JVM that runs already, in place of a process for each main file."""
-    from tests.engine.resident import analyze_here  # few tests need what it imports
+@pytest.fixture(scope="session")
+def session_solvers() -> Iterator[Kept]:
+    """What is kept for all tests that take `resident_analyzer`."""
+    with ExitStack() as stack:
+        yield Kept(stack)
 
-    monkeypatch.setattr(AnalyzerProcess, "_start", analyze_here)
+
+@pytest.fixture
+def resident_analyzer(session_solvers: Kept) -> Iterator[None]:
+    """Let the program find JVMs that run already, as in the middle of a fleet."""
+    token = CURRENT.set(session_solvers)
+    yield
+    CURRENT.reset(token)
 
 
 @pytest.fixture(scope="session")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +36,7 @@ def command(context: click.Context, alloy_jar: Path | None) -> int:
     if context.invoked_subcommand is not None:
         return 0
     from keystore_audit import __version__
+    from keystore_audit.engine.alloy import archive
     from keystore_audit.engine.alloy.install import locate
 
     try:
@@ -41,7 +44,8 @@ def command(context: click.Context, alloy_jar: Path | None) -> int:
     except EngineMissing as error:
         alloy = f"missing: {error.message}"
     else:
-        alloy = f"{found.version}\n        jar   {found.jar}\n        java  {found.java}"
+        kept = archive.find(found.java) or "nothing of it (`keystore-audit engine install` does, with Java 25 or newer)"
+        alloy = f"{found.version}\n        jar   {found.jar}\n        java  {found.java}\n        kept  {kept}"
     lines = (f"native  {__version__} (part of keystore-audit)", f"alloy   {alloy}")
     output.write_stdout("".join(f"{terminal(line)}\n" for text in lines for line in text.split("\n")))
     return 0
@@ -56,11 +60,21 @@ def command(context: click.Context, alloy_jar: Path | None) -> int:
     help="Import this jar instead of fetching one.",
 )
 def install_command(source: Path | None) -> int:
-    """Fetch the Alloy Analyzer, or import it with --from, and check its hash."""
-    from keystore_audit.engine.alloy.install import install
+    """Fetch the Alloy Analyzer, or import it with --from, and check its hash.
+
+    With Java 25 or newer it is started once, and what it loads is kept: later starts take less.
+    """
+    from keystore_audit.engine.alloy import archive
+    from keystore_audit.engine.alloy.install import find_java, install
+    from keystore_audit.engine.alloy.runner import make_archive
 
     with Watch(visible=sys.stderr.isatty()) as watch:
         jar = install(source, watch.stage)
+        with suppress(EngineMissing):  # Java may come later
+            java = find_java(os.environ)
+            if archive.find(java) is None:
+                watch.stage("starting it once, and keeping what it loads")
+                make_archive(java, jar)
     click.echo(f"The Alloy Analyzer is at {terminal(str(jar))}.", err=True)
     return 0
 

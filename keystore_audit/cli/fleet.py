@@ -13,6 +13,7 @@ import click
 from keystore_audit import __version__
 from keystore_audit.cli import output, places
 from keystore_audit.cli.progress import FleetWatch, interrupts_later
+from keystore_audit.engine.alloy.kept import kept
 from keystore_audit.errors import EXIT_INCOMPLETE, EXIT_INTERRUPTED, EXIT_NOTHING_TO_AUDIT, AuditError, NothingToAudit
 from keystore_audit.report.summary import Row, Summary, render_json, render_text
 from keystore_audit.text import some
@@ -30,8 +31,6 @@ WORST_FIRST: Final = (EXIT_INCOMPLETE, EXIT_NOTHING_TO_AUDIT, 1, 0)
 
 MAX_IN_TURN: Final = 7
 """So many keystores are audited in this process: others take longer to start."""
-
-ENGINE_WITHOUT_JAVA: Final = "native"
 
 MAX_NAMED: Final = 3
 """Older reports that are named; the others are counted."""
@@ -96,6 +95,7 @@ class _Run:
         began = time.perf_counter()
         quiet = self._given["quiet"] or (self._texts_wanted and output.is_terminal())
         with ExitStack() as stack:
+            stack.enter_context(kept())
             pool = self._pool(stack)
             try:
                 for wanted in self._summaries:  # however this run ends, an earlier one's does not speak of it
@@ -156,9 +156,7 @@ class _Run:
             return stack.enter_context(closing(Cluster(self._given["executor"])))
         jobs: int | None = self._given["jobs"]
         if jobs is None:
-            # Two Analyzers run side by side for one keystore.
-            cores = processors() if self._options.engine == ENGINE_WITHOUT_JAVA else processors() // 2
-            jobs = max(1, cores) if len(self._found.keystores) > MAX_IN_TURN else 1
+            jobs = processors() if len(self._found.keystores) > MAX_IN_TURN else 1
         return stack.enter_context(closing(Processes(jobs))) if jobs > 1 else None
 
     def _take(self, number: int, audited: Audited) -> None:

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from msgspec import Struct
 
+from keystore_audit.engine.alloy.kept import kept
 from keystore_audit.errors import UsageError
 
 if TYPE_CHECKING:
@@ -173,7 +174,7 @@ def _work(tasks: Connection, directory: str, thresholds: tuple[int, int, int]) -
     gc.freeze()
     gc.set_threshold(*thresholds)
     threading.Thread(target=_end_with_the_command, daemon=True).start()
-    with suppress(EOFError, OSError):
+    with suppress(EOFError, OSError), kept():
         while True:
             work, task = tasks.recv()
             try:

@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 
-from keystore_audit.engine.alloy import install
-from keystore_audit.engine.alloy.process import AnalyzerProcess
+from keystore_audit.engine.alloy.process import Jvm
 from tests.cli.keystores import AT, answer
 from tests.schemas import schema
 
@@ -69,18 +68,14 @@ def test_what_holds_passes_and_the_text_says_who_decided(run: Audit) -> None:
 
 @pytest.mark.alloy
 @pytest.mark.xdist_group("alloy")
-def test_the_jar_is_hashed_once_for_each_process_that_runs_it(run: Audit, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tests.engine.alloy_batch import start_jvm
-
-    start_jvm()  # which checks the jar for itself
-    started: list[Path] = []
-    checked: list[Path] = []
-    start, check = AnalyzerProcess._start, install.check
-    monkeypatch.setattr(AnalyzerProcess, "_start", lambda process: started.append(process._jar) or start(process))
-    monkeypatch.setattr(install, "check", lambda jar, *other: checked.append(jar) or check(jar, *other))
-    assert run(GOOD, "--profile", "spec")[0] == 0
-    assert len(started) == len(checked) == 2  # our properties, and theirs
-    assert not {*started} & {*checked}, "what runs is the copy"
+def test_words_of_users_have_a_jvm_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(SAMPLES)
+    monkeypatch.delenv("CI", raising=False)
+    asked: list[tuple[Jvm, str]] = []
+    ask = Jvm.ask
+    monkeypatch.setattr(Jvm, "ask", lambda jvm, *words: asked.append((jvm, words[1])) or ask(jvm, *words))
+    assert answer(GOOD, "--alloy-property", ASKED, "--at", AT, "--profile", "spec")[0] == 0
+    assert len({jvm for jvm, _main in asked}) == len(set(asked)) == 2
 
 
 def test_without_alloy_it_is_open(report: Reported) -> None:

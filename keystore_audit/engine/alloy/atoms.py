@@ -123,11 +123,12 @@ def _entries(system: System, sort: str) -> Iterable[tuple[str, ...]]:
     return [(getattr(each, "label", ""), str(each.location)) for each in getattr(system, sort)]
 
 
-def declare(sort: Sort) -> str:
-    """Return the sigs for the atoms of a sort, in groups where there are many."""
+def declare(sort: Sort, *, commented: bool = True) -> str:
+    """Return the sigs for the atoms of a sort, in groups where there are many, perhaps with what each is."""
     groups = []
     for parent, head, atoms in _groups(sort):
-        sigs = [f"-- {text.alloy_comment(atom.comment)}\none sig {atom.name} extends {parent} {{}}" for atom in atoms]
+        said = (f"-- {text.alloy_comment(atom.comment)}\n" if commented else "" for atom in atoms)
+        sigs = [f"{says}one sig {atom.name} extends {parent} {{}}" for says, atom in zip(said, atoms, strict=True)]
         groups.append("\n".join([*head, *sigs]))
     return "\n".join(groups)
 

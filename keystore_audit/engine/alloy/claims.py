@@ -12,8 +12,8 @@ from typing import Final
 from msgspec import Struct
 
 from keystore_audit import text
+from keystore_audit.engine.alloy.answers import Command
 from keystore_audit.engine.alloy.atoms import Relations, function, name_atoms
-from keystore_audit.engine.alloy.process import Command
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties.result import Role, Status

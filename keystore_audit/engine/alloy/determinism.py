@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Final
 
 from keystore_audit import text
+from keystore_audit.engine.alloy.answers import Command
 from keystore_audit.engine.alloy.atoms import Relations, Sort, name_atoms
 from keystore_audit.engine.alloy.claims import MODULES as CLAIM_MODULES
 from keystore_audit.engine.alloy.facts import MODULES, count_atoms, fact_modules, module_texts
-from keystore_audit.engine.alloy.process import Analyzer, Command, Job, run
+from keystore_audit.engine.alloy.process import Analyzer, Job
+from keystore_audit.engine.alloy.solvers import run
 from keystore_audit.engine.native_determinism import explore, together
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.formal.asked import Behaviour, Scheduler

@@ -52,6 +52,8 @@ SPLIT_ATOMS: Final = 400
 
 MODULE_GROUPS: Final = 2  # of up to `atoms.GROUP` atoms in one module, where there are more atoms
 
+_HEADER: Final = "module keystore\nopen dds_security"
+
 _CLOCK: Final = """\
 var one sig Clock in Instant {}
 fun audit_instant: one Instant { Clock }"""
@@ -142,7 +144,9 @@ def facts(system: System, *, moving: bool = False) -> str:
 
 
 def fact_modules(system: System) -> dict[str, str]:
-    """Return `facts` as the files that the Analyzer reads fast: name to text.
+    """Return `facts` as the files that the Analyzer reads fast: name to text, without what only people read.
+
+    Equal systems have the same files, whatever the instant, or where their documents lie.
 
     For each name the Analyzer looks through all sigs that can be seen from where the name stands, and for each sig
     and function through all sigs of its module. So many atoms stand in modules of their own. Beside each stands one
@@ -150,7 +154,8 @@ def fact_modules(system: System) -> dict[str, str]:
     """
     sorts = name_atoms(system).values()
     if sum(len(sort.atoms) for sort in sorts) <= SPLIT_ATOMS:
-        return {KEYSTORE: facts(system)}
+        declared = filter(None, (declare(sort, commented=False) for sort in sorts))
+        return {KEYSTORE: "\n\n".join([_HEADER, *declared, *_Facts(system, moving=False).sections()]) + "\n"}
     groups = [group for sort in sorts for group in declare_apart(sort)]
     opened, modules = [], {}
     for number, start in enumerate(range(0, len(groups), MODULE_GROUPS)):
@@ -159,7 +164,7 @@ def fact_modules(system: System) -> dict[str, str]:
         head = f"module names_{number}\nprivate open atoms_{number}\n"
         modules[f"names_{number}.als"] = "\n".join([head, *names]) + "\n"
         opened.append(f"open names_{number}")
-    header = "\n".join([_header(system), *opened])
+    header = "\n".join([_HEADER, *opened])
     modules[KEYSTORE] = "\n\n".join([header, *_Facts(system, moving=False).sections()]) + "\n"
     return modules
 
@@ -213,8 +218,7 @@ def _header(system: System) -> str:
         " * ROS 2 topics begin with `rt/`; a service is two topics, which begin with `rq/` and `rr/`. `DDS only`: in",
         " * this channel lies no name of ROS 2.",
         " */",
-        "module keystore",
-        "open dds_security",
+        _HEADER,
     ]
     return "\n".join(lines)
 

@@ -10,6 +10,7 @@ import hashlib
 import os
 import shutil
 import tempfile
+import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
@@ -22,6 +23,11 @@ GROUP_ID: Final = "org.alloytools"
 ARTIFACT_ID: Final = "org.alloytools.alloy.dist"
 VERSION: Final = "6.2.0"
 SHA256: Final = "6037cbeee0e8423c1c468447ed10f5fcf2f2743a2ffc39cb1c81f2905c0fdb9d"
+
+RESIDENT: Final = "Resident.class"
+"""What `Resident.java` beside it becomes; a test makes it anew."""
+
+RESIDENT_SHA256: Final = "efda8039bec25823ba355671816bec435172605b097e99a7f4b9aecbac814031"
 
 JAR_VARIABLE: Final = "KEYSTORE_AUDIT_ALLOY_JAR"
 """Environment variable that names a local jar, as `--alloy-jar` does."""
@@ -108,7 +114,8 @@ def install(
         target.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=target.parent, prefix=".fetch-") as scratch:
             source = from_file if from_file is not None else _fetch(Path(scratch), progress)
-            copy = checked_copy(source, Path(scratch))
+            copy = Path(scratch) / "alloy.jar"
+            checked_copy(source, copy)
             copy.replace(target)
     except OSError as error:
         raise EngineFailed(f"The Alloy Analyzer cannot be stored at {target}: {error.strerror or error}.") from error
@@ -131,15 +138,27 @@ def cached_jar(environment: Mapping[str, str]) -> Path:
     return Path(base) / "keystore-audit" / f"{ARTIFACT_ID}-{VERSION}.jar"
 
 
-def checked_copy(jar: Path, directory: Path) -> Path:
-    """Copy the jar into `directory`: what is there is what was checked, even if somebody replaces `jar` meanwhile.
+def checked_copy(jar: Path, copy: Path) -> None:
+    """Copy the jar: what is there is what was checked, even if somebody replaces `jar` meanwhile.
 
     Raises what `check` raises, and OSError where the copy cannot be written.
     """
-    content = check(jar)
-    copy = directory / "alloy.jar"
-    copy.write_bytes(content)
-    return copy
+    copy.write_bytes(check(jar))
+
+
+def write_resident(jar: Path) -> None:
+    """Write a jar with the class that calls the Analyzer in a loop, the same bytes each time.
+
+    Raises EngineFailed if it is not the class that this version has, OSError where the jar cannot be written.
+    """
+    try:
+        content = Path(__file__).with_name(RESIDENT).read_bytes()
+    except OSError as error:
+        raise EngineFailed(f"This installation is incomplete: {RESIDENT} cannot be read ({error}).") from error
+    if hashlib.sha256(content).hexdigest() != RESIDENT_SHA256:
+        raise EngineFailed(f"This installation is damaged: {RESIDENT} is another file than this version has.")
+    with zipfile.ZipFile(jar, "w") as archive:
+        archive.writestr(zipfile.ZipInfo(RESIDENT), content)  # dated 1980
 
 
 def check(jar: Path) -> bytes:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +19,7 @@ from msgspec.structs import replace
 
 from keystore_audit.engine import moments
 from keystore_audit.engine.alloy import claims
+from keystore_audit.engine.alloy.answers import Command, witness
 from keystore_audit.engine.alloy.claims import Question
 from keystore_audit.engine.alloy.facts import (
     CONSISTENCY,
@@ -28,8 +30,10 @@ from keystore_audit.engine.alloy.facts import (
     module_texts,
     with_one_trust_domain,
 )
+from keystore_audit.engine.alloy.kept import kept
 from keystore_audit.engine.alloy.merging import Merged, merge
-from keystore_audit.engine.alloy.process import Analyzer, Command, Job, run, witness
+from keystore_audit.engine.alloy.process import Analyzer, Job
+from keystore_audit.engine.alloy.solvers import record_classes, run
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES
@@ -64,24 +68,54 @@ def examine(
     memory_mb: int = MEMORY_MB,
     expected: Expected | None = None,
 ) -> tuple[Decision, ...]:
-    """Ask the Analyzer about each system, merged (`merging`), in a process each, `process.PARALLEL` at a time.
+    """Ask the Analyzer about each system, merged (`merging`), by a question each.
 
-    `expected`: what is expected to be so is asked together. More processes answer claims at later
-    moments, and what is not as expected. `timeout`: seconds for each process; `memory_mb`: MiB of Java heap of each.
-    All or nothing: raises EngineOutOfScale before anything is started if a system is too large, EngineTimeout,
-    EngineMissing (no Java at `java`) or EngineFailed if one of them was not answered completely. Nothing is left
-    running, or on disk.
+    `expected`: what is expected to be so is asked together. More questions are about claims at later moments, and what
+    is not as expected. `timeout`: seconds for each question; `memory_mb`: MiB of Java heap of each JVM. All or nothing:
+    raises EngineOutOfScale before anything is started if a system is too large, EngineTimeout, EngineMissing (no Java
+    at `java`) or EngineFailed if one of them was not answered completely. Nothing is left running, or on disk, when
+    the run ends (`kept`).
     """
     analyzer = Analyzer(java=java, jar=jar, timeout=timeout, memory_mb=memory_mb)
     cases = [_Case.of(number, system, moment=None) for number, system in enumerate(systems)]
     cases += [case for number, system in enumerate(systems) for case in _later(number, system)]
-    told = _answers(cases, expected, analyzer)
-    found = [_over_time(number, cases, told) for number in range(len(systems))]
-    if any(system.determinism for system in systems):
-        from keystore_audit.engine.alloy.determinism import decide  # most audits have none
+    with kept():
+        told = _answers(cases, expected, analyzer)
+        found = [_over_time(number, cases, told) for number in range(len(systems))]
+        if any(system.determinism for system in systems):
+            from keystore_audit.engine.alloy.determinism import decide  # most audits have none
 
-        found = [one | more for one, more in zip(found, decide(systems, analyzer), strict=True)]
+            found = [one | more for one, more in zip(found, decide(systems, analyzer), strict=True)]
     return tuple(Decision(answers=each, atoms=case.atoms) for each, case in zip(found, cases, strict=False))
+
+
+def make_archive(java: Path, jar: Path) -> Path | None:
+    """Make the archive of classes (`archive`) for this Java, by asking about a keystore of nobody, and return its path.
+
+    None where this Java makes none. Raises an EngineError if the Analyzer does not answer, or it cannot be stored.
+    """
+    nobody = System(
+        profiles=(),
+        pins_signer=False,
+        skips_grants_out_of_date=False,
+        requires_grant=False,
+        may=False,
+        instants=(datetime(1970, 1, 1, tzinfo=timezone.utc),),
+        now=0,
+        certificates=(),
+        documents=(),
+        trust_domains=(),
+        enclaves=(),
+        domains=(),
+        channels=(),
+        domain_rules=(),
+        topic_rules=(),
+        grants=(),
+        rules=(),
+    )
+    case = _Case.of(0, nobody, moment=None)
+    analyzer = Analyzer(java=java, jar=jar, timeout=120, memory_mb=MEMORY_MB)
+    return record_classes(case.job(case.questions(), []), analyzer)
 
 
 class _Case(Struct, frozen=True, kw_only=True):
@@ -193,7 +227,7 @@ def _answers(cases: Sequence[_Case], expected: Expected | None, analyzer: Analyz
 def _ask(
     cases: Sequence[_Case], asked: Sequence[tuple[list[Question], list[Question]]], analyzer: Analyzer
 ) -> list[dict[str, Answer]]:
-    """What a process each finds about the cases, who are asked some things together and others alone.
+    """What a question each finds about the cases, who are asked some things together and others alone.
 
     Nothing of what was asked together and is not as expected.
     """

@@ -1,4 +1,4 @@
-"""Users' own Alloy files, asked of every system: each in a process of its own, so that none can change our properties.
+"""Users' own Alloy files, asked of every system, in a JVM that is asked nothing else: none can change our properties.
 
 A file is the main file of its run; beside it stand the modules, the facts, and the module `keystore_audit` with the
 names that it gives to enclaves and topics. The facts are constants: nothing that a file says can make them different,
@@ -16,11 +16,13 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.engine.alloy import claims, install
+from keystore_audit.engine.alloy.answers import Command, skolems
 from keystore_audit.engine.alloy.atoms import atom_of
 from keystore_audit.engine.alloy.export import MODULE, NODES, VOCABULARY, write_nodes, write_vocabulary
 from keystore_audit.engine.alloy.facts import MODULES, count_atoms, fact_modules, module_texts
-from keystore_audit.engine.alloy.process import Analyzer, Command, Job, Output, run, skolems
+from keystore_audit.engine.alloy.process import Analyzer, Job, Output
 from keystore_audit.engine.alloy.runner import MAX_ATOMS, MEMORY_MB
+from keystore_audit.engine.alloy.solvers import run
 from keystore_audit.engine.alloy.user_file import CONSISTENT, Asked, UserFile
 from keystore_audit.engine.engines import AskedSystems, Engines
 from keystore_audit.errors import EngineError, EngineFailed, EngineOutOfScale, UsageError

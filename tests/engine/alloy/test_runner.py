@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import shlex
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import psutil
 import pytest
-from msgspec.structs import replace
 
 from keystore_audit import resources
-from keystore_audit.engine.alloy import process, runner
+from keystore_audit.engine.alloy import runner, solvers
+from keystore_audit.engine.alloy.answers import Command, verdicts, witness
 from keystore_audit.engine.alloy.facts import count_atoms
 from keystore_audit.engine.alloy.install import Engine
+from keystore_audit.engine.alloy.kept import kept
 from keystore_audit.engine.alloy.merging import merge
-from keystore_audit.engine.alloy.process import Command, verdicts, witness
 from keystore_audit.engine.alloy.runner import examine
 from keystore_audit.errors import EngineError, EngineFailed, EngineMissing, EngineOutOfScale, EngineTimeout
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import BY_ID, PROPERTIES, Status
 from keystore_audit.properties.result import Role
 from tests.engine.systems import CHATTER, LISTENER, healthy, random_system, stock
@@ -33,13 +37,15 @@ ENOUGH = 120.0
 
 SYSTEMS = (healthy(), stock())
 
+BEHIND = Path(__file__).with_name("behind.py")
+
 
 @pytest.fixture(autouse=True)
 def nothing_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Run directories go below `tmp_path`, and none is left."""
     place = tmp_path / "runs"
     place.mkdir()
-    monkeypatch.setattr(process.tempfile, "tempdir", str(place))
+    monkeypatch.setattr(solvers.tempfile, "tempdir", str(place))
     yield
     assert list(place.iterdir()) == []
 
@@ -152,28 +158,26 @@ def test_a_crash_without_a_word(analyzer: Engine, tmp_path: Path) -> None:
     assert "status 3" in failing(analyzer, EngineFailed, java=java(tmp_path, analyzer, "exit 3"))
 
 
-def test_a_run_that_does_nothing(analyzer: Engine, tmp_path: Path) -> None:
-    """As the Analyzer itself does where no command matches: status 0, and not a word."""
-    assert f"0 of {1 + len(PROPERTIES)}" in failing(analyzer, EngineFailed, java=java(tmp_path, analyzer, "exit 0"))
+def test_a_program_that_only_ends(analyzer: Engine, tmp_path: Path) -> None:
+    assert "status 1: it said nothing" in failing(analyzer, EngineFailed, java=java(tmp_path, analyzer, "exit 0"))
+
+
+ANSWER = 'echo "$NONCE $DIGEST $STATUS"'
+"""What says an answer (tests/engine/alloy/behind.py)."""
 
 
 @pytest.fixture(scope="module")
-def recorded(analyzer: Engine, tmp_path_factory: pytest.TempPathFactory) -> Engine:
-    """The Analyzer, which is run once for the same files: what it wrote is written again."""
+def records(analyzer: Engine, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the Analyzer answers about SYSTEMS, asked once."""
     folder = tmp_path_factory.mktemp("recorded")
-    again = f"""place="{folder}/$(cat *.als | sha256sum | cut -c1-64)"
-if ! test -e "$place"; then
-    mkdir "$place"
-    "$REAL" "$@" 2>"$place/diagnostics"
-    echo $? >"$place/status"
-    if test -e solutions; then mv solutions "$place"; fi
-fi
-cat "$place/diagnostics" >&2
-if test -e "$place/solutions"; then cp -r "$place/solutions" .; fi
-exit "$(cat "$place/status")\""""
-    engine = replace(analyzer, java=java(folder, analyzer, again))
-    examine(SYSTEMS, java=engine.java, jar=engine.jar, timeout=ENOUGH)  # what fails below is ended before its end
-    return engine
+    examine(SYSTEMS, java=in_front(folder, analyzer, folder, ANSWER), jar=analyzer.jar, timeout=ENOUGH)
+    return folder
+
+
+def in_front(tmp_path: Path, analyzer: Engine, records: Path, shell: str) -> Path:
+    """A program in Java's place that does `shell` to each answer."""
+    words = map(shlex.quote, (sys.executable, str(BEHIND), str(analyzer.java), str(records), shell))
+    return java(tmp_path, analyzer, f'exec {" ".join(words)} "$@"')
 
 
 @pytest.mark.parametrize(
@@ -187,11 +191,14 @@ exit "$(cat "$place/status")\""""
         "sed '1!G;h;$!d'",
         "cat; echo '16. check Another 0 UNSAT'",
         "cat; echo 'Exception in thread main'",
+        "true",
     ],
 )
-def test_an_answer_that_is_not_exactly_the_expected_one(filter_: str, recorded: Engine, tmp_path: Path) -> None:
-    altered = java(tmp_path, recorded, f'"$REAL" "$@" 2>&1 >/dev/null | {{ {filter_}; }} >&2; exit 0')
-    failing(recorded, EngineFailed, java=altered)
+def test_verdicts_that_are_not_exactly_the_expected_ones(
+    filter_: str, analyzer: Engine, records: Path, tmp_path: Path
+) -> None:
+    shell = f"cat diagnostics | {{ {filter_}; }} > altered; mv altered diagnostics; {ANSWER}"
+    failing(analyzer, EngineFailed, java=in_front(tmp_path, analyzer, records, shell))
 
 
 @pytest.mark.parametrize(
@@ -205,17 +212,108 @@ def test_an_answer_that_is_not_exactly_the_expected_one(filter_: str, recorded: 
         "printf '<alloy/>' >",
     ],
 )
-def test_a_counterexample_that_cannot_be_read(damage: str, recorded: Engine, tmp_path: Path) -> None:
+def test_a_counterexample_that_cannot_be_read(damage: str, analyzer: Engine, records: Path, tmp_path: Path) -> None:
     instance = "solutions/ReadersCannotForge-solution-0.xml"
-    damaged = java(tmp_path, recorded, f'"$REAL" "$@"; test -e {instance} && {damage} {instance}; exit 0')
-    assert "ReadersCannotForge" in failing(recorded, EngineFailed, java=damaged)
+    shell = f"if test -e {instance}; then {damage} {instance}; fi; {ANSWER}"
+    assert "ReadersCannotForge" in failing(analyzer, EngineFailed, java=in_front(tmp_path, analyzer, records, shell))
 
 
-def test_what_was_recorded_is_an_answer(recorded: Engine) -> None:
+@pytest.mark.parametrize(
+    ("shell", "said"),
+    [
+        (f"{ANSWER}; {ANSWER}", "another answer"),
+        (f"if test -e ../first; then cat ../first; else {ANSWER} | tee ../first; fi", "another answer"),
+        ('echo "$NONCE 0000 $STATUS"', "another answer"),
+        ('echo "0000 $DIGEST $STATUS"', "another answer"),
+        ('echo "$NONCE $DIGEST"', "another answer"),
+        ('echo "$NONCE $DIGEST $STATUS 0"', "another answer"),
+        ('echo "$STATUS"', "another answer"),
+        (f"echo hello; {ANSWER}", "another answer"),
+        ("yes", "another answer"),
+        ("rm diagnostics; " + ANSWER, "answered 0 of"),
+        ('STATUS=7; ' + ANSWER, "status 7"),
+        (f"{ANSWER}; kill -9 $PPID", "killed by signal 9"),
+        (f"{ANSWER}; exit 5", "status 5"),
+        ("exit 5", "status 5"),
+    ],
+)  # fmt: skip
+def test_a_program_that_lies_or_ends(shell: str, said: str, analyzer: Engine, records: Path, tmp_path: Path) -> None:
+    assert said in failing(analyzer, EngineFailed, java=in_front(tmp_path, analyzer, records, shell))
+
+
+def test_a_program_that_falls_silent(analyzer: Engine, records: Path, tmp_path: Path) -> None:
+    silent = in_front(tmp_path, analyzer, records, f"test -e ../first && sleep 1000; touch ../first; {ANSWER}")
+    assert "after 1 seconds" in failing(analyzer, EngineTimeout, java=silent, timeout=1)
+
+
+def test_what_was_recorded_is_an_answer(analyzer: Engine, records: Path, tmp_path: Path) -> None:
     """Nothing but what was altered above is amiss with it."""
-    first, second = examine(SYSTEMS, java=recorded.java, jar=recorded.jar, timeout=ENOUGH)
+    recorded = in_front(tmp_path, analyzer, records, ANSWER)
+    first, second = examine(SYSTEMS, java=recorded, jar=analyzer.jar, timeout=ENOUGH)
     assert {answer.status for answer in first.answers.values()} == {Status.HOLDS}
     assert second.answers["readers-cannot-forge"].witnesses
+
+
+def test_a_run_has_one_jvm_which_is_asked_nothing_twice(analyzer: Engine, records: Path, tmp_path: Path) -> None:
+    log = tmp_path / "asked"
+    logging = in_front(tmp_path, analyzer, records, f"echo $PPID $DIGEST >> {log}; {ANSWER}")
+
+    def asked(systems: Sequence[System], timeout: float = ENOUGH) -> list[dict[str, Status]]:
+        found = examine(systems, java=logging, jar=analyzer.jar, timeout=timeout)
+        return [{name: answer.status for name, answer in each.answers.items()} for each in found]
+
+    with kept():
+        first, second = asked([healthy()]), asked([stock()])
+        assert asked([stock(), healthy(), stock()]) == [*second, *first, *second]
+    lines = [line.split() for line in log.read_text().splitlines()]
+    assert len({process for process, _digest in lines}) == 1
+    assert len({digest for _process, digest in lines}) == len(lines) == 2
+    assert asked([healthy()]) == first
+    assert len(log.read_text().splitlines()) == 3, "another run asks again"
+
+
+def test_a_jvm_that_misbehaved_is_not_asked_again(analyzer: Engine, records: Path, tmp_path: Path) -> None:
+    shell = f"echo $PPID >> {tmp_path}/asked; test -e {tmp_path}/good || exit 5; {ANSWER}"
+    program = in_front(tmp_path, analyzer, records, shell)
+    with kept():
+        for good in (False, True, True):
+            if good:
+                (tmp_path / "good").touch()
+                assert examine([healthy()], java=program, jar=analyzer.jar, timeout=ENOUGH)
+            else:
+                with pytest.raises(EngineFailed, match="status 5"):
+                    examine([healthy()], java=program, jar=analyzer.jar, timeout=ENOUGH)
+    processes = (tmp_path / "asked").read_text().split()
+    assert len(processes) == len(set(processes)) == 2
+
+
+def test_the_next_question_is_not_touched_by_one_out_of_time(analyzer: Engine) -> None:
+    with kept():
+        with pytest.raises(EngineTimeout):
+            examine([stock()], java=analyzer.java, jar=analyzer.jar, timeout=0.05)
+        assert examine([healthy()], java=analyzer.java, jar=analyzer.jar, timeout=ENOUGH)
+
+
+def test_a_jvm_ends_with_the_process_that_asks_it(analyzer: Engine, tmp_path: Path) -> None:
+    """Killed itself, that leaves the end of its input; the real program ends in the middle of a question."""
+    code = (
+        "import os, pathlib, sys\n"
+        "from keystore_audit.engine.alloy import process, runner\n"
+        "from tests.engine.systems import healthy\n"
+        "real = process.Jvm.ask\n"
+        "def ask(self, *words):\n"
+        "    real(self, *words)\n"
+        "    print(self._process.pid, flush=True)\n"
+        "    os.kill(os.getpid(), 9)\n"
+        "process.Jvm.ask = ask\n"
+        "runner.examine([healthy()], java=pathlib.Path(sys.argv[1]), jar=pathlib.Path(sys.argv[2]), timeout=60)\n"
+    )
+    command = [sys.executable, "-c", code, str(analyzer.java), str(analyzer.jar)]
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    done = subprocess.run(command, stdout=subprocess.PIPE, cwd=Path(__file__).parents[3], env=environment, check=False)
+    assert done.returncode == -signal.SIGKILL
+    with contextlib.suppress(psutil.NoSuchProcess):
+        psutil.Process(int(done.stdout)).wait(timeout=30)
 
 
 def with_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, old: str, new: str) -> None:

@@ -1,0 +1,86 @@
+"""The Analyzer's classes as a JVM has them when it has answered: each start spares what that took (JEP 514, Java 25).
+
+The archive lies beside the jar in the user's cache, its name has the digest of what it was made from and that of what
+is in it. It is used only as a copy with that digest, from a file that nobody else may write, by the same Java.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from keystore_audit.engine.alloy.install import RESIDENT_SHA256, SHA256, cached_jar
+from keystore_audit.errors import EngineMissing
+
+OLDEST_JAVA: Final = 25
+"""The first that makes an archive in one step (JEP 514)."""
+
+MAX_SIZE: Final = 256 * 1024 * 1024
+"""Bytes: ten times a real one."""
+
+_RELEASE: Final = re.compile(rb'^JAVA_VERSION="(\d+)', re.MULTILINE)
+
+
+def is_made_by(java: Path) -> bool:
+    """Whether this Java makes one."""
+    return bool(_stem(java))
+
+
+def find(java: Path, environment: Mapping[str, str] | None = None) -> Path | None:
+    """The archive for this Java, None where there is none; whoever uses it has it checked by `copy`."""
+    stem = _stem(java)
+    try:
+        folder = cached_jar(os.environ if environment is None else environment).parent
+    except EngineMissing:
+        return None
+    return next(iter(sorted(folder.glob(f"{stem}-*.aot"))), None) if stem else None
+
+
+def copy(archive: Path, to: Path) -> bool:
+    """Copy the archive, if it is what its name says and nobody else can have written it; else it is not used."""
+    try:
+        with archive.open("rb") as file:
+            status = os.fstat(file.fileno())
+            content = file.read(MAX_SIZE)
+        if status.st_uid not in (0, os.geteuid()) or status.st_mode & 0o022:
+            return False
+        if hashlib.sha256(content).hexdigest() != archive.stem.rpartition("-")[2]:
+            return False
+        to.write_bytes(content)
+    except OSError:
+        return False
+    return True
+
+
+def store(made: Path, java: Path, environment: Mapping[str, str] | None = None) -> Path:
+    """Put an archive that this Java has made into the cache, in place of every other. Raises OSError."""
+    folder = cached_jar(os.environ if environment is None else environment).parent
+    digest = hashlib.sha256(made.read_bytes()).hexdigest()
+    target = folder / f"{_stem(java)}-{digest}.aot"
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".archive-") as scratch:
+        shutil.copyfile(made, Path(scratch) / "archive")
+        (Path(scratch) / "archive").chmod(0o600)
+        (Path(scratch) / "archive").replace(target)
+    for other in folder.glob("alloy-classes-*.aot"):
+        if other != target:
+            other.unlink(missing_ok=True)
+    return target
+
+
+def _stem(java: Path) -> str:
+    """What the names of archives for this Java begin with; empty where it makes none."""
+    try:
+        release = (java.resolve().parent.parent / "release").read_bytes()
+    except OSError:
+        return ""
+    version = _RELEASE.search(release)
+    if version is None or int(version[1]) < OLDEST_JAVA:
+        return ""
+    told = repr((release, SHA256, RESIDENT_SHA256))
+    return f"alloy-classes-{hashlib.sha256(told.encode()).hexdigest()[:16]}"
