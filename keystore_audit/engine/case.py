@@ -7,10 +7,11 @@ the explanation is poorer, the verdict the same.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Final, NamedTuple
 
 from keystore_audit.findings import Location
+from keystore_audit.grouped import gathered
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.permission import Permissions
@@ -18,6 +19,7 @@ from keystore_audit.model.formal.system import (
     DocumentAtom,
     DomainRuleAtom,
     Participant,
+    RuleAtom,
     System,
     TopicRuleAtom,
 )
@@ -241,15 +243,19 @@ def plainest(system: System, witnesses: Sequence[Witness]) -> Witness:
     """The witness that is understood without a second look: an enclave of the keystore, the default partition, a
     topic of users that documents name, an enclave that nothing grants anything on it, a short name; else the first.
     """
-    granted: dict[int, set[int]] = {}
 
-    def has_right(enclave: int, channel: int) -> bool:
-        if enclave not in granted:
-            identity = system.enclaves[enclave].identity
-            own = {number for number, grant in enumerate(system.grants) if identity in grant.names}
-            rules = [rule for rule in system.rules if rule.allow and rule.grant in own]
-            granted[enclave] = {each for rule in rules for each in (*rule.publish, *rule.subscribe)}
-        return channel in granted[enclave]
+    @cache
+    def allowing() -> tuple[dict[int, list[int]], dict[int, list[RuleAtom]]]:
+        """The grants that name each certificate, and what each allows."""
+        named = gathered((name, number) for number, grant in enumerate(system.grants) for name in grant.names)
+        return named, gathered((rule.grant, rule) for rule in system.rules if rule.allow)
+
+    @cache
+    def granted(enclave: int) -> set[int]:
+        named, rules = allowing()
+        identity = system.enclaves[enclave].identity
+        own = [] if identity is None else named.get(identity, [])
+        return {n for each in own for rule in rules.get(each, ()) for n in (*rule.publish, *rule.subscribe)}
 
     def rank(witness: Witness) -> tuple[object, ...]:
         enclave, channel = witness.get(Role.ENCLAVE), witness.get(Role.CHANNEL)
@@ -257,7 +263,7 @@ def plainest(system: System, witnesses: Sequence[Witness]) -> Witness:
         if channel is None:
             return (unmanaged,)
         atom = system.channels[channel]
-        right = enclave is not None and has_right(enclave, channel)
+        right = enclave is not None and channel in granted(enclave)
         of_users = atom.topic.startswith("rt/") and atom.topic not in AMBIENT
         return unmanaged, atom.partition != "", not of_users, atom.infinite, right, len(atom.topic)
 

@@ -192,12 +192,16 @@ class Readings(Struct, Generic[T], frozen=True, kw_only=True):
     @property
     def distinct(self) -> list[T]:
         """What it says, reading by reading; they differ in single values."""
-        return [*{id(each): each for each in self.by_syntax.values() if not isinstance(each, str | Defect)}.values()]
+        return [*{id(each): each for each in self._read}.values()]
 
     @property
     def first(self) -> T | None:
         """What it says to the first that reads it."""
-        return next(iter(self.distinct), None)
+        return next(self._read, None)
+
+    @property
+    def _read(self) -> Iterator[T]:
+        return (each for each in self.by_syntax.values() if not isinstance(each, (str, Defect)))
 
 
 def read_document(

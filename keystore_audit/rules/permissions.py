@@ -7,13 +7,14 @@ document says apply where somebody may take it: what every implementation refuse
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from functools import lru_cache
 from typing import Any
 
 from keystore_audit.findings import Location, Remedy, Severity, decision
 from keystore_audit.keystore.certificate import Certificate
 from keystore_audit.keystore.defect import Defect, Kind
 from keystore_audit.keystore.identity import Identity
-from keystore_audit.keystore.keystore import Enclave
+from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.typed import Grant, Operation
 from keystore_audit.model.formal.permission import Permissions
@@ -215,16 +216,10 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
     own = {grant.subject_name.text for grant in own_grants(use)}
     if not any(enclave.identity for enclave in use.enclaves):
         return
-    everybody = {
-        enclave.identity.subject: enclave.path for enclave in context.keystore.enclaves if enclave.identity is not None
-    }
+    everybody = _by_subject(context.keystore)
     elsewhere = {subject: other for subject, other in _elsewhere(use, context).items() if subject not in everybody}
-    known = {*everybody, *elsewhere}
-    others = [
-        grant
-        for grant in use.document.grants
-        if grant.subject_name.text not in own and (own or grant.subject_name.text in known)
-    ]
+    strangers = [grant for grant in use.document.grants if grant.subject_name.text not in own]
+    others = [g for g in strangers if own or g.subject_name.text in everybody or g.subject_name.text in elsewhere]
     if others:
         names = list(dict.fromkeys(grant.subject_name.text for grant in others))
         robots = {name: elsewhere[name] for name in names if name in elsewhere}
@@ -242,6 +237,12 @@ def grants_for_other_subjects(use: PermissionsUse, context: Context) -> Iterator
             # A right that is taken out of their own grants is one more that this document gives.
             against=[place for own_places in gaining.values() for place in own_places],
         )
+
+
+@lru_cache(maxsize=1)  # asked of each document
+def _by_subject(keystore: Keystore) -> dict[str, str]:
+    """The paths of the enclaves by the subjects of their certificates."""
+    return {enclave.identity.subject: enclave.path for enclave in keystore.enclaves if enclave.identity is not None}
 
 
 def _elsewhere(use: PermissionsUse, context: Context) -> dict[str, Identity]:

@@ -73,6 +73,7 @@ class Filling:
     def __init__(self, keystore: Keystore) -> None:
         """Notes which document is what."""
         self._keystore = keystore
+        self._enclaves: dict[str | None, Enclave] = {each.path: each for each in reversed(keystore.enclaves)}
         self._documents = {
             enclave.files.files[role].place: role for enclave in keystore.enclaves for role in _DOCUMENTS[Act.SIGN]
         }
@@ -111,7 +112,7 @@ class Filling:
     def _signed(self, act: Act, enclave: str | None, at: tuple[str, ...]) -> list[str]:
         """The documents that the finding is about; of several, where it names no enclave, all."""
         roles = _DOCUMENTS[act]
-        own = next((each for each in self._keystore.enclaves if each.path == enclave), None)
+        own = self._enclaves.get(enclave)
         files = [own.files.files[role] for role in roles] if own is not None else []
         mine = [file.place for file in files if file.status in (Status.PRESENT, Status.MISSING)]
         if act is Act.EDIT_PERMISSIONS and own is not None:
