@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -12,6 +12,7 @@ from keystore_audit.model.access_view import ReadDocument
 from keystore_audit.model.anomalies.anomaly import Anomaly, AnomalyKind, Effort, NameClass, Point, name_classes
 from keystore_audit.model.domains import describe, domain_bits
 from keystore_audit.model.formal.steps import Step, allowed
+from keystore_audit.model.matching.automaton import PatternIndex
 from keystore_audit.model.matching.expression import Pattern, any_matches, has_wildcard, parse
 from keystore_audit.model.names import (
     ACTION_PART,
@@ -188,26 +189,24 @@ class Counterparts:
         self._grants = [grant for document in documents for grant in document.grants or ()]
         rules = [rule for grant in self._grants for rule in grant.rules]
         self._simple = _is_simple(rules)
-        listed = {operation: _listed(rules, operation) for operation in Operation}
-        self._met_by_name = {
-            operation: set[str]().union(*(listed[other] for other in others if self._simple))
-            for operation, others in _COUNTERPART.items()
-        }
-        self._wild = {
-            operation: [text for other in others for text in listed[other] if has_wildcard(text)]
-            for operation, others in _COUNTERPART.items()
-        }
         self._default = any(grant.default_allow for grant in self._grants)
         self._open = {operation: _open(governances, operation) for operation in _COUNTERPART}
-        self._by_topic: Mapping[str, Sequence[ReadGrant]] | None = None
         self._decisions: dict[tuple[int, Operation], _Decisions] = {}
+        self._named: dict[Operation, dict[str, list[ReadGrant]]] = {operation: {} for operation in Operation}
+        self._wild = {operation: PatternIndex() for operation in Operation}
+        for number, grant in enumerate(self._grants):
+            for operation, named in self._named.items():
+                for text in _listed(grant.rules, operation):
+                    named.setdefault(text, []).append(grant)
+                    if has_wildcard(text):
+                        self._wild[operation].add(number, parse(text, matcher))
 
     def missing(self, grant: ReadGrant) -> Iterator[Use]:
         """The topics that the grant allows by name and nobody may be at the other end of."""
         if self._default:
             return
         for operation in _COUNTERPART:
-            for topic in sorted(_listed(grant.rules, operation) - self._met_by_name[operation]):
+            for topic in sorted(_listed(grant.rules, operation)):
                 if not _is_usual(topic) and not self._met(grant, operation, topic):
                     yield operation, topic
 
@@ -218,39 +217,28 @@ class Counterparts:
             return True
         if any_matches(self._open[_COUNTERPART[operation][0]], topic, self._matcher):
             return True
-        mine = domain_bits(grant.rules[0].domains) if self._simple else self._places(grant, operation, topic)
-        if not mine:
-            return True
-        if self._simple:
-            self._effort.compare(len(self._wild[operation]) // 64)
-            return any_matches(self._wild[operation], topic, self._matcher)
-        return any(
+        mine = self._places(grant, operation, topic)
+        return not mine or any(
             mine & self._places(each, other, topic)
-            for each in self._candidates(topic)
             for other in _COUNTERPART[operation]
+            for each in self._listing(other, topic)
         )
 
-    def _candidates(self, topic: str) -> Iterator[ReadGrant]:
-        """The grants that name the topic or have wildcards."""
-        if self._by_topic is None:
-            found: dict[str, list[ReadGrant]] = {"*": []}
-            for grant in self._grants:
-                texts = set().union(*(_listed(grant.rules, operation) for operation in Operation))
-                if any(map(has_wildcard, texts)):
-                    found["*"].append(grant)
-                for text in texts - {"*"}:
-                    found.setdefault(text, []).append(grant)
-            self._by_topic = found
-        for grant in (*self._by_topic.get(topic, ()), *self._by_topic["*"]):
-            self._effort.compare(1)
-            yield grant
+    def _listing(self, operation: Operation, topic: str) -> Iterator[ReadGrant]:
+        """The grants that list the topic for the operation, by name or by a pattern."""
+        yield from self._named[operation].get(topic, ())
+        likely = [*self._wild[operation].candidates(topic)]
+        self._effort.compare(len(likely) // 64)
+        yield from (self._grants[number] for number, pattern in likely if pattern.matches(topic))
 
     def _places(self, grant: ReadGrant, operation: Operation, topic: str) -> int:
-        """The domains in which the grant allows it, in whatever partition."""
+        """The domains in which the grant, which lists it, allows it, in whatever partition."""
+        if self._simple:
+            return domain_bits(grant.rules[0].domains)
         known = self._decisions.get((id(grant), operation))
         if known is None:
             known = self._decisions[id(grant), operation] = _Decisions(grant, operation, self._matcher)
-        self._effort.compare(len(known.wild) // 64)
+        self._effort.compare(1 + len(known.wild) // 64)
         return known.places(topic)
 
 
