@@ -31,14 +31,19 @@ class Issue(str, Enum):
     UNSUPPORTED = "unsupported"
 
 
-@lru_cache(maxsize=65_536)  # a robot fleet's enclaves, each asked about by usability, trust, doubt and rules
+@lru_cache(maxsize=65_536)
+def _verified(issuer: x509.Certificate, certificate: x509.Certificate) -> Truth:
+    """Whether the issuer's key made the signature: asked once, however many copies of the two lie in enclaves."""
+    return public_key.verifies(issuer, certificate.tbs_certificate_bytes, certificate)
+
+
 def issued_by(certificate: Certificate, issuer: Certificate) -> Issue:
     """Whether `issuer` issued `certificate`: names, key identifiers and the signature, weak digests included."""
     if not _is_named_by(issuer, certificate):
         return Issue.NAME_DIFFERS
     if not certificate.algorithms_agree:  # X509_verify compares both statements of the algorithm first
         return Issue.SIGNATURE_INVALID
-    verified = public_key.verifies(issuer.parsed, certificate.parsed.tbs_certificate_bytes, certificate.parsed)
+    verified = _verified(issuer.parsed, certificate.parsed)
     if verified is Truth.NO:
         return Issue.SIGNATURE_INVALID
     if not key_identifier_fits(certificate, issuer):

@@ -12,7 +12,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.keystore.certificate import Certificate, CertificateFile, read_certificates
-from keystore_audit.keystore.crl import CrlFile, read_crl
+from keystore_audit.keystore.crl import CrlFile, RevocationList, read_crl
 from keystore_audit.keystore.defect import Defect
 from keystore_audit.keystore.files import UNREAD_BUT_THERE, File, Status
 from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles, Foreign, find_foreign
@@ -20,7 +20,7 @@ from keystore_audit.keystore.issuer import may_issue
 from keystore_audit.keystore.layout import EnclaveFiles, Layout, LayoutKind, Role, discover
 from keystore_audit.keystore.private_key import PrivateKey, read_private_key
 from keystore_audit.keystore.root import Root
-from keystore_audit.keystore.smime import Candidates
+from keystore_audit.keystore.smime import Candidates, Signature, SignedDocument
 from keystore_audit.keystore.typed import GovernanceFile, Grant, PermissionsFile, read_governance, read_permissions
 from keystore_audit.keystore.unmanaged import (
     Carried,
@@ -162,9 +162,8 @@ def read_keystore(
 
 
 _CertificatesOf = dict[Role, CertificateFile | None]
-_Reading = TypeVar("_Reading", CertificateFile, PrivateKey, CrlFile)
-_Document = TypeVar("_Document", GovernanceFile, PermissionsFile)
-_Found = TypeVar("_Found")
+_Reading = TypeVar("_Reading", CertificateFile, PrivateKey, CrlFile, GovernanceFile, PermissionsFile)
+_Held = TypeVar("_Held", CertificateFile, PrivateKey)
 
 
 class Reader:
@@ -172,7 +171,7 @@ class Reader:
 
     def __init__(self, root: Root) -> None:
         self._root = root
-        self._done: dict[tuple[object, ...], Any] = {}
+        self._done: dict[tuple[object, str | None], tuple[File, Any]] = {}
 
     def certificates_of(self, files: EnclaveFiles) -> _CertificatesOf:
         """The certificates of an enclave."""
@@ -188,8 +187,8 @@ class Reader:
             certificate=read[Role.CERTIFICATE],
             key=self.private_key(by_role[Role.KEY]),
             permissions_ca=read[Role.PERMISSIONS_CA],
-            governance=self._document(by_role[Role.GOVERNANCE], read_governance, candidates),
-            permissions=self._document(by_role[Role.PERMISSIONS], read_permissions, candidates),
+            governance=self._read(by_role[Role.GOVERNANCE], read_governance, candidates),
+            permissions=self._read(by_role[Role.PERMISSIONS], read_permissions, candidates),
             crl=self._read(by_role[Role.CRL], read_crl),
         )
 
@@ -204,45 +203,43 @@ class Reader:
     def _unsealed_key(self, file: File) -> PrivateKey:
         return read_private_key(self._root.unsealed(file))
 
-    def _read(self, file: File, read: Callable[[File], _Reading]) -> _Reading | None:
-        return self._once((read, file.place), lambda: read(file)) if file.status is Status.PRESENT else None
-
-    def _document(
-        self, file: File, read: Callable[[File, Candidates], _Document], candidates: Candidates
-    ) -> _Document | None:
-        """Verify a document; a copy of one that was verified has the same evidence at another place."""
-        if file.status is not Status.PRESENT or file.sha256 is None:
+    def _read(self, file: File, read: Callable[..., _Reading], *more: object) -> _Reading | None:
+        """What a file holds; a copy of one that was read holds the same at its own place."""
+        if file.status is not Status.PRESENT:
             return None
-        found = self._once((read, file.sha256), lambda: read(file, candidates))
-        if found.signed.file.place == file.place:
-            return found
-        return self._once((read, file.sha256, file.place), lambda: _moved(found, file))
-
-    def _once(self, key: tuple[object, ...], make: Callable[[], _Found]) -> _Found:
-        if key not in self._done:
-            self._done[key] = make()
-        found: _Found = self._done[key]
-        return found
+        content, here = (read, file.sha256), (read, file.place)
+        if content not in self._done:
+            self._done[content] = self._done[here] = file, read(file, *more)
+        if here not in self._done:
+            first, found = self._done[content]
+            self._done[here] = file, _moved(found, first.place, file)
+        reading: _Reading = self._done[here][1]
+        return reading
 
 
-def _moved(document: _Document, file: File) -> _Document:
-    """Give the evidence about one copy the place of another."""
-    signed = document.signed
+_MADE_OF_PARTS: Final = (
+    CertificateFile,
+    CrlFile,
+    PrivateKey,
+    GovernanceFile,
+    PermissionsFile,
+    SignedDocument,
+    Signature,
+)
 
-    def certificates(found: tuple[Certificate, ...]) -> tuple[Certificate, ...]:
-        """Move those that stand in the document itself; the others are the keystore's and stay where they are."""
-        return tuple(replace(each, path=file.place) if each.path == signed.file.place else each for each in found)
 
-    def defects(found: tuple[Defect, ...]) -> tuple[Defect, ...]:
-        return tuple(replace(defect, path=file.place) for defect in found)
-
-    signatures = tuple(
-        replace(each, named=certificates(each.named), verified_by=certificates(each.verified_by))
-        for each in signed.signatures
-    )
-    embedded = certificates(signed.embedded)
-    moved = replace(signed, file=file, embedded=embedded, signatures=signatures, defects=defects(signed.defects))
-    return replace(document, signed=moved, defects=defects(document.defects))
+def _moved(evidence: Any, place: str, file: File) -> Any:
+    """The evidence about the file at `place` as that about a copy of it; what stands elsewhere stays there."""
+    if isinstance(evidence, _MADE_OF_PARTS):
+        parts = {name: _moved(getattr(evidence, name), place, file) for name in evidence.__struct_fields__}
+        return replace(evidence, **parts)
+    if isinstance(evidence, tuple):
+        return tuple([_moved(each, place, file) for each in evidence])
+    if isinstance(evidence, (Certificate, RevocationList, Defect)) and evidence.path == place:
+        return replace(evidence, path=file.place)
+    if isinstance(evidence, File):
+        return file if evidence.content is not None else file.holding(None)
+    return evidence
 
 
 def _unmanaged(
@@ -326,7 +323,7 @@ def _may_hold_keys(file: File) -> bool:
     return file.holds_certificates or file.status is Status.OUTSIDE
 
 
-def _distinct(readings: Iterable[_Reading | None]) -> tuple[_Reading, ...]:
+def _distinct(readings: Iterable[_Held | None]) -> tuple[_Held, ...]:
     """Leave out what is not there, and what several links lead to but once."""
     return tuple({reading.file.place: reading for reading in readings if reading is not None}.values())
 

@@ -110,7 +110,7 @@ class AccessViews:
         self._rows: dict[Access, Access] = {}
         self._kept: dict[object, Access] = {}
         self._read: dict[tuple[Access, Typed], ReadDocument] = {}
-        self._readings: dict[Typed, _Readings] = {}
+        self._readings: dict[tuple[int, str | None], _Readings] = {}
         self._deciding: dict[tuple[Access, GovernanceFile], tuple[ReadDomainRule, ...]] = {}
 
     def row(self, access: Access) -> Access:
@@ -128,13 +128,18 @@ class AccessViews:
         """What the document says."""
         found = self._read.get((access, file))
         if found is None:
-            known = self._readings.get(file)
-            if known is None:
-                known = self._readings[file] = _Readings(
-                    document=Alike(partial(self._document, file)), rules=Alike(partial(_rules_of, file))
-                )
-            found = self._read[access, file] = known.document.of(access)
+            found = self._read[access, file] = self._readings_of(file).document.of(access)
         return found
+
+    def _readings_of(self, file: Typed) -> _Readings:
+        """Those of the document, and of its copies."""
+        key = id(file.readings), self._beyond.get(file)
+        known = self._readings.get(key)
+        if known is None:
+            known = self._readings[key] = _Readings(
+                document=Alike(partial(self._document, file)), rules=Alike(partial(_rules_of, file))
+            )
+        return known
 
     def rows(self, profiles: Iterable[Profile]) -> tuple[Access, ...]:
         """Those of the profiles."""
@@ -168,7 +173,7 @@ class AccessViews:
 
     def of_document(self, file: Typed) -> AccessViews:
         """The views of this document alone: of what it gives an occasion for."""
-        alone = AccessViews((Document(file.signed.file.place, file),), self.at, self._zone, self.assumed)
+        alone = AccessViews((Document(file.signed.file.place, file),), self.at, self._zone, self.assumed, self._beyond)
         alone._readings = self._readings
         return alone
 
@@ -299,7 +304,7 @@ class AccessViews:
 
     def _permissions_document(self, file: Typed, permissions: Permissions, access: Access) -> ReadDocument:
         grants = []
-        for grant, rules in zip(permissions.grants, self._readings[file].rules.of(access), strict=True):
+        for grant, rules in zip(permissions.grants, self._readings_of(file).rules.of(access), strict=True):
             dates = [read_date(date.text, access.dates, self._zone) for date in (grant.not_before, grant.not_after)]
             not_before, not_after = dates
             if not_before is None or not_after is None:

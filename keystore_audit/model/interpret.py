@@ -175,7 +175,7 @@ def _ungoverned(systems: tuple[System, ...]) -> tuple[UngovernedTopics, ...]:
 def _unmatched(system: System) -> Iterator[UngovernedTopics]:
     permissions = Permissions(system)
     for number in sorted({rule.document for rule in system.domain_rules}):
-        said = protection(system, number, permissions)
+        said = protection(number, permissions)
         for domain in members(said.ruled):
             missing = list(members(permissions.channels_in[domain] & ~said.governed))
             if missing:

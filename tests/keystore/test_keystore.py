@@ -53,6 +53,16 @@ def test_copies_are_verified_once_and_keep_their_places(tmp_path: Path) -> None:
         assert {defect.path for defect in found} == {f"{enclave.files.directory}/governance.p7s"}
 
 
+def test_copies_of_certificates_are_parsed_once_and_keep_their_places(tmp_path: Path) -> None:
+    enclaves = read_keystore(sros2(tmp_path / "k", ["/a", "/b"], links=False)).enclaves
+    first, *others = (
+        c for each in enclaves for role in (Role.IDENTITY_CA, Role.PERMISSIONS_CA) for c in each.trusts(role)
+    )
+    assert all(each.parsed is first.parsed for each in others)
+    files = [f"enclaves/{name}/{role}_ca.cert.pem" for name in "ab" for role in ("identity", "permissions")]
+    assert [each.path for each in (first, *others)] == files
+
+
 def test_a_stranger_s_certificate_has_the_place_of_each_copy_that_holds_it(tmp_path: Path) -> None:
     path = sros2(tmp_path / "k", ["/a", "/b"], links=False)
     stranger = authority("stranger")

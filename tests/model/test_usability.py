@@ -88,6 +88,18 @@ def test_an_answer_shared_among_enclaves_and_instants_is_that_of_each_alone(stor
                     assert later == answers[enclave, profile.name], (at, profile.name)
 
 
+def test_of_copies_in_place_of_links_the_enclave_s_own_is_named(tmp_path: Path) -> None:
+    root = builder.sros2(tmp_path / "k", ["/a", "/b"], links=False)
+    another = builder.authority("another").pem
+    for name in "ab":
+        (root / f"enclaves/{name}/identity_ca.cert.pem").write_bytes(another)
+    keystore = read_keystore(root)
+    usabilities = Usabilities(None, AccessViews(documents_of(keystore), AT, None))
+    for each in keystore.enclaves:
+        (reason,) = usabilities.of(each, AT, VARIANTS["spec"]).reasons
+        assert f" {each.files.directory}/identity_ca.cert.pem " in reason
+
+
 def test_what_is_said_of_many_enclaves_at_an_instant_names_no_file_of_one(tmp_path: Path) -> None:
     root = builder.sros2(tmp_path / "keystore", ["/a", "/b"], split=True)
     year = timedelta(days=365)

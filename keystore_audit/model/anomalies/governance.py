@@ -212,17 +212,13 @@ class Counterparts:
 
     def _met(self, grant: ReadGrant, operation: Operation, topic: str) -> bool:
         """Whether somebody may be at the other end; also where the topic is no single name, or not allowed at all."""
-        self._effort.compare(1)
-        if parse(topic, self._matcher).literal != topic:
-            return True
-        if any_matches(self._open[_COUNTERPART[operation][0]], topic, self._matcher):
-            return True
         mine = self._places(grant, operation, topic)
-        return not mine or any(
-            mine & self._places(each, other, topic)
-            for other in _COUNTERPART[operation]
-            for each in self._listing(other, topic)
-        )
+        if not mine or parse(topic, self._matcher).literal != topic:
+            return True
+        others = _COUNTERPART[operation]
+        listing = ((each, other) for other in others for each in self._listing(other, topic))
+        met = any(mine & self._places(each, other, topic) for each, other in listing)
+        return met or any_matches(self._open[others[0]], topic, self._matcher)
 
     def _listing(self, operation: Operation, topic: str) -> Iterator[ReadGrant]:
         """The grants that list the topic for the operation, by name or by a pattern."""

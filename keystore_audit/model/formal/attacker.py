@@ -154,7 +154,7 @@ class TrustDomainView:
             return open_protection(self._permissions)
         governance = self._trust_domain.governance
         applies = governance is not None and governance in self.accepted
-        return protection(self._system, governance if applies else None, self._permissions)
+        return protection(governance if applies else None, self._permissions)
 
     @cached_property
     def unauthenticated(self) -> int:

@@ -138,6 +138,16 @@ class Permissions:
                 named.setdefault(certificate, {}).setdefault(grant.document, number)
         return named
 
+    @cached_property
+    def domain_rules(self) -> dict[int | None, list[tuple[int, DomainRuleAtom]]]:
+        """By document: its domain rules, each with its number."""
+        return gathered((rule.document, (number, rule)) for number, rule in enumerate(self._system.domain_rules))
+
+    @cached_property
+    def topic_rules(self) -> dict[int, list[TopicRuleAtom]]:
+        """By domain rule: its topic rules."""
+        return gathered((topic.domain_rule, topic) for topic in self._system.topic_rules)
+
     def admitting(self, certificate: int | None, documents: frozenset[int]) -> list[int]:
         """The grants of these documents by which the certificate joins: dates may bind endpoints alone."""
         chosen = self.chosen(certificate, documents)
@@ -187,20 +197,21 @@ class Protection(Struct):
     data_authenticates: int = 0
 
 
-def protection(system: System, document: int | None, permissions: Permissions) -> Protection:
+def protection(document: int | None, permissions: Permissions) -> Protection:
     """What the governance `document` says, None: nothing is governed."""
     result = Protection()
     rules = (
-        Step(bits(each.domains), True, n) for n, each in enumerate(system.domain_rules) if each.document == document
+        Step(bits(rule.domains), True, (number, rule)) for number, rule in permissions.domain_rules.get(document, ())
     )
-    topics = gathered((topic.domain_rule, topic) for topic in system.topic_rules)
     for one, domains in decided(rules):
-        rule = system.domain_rules[one.by]
+        number, rule = one.by
         result.ruled |= domains
         result.unauthenticated |= _if(rule.allow_unauthenticated_participants, domains)
         result.join_controlled |= _if(rule.enable_join_access_control, domains)
         here = permissions.within(members(domains)) if domains else 0
-        for each, hit in decided(Step(bits(topic.channels) & here, True, topic) for topic in topics.get(one.by, ())):
+        for each, hit in decided(
+            Step(bits(topic.channels) & here, True, topic) for topic in permissions.topic_rules.get(number, ())
+        ):
             _apply_topic(result, hit, rule, each.by)
     return result
 

@@ -27,7 +27,7 @@ from keystore_audit.model.participants.refusals import (
 from keystore_audit.model.question import Usability
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.trust.revocation import ends_of_lists, lists_carried
-from keystore_audit.model.trust.verdicts import certificate_alike, document_alike, envelope
+from keystore_audit.model.trust.verdicts import certificate_alike, document_alike, envelope, file_alike
 from keystore_audit.model.validity import END, Limited, in_force
 from keystore_audit.profiles import Profile
 from keystore_audit.truth import Truth
@@ -51,10 +51,10 @@ class Usabilities:
         self._accesses = accesses
         self._in_domain: dict[int, Usabilities] = {}
         self._governed: dict[tuple[str, object], Governed] = {}
-        self._own: dict[tuple[str, object, object], tuple[int, _Grants]] = {}
+        self._own: dict[tuple[str, object, object], tuple[int, int, _Grants]] = {}
         self._alike: dict[object, int] = {}
         self._standing: dict[tuple[int, object], tuple[tuple[str, ...], tuple[str, ...]]] = {}
-        self._answers: dict[tuple[object, ...], tuple[datetime, Usability]] = {}
+        self._answers: dict[tuple[int, object], tuple[datetime, Usability]] = {}
 
     def in_domain(self, domain: int) -> Usabilities:
         """The answers for the same enclaves in this domain."""
@@ -79,28 +79,31 @@ class Usabilities:
 
         It is unknown where something could not be read and nothing else already rules it out.
         """
-        (alike, grants), kind = self._own_of(enclave, profile), self.kind(profile)
+        (alike, here, grants), kind = self._own_of(enclave, profile), self.kind(profile)
         limited: tuple[Limited | None, ...] = (enclave.identity, *(grants or ()))
-        key = (alike, kind, *[each is None or in_force(each, at) for each in limited])
-        known = self._answers.get(key)
+        now = kind, tuple([each is None or in_force(each, at) for each in limited])
+        known = self._answers.get((alike, now))
+        if known is None or known[0] != at or known[1].reasons:  # which name files: of copies, its own
+            known = self._answers.get((here, now))
         if known is None or known[0] != at:
-            if (alike, kind) not in self._standing:
+            if (here, kind) not in self._standing:
                 doubts = enclave_doubts(enclave, profile.trust, self._accesses.row(profile.access), self._accesses)
                 reasons = tuple(self._refusals(enclave, profile))
-                self._standing[alike, kind] = reasons, tuple(doubt.reason for doubt in doubts)
-            standing, unknown = self._standing[alike, kind]
+                self._standing[here, kind] = reasons, tuple(doubt.reason for doubt in doubts)
+            standing, unknown = self._standing[here, kind]
             reasons = (*standing, *self._refusals_at(enclave, grants, profile, at))
             truth = Truth.NO if reasons else Truth.UNKNOWN if unknown else Truth.YES
-            known = self._answers[key] = (at, Usability(usable=truth, reasons=reasons or unknown))
+            known = (at, Usability(usable=truth, reasons=reasons or unknown))
+            self._answers[alike, now] = self._answers[here, now] = known
         if _NO_GRANT not in known[1].reasons:
             return known[1]
         subject = enclave.identity.subject if enclave.identity is not None else ""
         named = f"{_NO_GRANT} {subject or 'the empty subject'}"
         return replace(known[1], reasons=tuple(named if each is _NO_GRANT else each for each in known[1].reasons))
 
-    def _own_of(self, enclave: Enclave, profile: Profile) -> tuple[int, _Grants]:
-        """A number that is equal for enclaves which start alike as long as the same of their own is in force, and its
-        grants.
+    def _own_of(self, enclave: Enclave, profile: Profile) -> tuple[int, int, _Grants]:
+        """Two numbers and its grants: enclaves of one number start alike as long as the same of their own is in force;
+        by the second the files that they share are those of one place, and not copies.
         """
         directory, row = enclave.files.directory, self._accesses.row(profile.access)
         known = self._own.get((directory, row, profile.trust.subjects))
@@ -111,9 +114,12 @@ class Usabilities:
                 (each.default_allow, *[(rule.allow, rule.domains) for rule in each.rules]) for each in grants or ()
             )
             seen: object = directory if read is not None and read.is_silent else _seen(enclave)
-            alike = seen, row, profile.trust.subjects, read and read.refusal, grants is None, tuple(rules)
+            governance = enclave.governance and id(self._accesses.read(enclave.governance, row))
+            alike = seen, governance, row, profile.trust.subjects, read and read.refusal, grants is None, tuple(rules)
             number = self._alike.setdefault(alike, len(self._alike))
-            known = self._own[directory, row, profile.trust.subjects] = number, grants
+            shared = number, enclave.identity_ca, enclave.permissions_ca, enclave.governance
+            here = self._alike.setdefault(shared, len(self._alike))
+            known = self._own[directory, row, profile.trust.subjects] = number, here, grants
         return known
 
     def _refusals(self, enclave: Enclave, profile: Profile) -> Iterator[str]:
@@ -162,15 +168,16 @@ def _seen(enclave: Enclave) -> object:
     listed = enclave.crl is not None or enclave.files.files[Role.CRL].status.unknown or lists_carried(enclave)
     if listed or file_doubts(enclave) or (signed is not None and envelope(signed).verdict is Truth.UNKNOWN):
         return enclave.files.directory
-    certificate, file = enclave.identity, enclave.identity_ca
+    certificate, governance = enclave.identity, enclave.governance
+    file, permissions_ca = (each and file_alike(each) for each in (enclave.identity_ca, enclave.permissions_ca))
     return (
         absent(enclave),
         enclave.key is not None and enclave.key.encrypted,
         other_key(enclave),
         certificate and (bool(certificate.unknown_critical), certificate.key_kind, certificate.signature_algorithm),
         file,
-        enclave.permissions_ca,
-        enclave.governance,
+        permissions_ca,
+        governance and (governance.signed.file.sha256 or governance),
         certificate_alike(certificate, file) if certificate is not None and file is not None else None,
         document_alike(signed) if signed is not None else None,
     )

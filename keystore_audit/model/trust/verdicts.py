@@ -143,6 +143,12 @@ def signing_authorities(file: CertificateFile, trust: Trust) -> tuple[Certificat
     return read if trust.pins_signer else tuple(authority for authority in read if is_root(authority))
 
 
+@lru_cache(maxsize=65_536)
+def file_alike(file: CertificateFile) -> CertificateFile:
+    """The first file with the same bytes: who copies what sros2 links has as many as enclaves."""
+    return first_alike(file, file.file.sha256 or file)
+
+
 @lru_cache(maxsize=4096)
 def trusted_authorities(file: CertificateFile, trust: Trust, at: datetime | None = None) -> tuple[Certificate, ...]:
     """The authorities of an identity CA file that can vouch for an identity, in force at `at` with all above them.
@@ -223,7 +229,8 @@ def _row(pins: bool, needs_root: bool, checks_root: bool, first_only: bool, algo
 
 def is_issued(file: CertificateFile, certificate: Certificate, trust: Trust, at: datetime | None = None) -> bool:
     """Whether one of the `trusted_authorities` of an identity CA file issued the certificate, or it is taken there."""
-    return _is_issued(file, certificate_alike(certificate, file), chaining(trust, file), at)
+    first = file_alike(file)
+    return _is_issued(first, certificate_alike(certificate, first), chaining(trust, first), at)
 
 
 @lru_cache(maxsize=65_536)
