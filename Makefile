@@ -42,8 +42,8 @@ format: .venv/dev.stamp
 samples: .venv/dev.stamp  ## build sample_keystores/ again
 	$(BIN)/python tools/build_samples.py
 
-bench: .venv/dev.stamp  ## the ratios of design section 6
-	$(BIN)/python -m benchmarks.audit
+bench: .venv/dev.stamp  ## how long audits take, and how much memory
+	$(BIN)/python -m benchmarks
 
 wheel: .venv/dev.stamp  ## sdist, and the wheel built from it, in dist/
 	$(BIN)/python -m build --no-isolation

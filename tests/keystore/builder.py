@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 import os
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from functools import lru_cache
 from pathlib import Path
@@ -293,10 +293,23 @@ def write_enclave(
     write(directory, enclave(own, identity.pem, permissions.pem, *documents))
 
 
+def _stock(path: str) -> str:
+    return PERMISSIONS.format(name=path)
+
+
 def sros2(
-    root: Path, enclaves: Sequence[str] = ("/talker", "/listener"), *, links: bool = True, split: bool = False
+    root: Path,
+    enclaves: Sequence[str] = ("/talker", "/listener"),
+    *,
+    links: bool = True,
+    split: bool = False,
+    document: Callable[[str], str] = _stock,
+    own_governances: bool = False,
 ) -> Path:
-    """Build the layout of Foxy and later: `links` as on Linux or copies, `split` for two authorities."""
+    """Build the layout of Foxy and later: `links` as on Linux or copies, `split` for two authorities.
+
+    `document`: the permissions of an enclave; `own_governances`: the governance is signed for each by itself.
+    """
     identity = authority()
     permissions = authority() if split else identity
     for stem, signer in (("identity_ca", identity), ("permissions_ca", permissions)):
@@ -307,10 +320,12 @@ def sros2(
     write(root, {"enclaves/governance.xml": GOVERNANCE, "enclaves/governance.p7s": governance})
     for path in enclaves:
         directory = root / "enclaves" / path.strip("/")
-        own = _own(path, identity, permissions)
+        own = _own(path, identity, permissions, document(path))
         up = "../" * (path.strip("/").count("/") + 1) if path != "/" else ""
         targets = {f"{ca}_ca.cert.pem": f"../{up}public/{ca}_ca.cert.pem" for ca in ("identity", "permissions")}
-        if path != "/":
+        if own_governances:
+            own["governance.p7s"] = signed_document(GOVERNANCE, permissions)
+        elif path != "/":
             targets["governance.p7s"] = f"{up}governance.p7s"
         write(directory, own)
         write(directory, {n: target if links else (directory / target).read_bytes() for n, target in targets.items()})
@@ -326,12 +341,13 @@ def flat(root: Path, nodes: Sequence[str] = ("talker", "ns/listener"), *, ardent
     write(root, {"ca.cert.pem": ca.pem, "ca.key.pem": ca.key_pem, **documents, **database})
     for node in nodes:
         shared = ("ca.cert.pem",) if ardent else ("identity_ca.cert.pem", "permissions_ca.cert.pem")
-        own = _own(node if ardent else f"/{node}", ca, ca)
+        path = node if ardent else f"/{node}"
+        own = _own(path, ca, ca, _stock(path))
         write(root / node, {**own, **dict.fromkeys(shared, ca.pem), "governance.p7s": governance})
     return root
 
 
-def _own(path: str, identity: Signed, permissions: Signed) -> dict[str, bytes]:
-    own, document = certificate(path, identity), PERMISSIONS.format(name=path).encode()
+def _own(path: str, identity: Signed, permissions: Signed, text: str) -> dict[str, bytes]:
+    own, document = certificate(path, identity), text.encode()
     signed = signed_document(document, permissions)
     return {"cert.pem": own.pem, "key.pem": own.key_pem, "permissions.xml": document, "permissions.p7s": signed}
