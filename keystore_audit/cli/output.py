@@ -259,7 +259,8 @@ def deliver(
         return
     if stdout:
         shown = view(given, stdout=True)
-        write_stdout(formats.render(given["kind"], reports, shown, several=several, missing=missing))
+        for piece in formats.pieces(given["kind"], reports, shown, several=several, missing=missing):
+            write_stdout(piece)
     kept = view(given, stdout=False)
     for wanted in targets:
         write(wanted, formats.render(wanted.format, reports, kept, several=several, missing=missing))
