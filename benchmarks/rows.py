@@ -15,9 +15,10 @@ from typing import NamedTuple
 from benchmarks import hostile
 from benchmarks.keystores import build, build_fleet, build_wired
 from benchmarks.program import NotDecided, Run, audit, measured
+from keystore_audit.engine.alloy.answers import Command
 from keystore_audit.engine.alloy.install import locate
-from keystore_audit.engine.alloy.process import Analyzer, Command, Job
-from keystore_audit.engine.alloy.process import run as analyze
+from keystore_audit.engine.alloy.process import Analyzer, Job
+from keystore_audit.engine.alloy.solvers import run as analyze
 
 SAMPLES = Path(__file__).resolve().parent.parent / "sample_keystores"
 FEW = (SAMPLES / "healthy/turtlesim", SAMPLES / "stock/sample_policy")

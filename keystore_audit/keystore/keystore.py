@@ -207,7 +207,7 @@ class Reader:
         """What a file holds; a copy of one that was read holds the same at its own place."""
         if file.status is not Status.PRESENT:
             return None
-        content, here = (read, file.sha256), (read, file.place)
+        content, here = (read, file.sha256 or file.place), (read, file.place)
         if content not in self._done:
             self._done[content] = self._done[here] = file, read(file, *more)
         if here not in self._done:

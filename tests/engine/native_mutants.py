@@ -36,14 +36,14 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "the last domain rule decides": (
         permission,
         "protection",
-        "enumerate(system.domain_rules)",
-        "reversed([*enumerate(system.domain_rules)])",
+        "domain_rules.get(document, ())",
+        "domain_rules.get(document, ())[::-1]",
     ),
     "the last topic rule decides": (
         permission,
         "protection",
-        "in topics.get(one.by, ())",
-        "in topics.get(one.by, ())[::-1]",
+        "topic_rules.get(number, ())",
+        "topic_rules.get(number, ())[::-1]",
     ),
     "every topic rule counts": (permission, "protection", "result, hit,", "result, each.channels,"),
     "any certificate issues": (TrustDomainView, "vouched", "issuer.authority and", "True and"),

@@ -8,6 +8,7 @@ samples are the same bytes at every build.
 from __future__ import annotations
 
 import base64
+import hashlib
 import os
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
@@ -243,7 +244,14 @@ def signed_document(
 
 def present(content: bytes, path: str = "cert.pem") -> File:
     """A file as the root hands it out."""
-    return File(path=path, resolved=path, status=Status.PRESENT, content=content, sha256="0", mode=0o644)
+    return File(
+        path=path,
+        resolved=path,
+        status=Status.PRESENT,
+        content=content,
+        sha256=hashlib.sha256(content).hexdigest(),
+        mode=0o644,
+    )
 
 
 def read(*pem: bytes) -> CertificateFile:

@@ -100,7 +100,7 @@ def test_a_later_domain_rule_adds_topics(profile: str, expected: bool, tmp_path:
     first, second = domain_rule(topic_rule("rt/b")), domain_rule(domains="<id>0</id><id>5</id>")
     asked = Asked(governance(first, second), tmp_path / "both", profile, own)
     assert (asked.allowed, asked.peer_authorised) == (expected, expected)
-    governed = protection(asked.system, 0, Permissions(asked.system)).governed & asked.zero
+    governed = protection(0, Permissions(asked.system)).governed & asked.zero
     assert (governed == asked.zero) is expected
     without = Asked(governance(first, domain_rule(domains="<id>5</id>")), tmp_path / "apart", profile, own)
     assert not without.allowed
