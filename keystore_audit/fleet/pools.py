@@ -55,6 +55,10 @@ class Lost(Struct, frozen=True, kw_only=True):
     reason: str
 
 
+def _failed(error: Exception) -> Lost:
+    return Lost(reason=f"It could not be carried out ({type(error).__name__}).")
+
+
 class _Worker:
     """A process that carries out one task at a time.
 
@@ -121,6 +125,9 @@ class Processes:
         except (EOFError, OSError):
             worker.await_end()
             return Lost(reason="The process that was at it ended before its time (killed, or out of memory).")
+        except Exception as error:  # noqa: BLE001 - what cannot be sent or read is one task's: the next has a new process
+            worker.stop()
+            return _failed(error)
         self._idle.append(worker)
         return said
 
@@ -180,7 +187,7 @@ def _work(tasks: Connection, directory: str, thresholds: tuple[int, int, int]) -
             try:
                 said = ForkingPickler.dumps(work(task))
             except Exception as error:  # noqa: BLE001 - it is told, and the next one may do
-                said = ForkingPickler.dumps(Lost(reason=f"It could not be carried out ({type(error).__name__})."))
+                said = ForkingPickler.dumps(_failed(error))
             tasks.send_bytes(said)
 
 

@@ -65,6 +65,14 @@ def test_what_ends_a_process_loses_its_task_alone(function: Callable[[int], int]
     assert results == {number: function(number) for number in range(8) if number != 3}
 
 
+def test_a_task_that_cannot_be_sent_is_lost_alone() -> None:
+    results = dict(carried_out(Processes(2), work.square, [1, lambda: 0, 3]))  # type: ignore[list-item]
+    lost = results.pop(1)
+    assert isinstance(lost, Lost)
+    assert "could not be carried out" in lost.reason
+    assert results == {0: 1, 2: 9}
+
+
 def test_nothing_is_left_running() -> None:
     before = set(psutil.Process().children(recursive=True))
     with closing(carried_out(Processes(2), work.where, itertools.count())) as results:
