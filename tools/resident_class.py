@@ -12,10 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
-from jgo.config import GlobalSettings
-from jgo.maven import MavenContext, PythonResolver
-
-from keystore_audit.engine.alloy.install import RESIDENT, Engine, locate
+from keystore_audit.engine.alloy.install import CLASS, Engine, locate, maven_artifact
 
 VERSION: Final = "3.44.0"
 SHA256: Final = "14c46ddc2e511c46c998da728f6a80f13a689c920f3832402f7ad150f6a6188d"
@@ -25,24 +22,17 @@ SOURCE: Final = Path(__file__).resolve().parents[1] / "keystore_audit/engine/all
 
 
 def compiled(engine: Engine) -> bytes:
-    """The class, for Java 17 and newer. Raises what jgo does, RuntimeError for another compiler than the pinned one."""
-    settings = GlobalSettings.load()
+    """The class, for Java 17 and newer. Raises what `maven_artifact` does, RuntimeError too for another compiler."""
     with TemporaryDirectory() as scratch:
-        context = MavenContext(
-            resolver=PythonResolver(),
-            repo_cache=Path(scratch) / "repository",
-            local_repos=[settings.repo_cache],
-            remote_repos=settings.repositories or None,
-        )
-        compiler = Path(context.project("org.eclipse.jdt", "ecj").at_version(VERSION).artifact().resolve())
+        compiler = maven_artifact("org.eclipse.jdt", "ecj", VERSION, Path(scratch))
         if hashlib.sha256(compiler.read_bytes()).hexdigest() != SHA256:
             raise RuntimeError(f"{compiler} is not the Eclipse compiler {VERSION}")
         words = (engine.java, "-jar", compiler, "-17", "-g:none", "-cp", engine.jar, "-d", scratch, SOURCE)
         subprocess.run([str(word) for word in words], check=True)
-        return (Path(scratch) / RESIDENT).read_bytes()
+        return (Path(scratch) / CLASS).read_bytes()
 
 
 if __name__ == "__main__":
     content = compiled(locate(None, offline=False, ci=False))
-    SOURCE.with_name(RESIDENT).write_bytes(content)
+    SOURCE.with_name(CLASS).write_bytes(content)
     sys.stdout.write(f"{hashlib.sha256(content).hexdigest()}\n")

@@ -44,7 +44,7 @@ def command(context: click.Context, alloy_jar: Path | None) -> int:
     except EngineMissing as error:
         alloy = f"missing: {error.message}"
     else:
-        kept = archive.find(found.java) or "nothing of it (`keystore-audit engine install` does, with Java 25 or newer)"
+        kept = archive.find(found.java) or "no classes; `keystore-audit engine install` keeps them (Java 25 or newer)"
         alloy = f"{found.version}\n        jar   {found.jar}\n        java  {found.java}\n        kept  {kept}"
     lines = (f"native  {__version__} (part of keystore-audit)", f"alloy   {alloy}")
     output.write_stdout("".join(f"{terminal(line)}\n" for text in lines for line in text.split("\n")))
@@ -72,7 +72,7 @@ def install_command(source: Path | None) -> int:
         jar = install(source, watch.stage)
         with suppress(EngineMissing):  # Java may come later
             java = find_java(os.environ)
-            if archive.find(java) is None:
+            if archive.content(java) is None:
                 watch.stage("starting it once, and keeping what it loads")
                 make_archive(java, jar)
     click.echo(f"The Alloy Analyzer is at {terminal(str(jar))}.", err=True)

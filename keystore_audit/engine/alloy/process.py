@@ -1,8 +1,7 @@
 """The Alloy Analyzer at work: its command line, in a JVM that answers one question after the other.
 
 A start costs a second, a question after the first a tenth of that. `Resident.java` calls the unmodified Analyzer in a
-loop; a JVM has a directory, a process group and an environment of its own, and ends with the run, or with its first
-fault. Each question has files, time and an answer of its own, and the same question is asked once.
+loop. A JVM has a process group and an environment of its own; each question has files, time and an answer of its own.
 """
 
 from __future__ import annotations

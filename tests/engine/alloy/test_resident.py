@@ -19,7 +19,7 @@ from tools import resident_class
 
 pytestmark = [pytest.mark.alloy, pytest.mark.xdist_group("alloy")]
 
-CLASS = Path(install.__file__).with_name(install.RESIDENT)
+CLASS = Path(install.__file__).with_name(install.CLASS)
 
 
 def test_the_class_is_that_of_its_source(analyzer: Engine) -> None:
@@ -31,11 +31,11 @@ def test_the_class_is_that_of_its_source(analyzer: Engine) -> None:
 
 
 def test_another_class_is_not_run(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in (install.RESIDENT, "install.py"):
+    for name in (install.CLASS, "install.py"):
         shutil.copy(CLASS.with_name(name), tmp_path / name)
-    content = bytearray((tmp_path / install.RESIDENT).read_bytes())
+    content = bytearray((tmp_path / install.CLASS).read_bytes())
     content[100] ^= 1
-    (tmp_path / install.RESIDENT).write_bytes(content)
+    (tmp_path / install.CLASS).write_bytes(content)
     monkeypatch.setattr(install, "__file__", str(tmp_path / "install.py"))
     with pytest.raises(EngineFailed, match="damaged"):
         examine([healthy()], java=analyzer.java, jar=analyzer.jar, timeout=120)
@@ -96,6 +96,7 @@ def test_one_byte_makes_it_another_archive(place: int, analyzer: Engine, cache: 
     content = bytearray(found.read_bytes())
     content[place] ^= 1
     found.write_bytes(content)
+    assert archive.content(analyzer.java) is None, "so that `engine install` makes another"
     assert not loaded_from_it(analyzer, tmp_path)
 
 
