@@ -23,6 +23,7 @@ from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.subjects.comparison import matching
 from keystore_audit.model.trust.verdicts import (
     envelope,
+    first_alike,
     is_authority,
     may_have_issued,
     may_take,
@@ -30,6 +31,7 @@ from keystore_audit.model.trust.verdicts import (
     stands_alone,
 )
 from keystore_audit.profiles import VARIANTS, Profile
+from keystore_audit.truth import Truth
 
 Typed = GovernanceFile | PermissionsFile
 """A signed document, by what it says."""
@@ -322,13 +324,36 @@ def behind(place: str) -> str:
     return f"whatever is behind {place}"
 
 
+@lru_cache(maxsize=16_384)
+def governance_alike(file: GovernanceFile) -> GovernanceFile:
+    """The first that says the same and has the same signers: some sign a governance anew for each enclave.
+
+    All that implementations make of one follows from these. One of several meanings, or in a message that we refuse to
+    interpret, is like its copies alone.
+    """
+    judged, said = envelope(file.signed), file.readings.common
+    one_meaning = said is not None and judged.verdict is not Truth.UNKNOWN
+    signers, embedded = (tuple([each.sha256 for each in some]) for some in (judged.signers, file.signed.embedded))
+    return first_alike(
+        file, judged.verdict, signers, embedded, _unplaced(said) if one_meaning else file.signed.file.sha256
+    )
+
+
+def _unplaced(part: object) -> object:
+    """What a part of a document says, wherever it stands."""
+    if isinstance(part, Struct):
+        return tuple(_unplaced(getattr(part, name)) for name in part.__struct_fields__ if name not in ("line", "lines"))
+    return tuple(map(_unplaced, part)) if isinstance(part, tuple) else part
+
+
 TrustFiles = tuple[CertificateFile | None, CertificateFile | None, GovernanceFile | None, CrlFile | None, bool]
 
 
 def trust_files(enclave: Enclave) -> TrustFiles:
     """What the trust domain of an enclave is made of: files, each one object however many enclaves share it.
 
-    The last: whether there is a `crl.pem` that was not read.
+    Of governances that are alike the first. The last: whether there is a `crl.pem` that was not read.
     """
     unread = enclave.files.files[Role.CRL].status.unknown
-    return enclave.identity_ca, enclave.permissions_ca, enclave.governance, enclave.crl, unread
+    governance = None if enclave.governance is None else governance_alike(enclave.governance)
+    return enclave.identity_ca, enclave.permissions_ca, governance, enclave.crl, unread

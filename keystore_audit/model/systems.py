@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cache, cached_property
+from typing import Final
 
 from msgspec.structs import replace
 
 from keystore_audit.assumptions import WORLD, Assumption
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.findings import Location
 from keystore_audit.keystore.issuer import fit_to_sign
 from keystore_audit.keystore.keystore import Enclave, Keystore, every_certificate
@@ -51,6 +53,9 @@ from keystore_audit.model.rights import Atoms, RuleAtoms
 from keystore_audit.model.trust.revocation import list_unread
 from keystore_audit.model.trust.verdicts import is_authority
 from keystore_audit.profiles import Access, Profile
+
+MAX_JUDGED: Final = 100_000
+"""Pairs of a trust domain and a participant that it judges: half a minute and 350 MB."""
 
 
 class SystemBuilder:
@@ -123,7 +128,10 @@ class SystemBuilder:
         return [nothing if d.file is None else self._accesses.read(d.file, access) for d in self._documents]
 
     def systems(self) -> tuple[System, ...]:
-        """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt."""
+        """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt.
+
+        Raises errors.BudgetExceeded where trust domains have too many participants to judge.
+        """
         unmanaged = [folder for _number, _files, folder in self._unmanaged.holders]
         about = self._accesses, self.channels, self.instants, self._at, self._meets
         lone = LoneEndpoints(self._keystore, *about, unmanaged)
@@ -133,6 +141,11 @@ class SystemBuilder:
 
     def _readings(self, kind: Kind) -> tuple[System, ...]:
         may = self.build(kind, profiles=(), may=True)
+        if len(may.trust_domains) * len(may.enclaves) > MAX_JUDGED:
+            raise BudgetExceeded(
+                f"{len(may.trust_domains)} ways to trust are too many for {len(may.enclaves)} participants, each of "
+                f"whom each judges (limit {MAX_JUDGED} pairs)."
+            )
         doubt = may.has_doubt or self._narrowed or any(self._trust_domain_doubts)
         return (may, self.build(kind, profiles=(), may=False)) if doubt else (may,)
 
@@ -182,7 +195,7 @@ class SystemBuilder:
     ) -> tuple[tuple[Participant, ...], tuple[TrustDomainAtom, ...]]:
         """Who takes part, and their trust domains. `atoms`: documents; those come to them on which open ones rest."""
         number = {document.place: n for n, document in enumerate(documents)}
-        trust_domains, unmanaged = TrustDomains(), self._unmanaged
+        trust_domains, unmanaged = TrustDomains([each.file for each in documents]), self._unmanaged
         found = list(self._enclaves(kind, number, atoms, trust_domains, may=may))
         if may:
             open_to = ((place, self._open_trust_domain(atoms, place)) for place in self._unread_places)
@@ -323,7 +336,7 @@ class SystemBuilder:
 
     def _trust_domain(self, enclave: Enclave, number: Mapping[str, int], kind: Kind, *, may: bool) -> TrustDomainAtom:
         """What the enclave's verdict on peers depends on. (MUST) Of a list that is unknown, anybody may be revoked."""
-        place = self._governance_place(enclave)
+        place = enclave.governance and enclave.governance.signed.file.place
         identity_ca, permissions_ca, revoked = self._views.authorities(enclave, kind.trust)
         unread = list_unread(enclave, kind.trust) is not None
         return TrustDomainAtom(
@@ -335,19 +348,6 @@ class SystemBuilder:
             told=self._views.told(enclave, kind.trust),
             revoked_later=self._views.revoked_later(enclave, kind.trust, self.instants),
         )
-
-    def _governance_place(self, enclave: Enclave) -> str | None:
-        """Where its governance is; of copies the first, since enclaves with equal ones trust alike."""
-        if enclave.governance is None:
-            return None
-        file = enclave.governance.signed.file
-        return self._governances.get(file.sha256, file.place)
-
-    @cached_property
-    def _governances(self) -> dict[str | None, str]:
-        """By the digest of a governance document: the first place, in order, where it is."""
-        read = [d for d in self._documents if isinstance(d.file, GovernanceFile)]
-        return {d.file.signed.file.sha256: d.place for d in reversed(read) if d.file is not None}
 
     def _identity(self, enclave: Enclave) -> int | None:
         return None if enclave.identity is None else self._number[enclave.identity.sha256]

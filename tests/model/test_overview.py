@@ -25,7 +25,8 @@ from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.tables.overview import MAX_VIEWS, Overview, overview
 from keystore_audit.profiles import VARIANTS, resolve
 from keystore_audit.truth import Truth
-from tests.cli.keystores import keystore, rule
+from tests.keystore.documents import allow, domain_rule, governance, grant, permissions, pub, topic_rule
+from tests.model.comparing import Member, Store
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
 AT = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
@@ -116,8 +117,11 @@ class TestNeighbours:
 
     @pytest.mark.slow
     def test_too_many_ways_to_trust_are_not_drawn_and_that_is_said(self, tmp_path: Path) -> None:
-        count = int(MAX_VIEWS**0.5) + 1  # each with a governance file of its own
-        root = keystore(tmp_path, {f"/e{number}": (rule(("rt/t",)),) for number in range(count)})
+        count = int(MAX_VIEWS**0.5) + 1  # each with a governance that says something else
+        written = permissions(grant("/e", allow(pub("rt/t"))))
+        rules = (domain_rule(topic_rule(f"rt/e{number}", data="NONE"), topic_rule()) for number in range(count))
+        each = (Member(permissions=written, governance=governance(rule)) for rule in rules)
+        root = Store(members={f"/e{number}": member for number, member in enumerate(each)}).write(tmp_path)
         seen = overview_of(root, ("spec",))[1]
         assert seen.neighbourhoods == ()
         assert seen.undrawn.startswith(f"{count} ways to trust are too many")

@@ -64,14 +64,15 @@ class DocumentAtom(Struct, frozen=True, kw_only=True):
 
 
 class TrustDomainAtom(Struct, frozen=True, kw_only=True):
-    """Enclaves that trust alike: same identity CAs, permissions CAs, governance document and revocations.
+    """Enclaves that trust alike: same identity CAs, permissions CAs and revocations, governances that say the same.
 
     A peer's verdict depends on its trust domain only. `identity_ca`, `permissions_ca`: the certificates of those
-    files; `governance`: the document, None where it is missing or (MUST) unreadable; `revoked`: certificates
-    on its CRL; `revoked_later`: the same from moments on (`permission.Permissions`) at which another one of several
-    lists counts, ascending; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be revoked.
-    `told`: what members tell peers of their permissions CA, if they and their peers compare that: trust domains whose
-    members tell different things refuse each other, unless one tells what the other wants to hear. None: unknown.
+    files; `governance`: the document of the first of them, None where it is missing or (MUST) unreadable; `revoked`:
+    certificates on its CRL; `revoked_later`: the same from moments on (`permission.Permissions`) at which another one
+    of several lists counts, ascending; `list_unread`: (MAY only) what is on it is unknown, so that anybody may be
+    revoked. `told`: what members tell peers of their permissions CA, if they and their peers compare that: trust
+    domains whose members tell different things refuse each other, unless one tells what the other wants to hear. None:
+    unknown.
     `refuses`: certificates that members refuse although an identity CA vouches for them; for claims of ability alone.
     `refuses_later`: from moments on at which these are others.
     """

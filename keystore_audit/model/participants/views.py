@@ -6,13 +6,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.typed import PermissionsFile
+from keystore_audit.keystore.typed import GovernanceFile, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.formal.system import TrustDomainAtom
-from keystore_audit.model.inventory import Document, TrustFiles, permissions_cas, trust_files
+from keystore_audit.model.inventory import Document, TrustFiles, Typed, governance_alike, permissions_cas, trust_files
 from keystore_audit.model.participants.doubt import may_say_anything
 from keystore_audit.model.participants.lone_endpoints import Alone
 from keystore_audit.model.subjects.comparison import matching
@@ -44,26 +46,41 @@ class Kind(NamedTuple):
 
 
 class TrustDomains:
-    """The trust domains of a system, numbered in the order in which they come.
+    """The trust domains of a system, numbered in the order in which they come: of those that judge alike the first.
 
-    `known`: by files those of which nothing is unknown.
+    `documents`: what is in those of the system. `known`: by files those of which nothing is unknown.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, documents: Iterable[Typed | None]) -> None:
+        first: dict[Typed, int] = {}
+        self._alike: dict[int | None, int] = {
+            number: first.setdefault(governance_alike(file), number)
+            for number, file in enumerate(documents)
+            if isinstance(file, GovernanceFile)
+        }
         self._numbers: dict[TrustDomainAtom, int] = {}
+        self._atoms: list[TrustDomainAtom] = []
         self.known: dict[TrustFiles, int] = {}
 
     def __contains__(self, trust_domain: TrustDomainAtom) -> bool:
-        return trust_domain in self._numbers
+        return self._judging(trust_domain) in self._numbers
 
     def number(self, trust_domain: TrustDomainAtom) -> int:
         """The number of one, a new one for a new one."""
-        return self._numbers.setdefault(trust_domain, len(self._numbers))
+        number = self._numbers.setdefault(self._judging(trust_domain), len(self._atoms))
+        if number == len(self._atoms):
+            self._atoms.append(trust_domain)
+        return number
+
+    def _judging(self, trust_domain: TrustDomainAtom) -> TrustDomainAtom:
+        """The same with the first governance that is like its own."""
+        governance = trust_domain.governance
+        return replace(trust_domain, governance=self._alike.get(governance, governance))
 
     @property
     def atoms(self) -> tuple[TrustDomainAtom, ...]:
         """All so far."""
-        return tuple(self._numbers)
+        return tuple(self._atoms)
 
 
 class Views:

@@ -83,7 +83,7 @@ def _alike(*known: object) -> list[Any]:  # noqa: ARG001 - what the cache goes b
     return []
 
 
-def _first(value: T, *known: object) -> T:
+def first_alike(value: T, *known: object) -> T:
     """The first value of which the same is known."""
     alike: list[T] = _alike(*known)
     if not alike:
@@ -94,7 +94,7 @@ def _first(value: T, *known: object) -> T:
 @lru_cache(maxsize=65_536)
 def document_alike(signed: SignedDocument) -> SignedDocument:
     """The first message of which all is the same that is asked of it here: thousands have one signer."""
-    return _first(signed, envelope(signed), signed.embedded)
+    return first_alike(signed, envelope(signed), signed.embedded)
 
 
 @lru_cache(maxsize=65_536)
@@ -111,7 +111,7 @@ def certificate_alike(certificate: Certificate, file: CertificateFile) -> Certif
         )
         for a in file.certificates
     ]
-    return _first(certificate, file, *asked)
+    return first_alike(certificate, file, *asked)
 
 
 def authorities_read(file: CertificateFile, trust: Trust) -> tuple[Certificate, ...]:
