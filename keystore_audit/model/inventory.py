@@ -326,10 +326,10 @@ def behind(place: str) -> str:
 
 @lru_cache(maxsize=16_384)
 def governance_alike(file: GovernanceFile) -> GovernanceFile:
-    """The first that says the same and has the same signers: some sign a governance anew for each enclave.
+    """The first ever read that says the same and has the same signers: some sign one anew for each enclave.
 
-    All that implementations make of one follows from these. One of several meanings, or in a message that we refuse to
-    interpret, is like its copies alone.
+    It may be of another keystore, so that it is there to compare with. All that implementations make of a governance
+    follows from these. One of several meanings, or in a message that we refuse to interpret, is like its copies alone.
     """
     judged, said = envelope(file.signed), file.readings.common
     one_meaning = said is not None and judged.verdict is not Truth.UNKNOWN

@@ -78,7 +78,11 @@ def said(chance: random.Random) -> str:
 
 
 def keystore(chance: random.Random, root: Path) -> Path:
-    """Enclaves of two or three authorities, each with a governance signed for it; identities of nobody lie beside."""
+    """Enclaves of two or three authorities, each with a governance signed for it; identities of nobody lie beside.
+
+    No key lies beside that two enclaves share: its holder adds nothing to a trust domain of one of them, and where each
+    enclave had one of its own, a grant seemed to name two.
+    """
     authorities = [authority(name) for name in ("identityCA", "permissionsCA", "other")]
     texts, serial = [said(chance) for _ in range(chance.choice((1, 2, 2, 3)))], count(100)
     files: dict[str, bytes] = {}
@@ -88,7 +92,7 @@ def keystore(chance: random.Random, root: Path) -> Path:
         rules = [*(RULES.rule(chance) for _ in range(chance.choice((1, 1, 2, 3)))), allow(pub("rt/a"))]
         members[path] = Member(
             permissions=permissions(grant(path, *rules)),
-            key=chance.choice((path, path, path, "/a")),
+            key=chance.choice((path, path, path, "shared")),
             serial=next(serial),
             issuer=chance.choice((None, None, None, authorities[2])),
         )

@@ -35,6 +35,7 @@ from keystore_audit.model.formal.system import CertificateAtom, Participant, Par
 from keystore_audit.model.inventory import (
     Document,
     TrustFiles,
+    governance_alike,
     may_be_taken,
     named_by_some,
     trust_files,
@@ -276,7 +277,7 @@ def _hosts(keystore: Keystore) -> dict[TrustFiles, Enclave]:
     known = [enclave for enclave in found.values() if not opens(trust_domain_doubt(enclave))]
     others = (each.document for each in unmanaged_governance(keystore))
     several = (*(enclave.governance for enclave in known), *others)
-    governances = {each.signed.file.sha256: each for each in several if isinstance(each, GovernanceFile)}
+    governances = {governance_alike(each): each for each in several if isinstance(each, GovernanceFile)}
     trusted = _with_all(enclave.identity_ca for enclave in known)
     for permissions_ca in _with_all(enclave.permissions_ca for enclave in known):
         for governance in governances.values():

@@ -12,6 +12,7 @@ from keystore_audit.keystore.keystore import Enclave, every_certificate
 from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.typed import GovernanceFile
 from keystore_audit.model.access_view import AccessViews
+from keystore_audit.model.inventory import governance_alike
 from keystore_audit.model.participants.doubt import enclave_doubts, file_doubts
 from keystore_audit.model.participants.refusals import (
     UNGOVERNED,
@@ -177,7 +178,7 @@ def _seen(enclave: Enclave) -> object:
         certificate and (bool(certificate.unknown_critical), certificate.key_kind, certificate.signature_algorithm),
         file,
         permissions_ca,
-        governance and (governance.signed.file.sha256 or governance),
+        governance and governance_alike(governance),
         certificate_alike(certificate, file) if certificate is not None and file is not None else None,
         document_alike(signed) if signed is not None else None,
     )

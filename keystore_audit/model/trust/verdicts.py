@@ -146,7 +146,7 @@ def signing_authorities(file: CertificateFile, trust: Trust) -> tuple[Certificat
 @lru_cache(maxsize=65_536)
 def file_alike(file: CertificateFile) -> CertificateFile:
     """The first file with the same bytes: who copies what sros2 links has as many as enclaves."""
-    return _first(file, file.file.sha256 or file)
+    return first_alike(file, file.file.sha256 or file)
 
 
 @lru_cache(maxsize=4096)
