@@ -29,6 +29,7 @@ from keystore_audit.model.decision import LocalRights
 from keystore_audit.model.formal.bit_sets import members, union
 from keystore_audit.model.formal.permission import Meetings
 from keystore_audit.model.formal.system import Participant
+from keystore_audit.model.inventory import governance_alike
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.profiles import Access, Profile, TopicCheck
@@ -137,7 +138,7 @@ class LoneEndpoints:
         self._differing: dict[tuple[Access, bool], set[int]] = {}
         self._ruled: dict[tuple[str, Access], frozenset[int]] = {}
         governances = (enclave.governance for enclave in keystore.enclaves if enclave.governance is not None)
-        self._several = len({governance.signed.file.sha256 for governance in governances}) > 1
+        self._several = len(set(map(governance_alike, governances))) > 1
         self._count = len(keystore.enclaves)
 
     def of(self, profile: Profile) -> tuple[Alone, ...]:
