@@ -154,7 +154,7 @@ def settings(tmp_path: Path) -> Settings:
     return read_settings(place, ())
 
 
-@pytest.mark.parametrize("start", range(0, tried(200, 20), 20))
+@pytest.mark.parametrize("start", range(0, tried(100, 20), 20))
 def test_answers_are_the_same_whether_or_not_they_are_one(
     start: int, settings: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -171,7 +171,7 @@ def test_answers_are_the_same_whether_or_not_they_are_one(
             assert answers(told(root, settings, profiles)) == answers(one), seed
 
 
-@pytest.mark.parametrize("start", range(0, tried(200, 20), 20))
+@pytest.mark.parametrize("start", range(0, tried(100, 20), 20))
 def test_signing_anew_changes_nothing_in_a_report(start: int, settings: Settings, tmp_path: Path) -> None:
     """Beside copies of what was signed once."""
     for seed in range(start, start + 20):
