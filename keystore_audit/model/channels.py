@@ -120,7 +120,7 @@ def build_channels(
     shapes = _shapes_of(tuple(dict.fromkeys(regions)))
     met: Mapping[int, frozenset[int]] = {}
     if points is None:
-        columns, met = shapes.columns(opening)
+        columns, met = shapes.columns(opening, documents)
     else:
         columns = [shapes.column(point) for point in points]
         met = shapes.met_by_points(points, opening)
@@ -270,17 +270,17 @@ class _Shapes:
         )
         return self._numbers.setdefault(shape, len(self._numbers))
 
-    def columns(self, opening: frozenset[ReadRegion] | None) -> Table:
+    def columns(self, opening: frozenset[ReadRegion] | None, documents: int) -> Table:
         """The cells (topic class × partition class) that no shape tells apart, merged, and which meet which others.
 
         What a cell is met by is part of what tells it apart: rights in one column mean one thing then.
         """
         if opening not in self._columns:
-            self._columns[opening] = self._tabulated(opening)
+            self._columns[opening] = self._tabulated(opening, documents)
         return self._columns[opening]
 
-    def _tabulated(self, opening: frozenset[ReadRegion] | None) -> Table:
-        topics, partitions = self._topics.classes(), self._partition_classes
+    def _tabulated(self, opening: frozenset[ReadRegion] | None, documents: int) -> Table:
+        topics, partitions = self._topics.classes(documents), self._partition_classes
         _check_cells(len(topics), len(partitions), "topic classes in {} partition classes")
         allowing = self._allowing(opening)
         topics_of, met_by = self._topics.places(topics), self._met_by(allowing)

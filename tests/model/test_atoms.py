@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import pytest
 
 from keystore_audit.errors import BudgetExceeded
-from keystore_audit.model.matching.atoms import TopicClass, classify
+from keystore_audit.model.matching.atoms import TopicClass, budget_of, classify
 from keystore_audit.model.matching.expression import Pattern, parse
 from keystore_audit.profiles import Matcher
 from tests.amount import tried
@@ -103,6 +103,16 @@ def test_too_many_classes_exceed_the_budget_soon(texts: list[str]) -> None:
     patterns = patterns_of(texts)
     with pytest.raises(BudgetExceeded, match=f"{len(texts)} expressions need more than 5000 states"):
         steps(lambda: classify(patterns, budget=5_000), most=5_000_000)
+
+
+def test_robots_of_whom_every_two_have_names_in_common_are_told_apart() -> None:
+    """A pattern of what each of 200 sends and one of what is sent to it: more than a single document may cost."""
+    patterns = patterns_of([text for n in range(200) for text in (f"rt/n{n}/*", f"rt/*/n{n}")])
+    with pytest.raises(BudgetExceeded):
+        classify(patterns, budget=budget_of(1))
+    found = {each.members for each in classify(patterns, budget=budget_of(200))}
+    sent, taken = ([frozenset[int](), *(frozenset({n}) for n in range(first, 400, 2))] for first in (0, 1))
+    assert found == {one | other for one in sent for other in taken}
 
 
 def test_what_exceeds_the_budget_names_an_expression_with_the_most_stars() -> None:

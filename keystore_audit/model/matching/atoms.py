@@ -91,15 +91,14 @@ def residual_names(
     universe: Universe,
     budget: Budget,
     literals: Mapping[str, frozenset[int]],
-    known: Collection[frozenset[int]] = (),
+    wanted: Collection[frozenset[int]] | None = None,
 ) -> dict[frozenset[int], str]:
-    """Return the shortest names that are none of `literals`, for the sets that are not `known`.
+    """Return the shortest names that are none of `literals`; with `wanted`, for those sets alone.
 
     `literals`: names, with what matches each. A set whose shortest name is a literal may hold nothing else, so it is
     searched again with the literals of these sets, and only those, left out.
     """
-    names = shortest_names(automaton, universe, budget)
-    names = {accepted: name for accepted, name in names.items() if accepted not in known}
+    names = shortest_names(automaton, universe, budget, wanted=wanted)
     taken = {accepted for accepted, name in names.items() if name in literals}
     if not taken:
         return names
@@ -186,10 +185,20 @@ class _Avoided:
 
 
 DEFAULT_BUDGET: Final = 40_000
-"""States of the automaton: about 90 MB and two seconds at most, so that a hostile document stays within 200 MB.
+_STATES_PER_DOCUMENT: Final = 200
+_MOST_STATES: Final = 100_000
+"""States of the automaton: about 90 MB and two seconds at most, so that a hostile document stays within 200 MB; of a
+keystore of many documents up to 180 MB and five seconds.
 
 Only texts between two stars multiply states. What `ros2 security` writes needs some hundreds, 10,000 namespaces with
-`rt/…/*` each 32,500. Beyond it the answer is "unknown", never a sample."""
+`rt/…/*` each 32,500, 200 robots with `rt/NAME/*` and `rt/*/NAME` each 50,000, since every two of them have names in
+common. Beyond it the answer is "unknown", never a sample."""
+
+
+def budget_of(documents: int) -> int:
+    """The states for the expressions of so many documents."""
+    return min(DEFAULT_BUDGET + _STATES_PER_DOCUMENT * documents, _MOST_STATES)
+
 
 _MAX_QUOTED: Final = 60
 """Characters of the expression that the message about the budget quotes."""
@@ -258,8 +267,8 @@ class _Classification:
         """All classes."""
         literal_sets = {name: self._accepted(name) for name in self._literals}
         found = [self._literal_class(name, accepted) for name, accepted in literal_sets.items()]
-        ros, others = self._residual_witnesses(literal_sets)
         infinite = self._infinite_sets()
+        ros, others = self._residual_witnesses(literal_sets)
         preferred = self._preferred(prefer)
         for accepted in ros.keys() | others.keys():
             is_ros = accepted in ros
@@ -295,7 +304,8 @@ class _Classification:
         """The shortest names that are no literal: ROS 2's for every set that has one, others for the rest."""
         automaton, budget = self._automaton, self._budget
         ros = residual_names(automaton, ros_names(self._alphabet), budget, literal_sets) if self._topics else {}
-        return ros, residual_names(automaton, dds_names(self._alphabet), budget, literal_sets, ros)
+        others = {accepted for accepted in automaton.accepts if accepted not in ros}  # all states are built
+        return ros, residual_names(automaton, dds_names(self._alphabet), budget, literal_sets, others)
 
     def _infinite_sets(self) -> set[_Set]:
         """The sets of wildcard expressions that infinitely many names match."""

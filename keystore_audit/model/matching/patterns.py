@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import Final
 
 from keystore_audit.model.matching.alphabet import Alphabet, Budget
-from keystore_audit.model.matching.atoms import TopicClass, classify
+from keystore_audit.model.matching.atoms import TopicClass, budget_of, classify
 from keystore_audit.model.matching.automaton import Automaton, PatternIndex
 from keystore_audit.model.matching.expression import Pattern, has_wildcard, parse
 from keystore_audit.profiles import Matcher
@@ -245,9 +245,9 @@ class Patterns:
             self._known[text, matcher] = number
         return number
 
-    def classes(self) -> tuple[TopicClass, ...]:
-        """The classes of all non-empty names."""
-        return classes_of(self.patterns, topics=self._topics)
+    def classes(self, documents: int = 0) -> tuple[TopicClass, ...]:
+        """The classes of all non-empty names; `documents`: how many the expressions are of."""
+        return classes_of(self.patterns, documents, topics=self._topics)
 
     def meetings(self, asked: Collection[int]) -> Mapping[int, frozenset[int]]:
         """By class of partitions, of those `asked` about, what it meets: places in `empty` and, behind it, `classes`.
@@ -278,19 +278,20 @@ class Patterns:
         return places
 
 
-def classes_of(patterns: Sequence[Pattern], *, topics: bool = True) -> tuple[TopicClass, ...]:
+def classes_of(patterns: Sequence[Pattern], documents: int = 0, *, topics: bool = True) -> tuple[TopicClass, ...]:
     """What `atoms.classify` returns or raises: the same for those who ask about the same expressions in turn.
 
-    The systems, the lines on which profiles differ and the ranking of enclaves do, of one keystore. `topics`: False
-    where they are of partitions.
+    The systems, the lines on which profiles differ and the ranking of enclaves do, of one keystore. `documents`: how
+    many they are of. `topics`: False where they are of partitions.
     """
+    budget = budget_of(documents)
     if len(patterns) <= MAX_KEPT:
-        return _classes(_Expressions(patterns), topics)
-    return _classified(patterns, topics=topics)
+        return _classes(_Expressions(patterns), budget, topics)
+    return _classified(patterns, budget, topics=topics)
 
 
-def _classified(patterns: Sequence[Pattern], *, topics: bool) -> tuple[TopicClass, ...]:
-    return classify(patterns, prefer=() if topics else (OTHER_PARTITION,), topics=topics)
+def _classified(patterns: Sequence[Pattern], budget: int, *, topics: bool) -> tuple[TopicClass, ...]:
+    return classify(patterns, prefer=() if topics else (OTHER_PARTITION,), budget=budget, topics=topics)
 
 
 class _Expressions:
@@ -311,8 +312,8 @@ class _Expressions:
 
 
 @lru_cache(maxsize=4)
-def _classes(expressions: _Expressions, topics: bool) -> tuple[TopicClass, ...]:
-    return _classified(expressions.patterns, topics=topics)
+def _classes(expressions: _Expressions, budget: int, topics: bool) -> tuple[TopicClass, ...]:
+    return _classified(expressions.patterns, budget, topics=topics)
 
 
 @lru_cache(maxsize=1)

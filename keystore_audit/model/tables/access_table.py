@@ -69,7 +69,7 @@ def names_of(read: Mapping[Access, Sequence[ReadDocument]], most: int = MAX_CELL
                     granted.setdefault(topics.number(text, matcher), text)
                 for text in area.partitions or ():
                     partitions.number(text, matcher)
-    classes = topics.classes()
+    classes = topics.classes(max(map(len, read.values()), default=0))
     wildcards = {number: text for number, text in granted.items() if topics.patterns[number].literal is None}
     others: list[str] = []
     if any(pattern.literal != "" for pattern in partitions.patterns):
