@@ -184,25 +184,24 @@ class AccessViews:
         as will do: they may say anything, and what does not rest on them stays decided. Raises errors.BudgetExceeded
         where not even that is enough: what users name tells apart too much by itself.
         """
-        try:
-            return build(self), self
-        except BudgetExceeded as exceeded:
-            why = exceeded.message
-            found: tuple[T, AccessViews] | None = None
+        found: tuple[T, AccessViews] | None = None
+        why = ""
 
-            def fits(count: int) -> bool:
-                nonlocal found
-                views = self._without(count, why)
-                try:
-                    found = build(views), views
-                except BudgetExceeded:
-                    return False
-                return True
+        def fits(count: int) -> bool:
+            nonlocal found, why
+            views = self._without(count, why) if count else self
+            try:
+                found = build(views), views
+            except BudgetExceeded as exceeded:  # not kept: its traceback holds all that was built
+                why = why or exceeded.message
+                return False
+            return True
 
+        if not fits(0):
             bisect_left(range(1, len(self._held.files) + 1), True, key=fits)  # the last that fits is of the fewest
-            if found is None:
-                raise
-            return found
+        if found is None:
+            raise BudgetExceeded(why)
+        return found
 
     def _without(self, count: int, why: str) -> AccessViews:
         """The views where so many documents count as unread."""
