@@ -25,18 +25,19 @@ _SIGNS = (ast.expr_context, ast.operator, ast.unaryop, ast.boolop, ast.cmpop)
 
 def figures(top: str) -> Mapping[str, int]:
     """The size of all modules below `top`, a folder of the project."""
-    paths = sorted((ROOT / top).rglob("*.py"))
-    trees = {_name(path): ast.parse(path.read_text("utf-8")) for path in paths}
-    found = Counter(modules=len(trees), nodes=0, classes=0, imports=0, circles=0, vendors=0)
+    found = Counter(modules=0, nodes=0, classes=0, imports=0, circles=0, vendors=0)
     known = {_name(path) for path in (ROOT / PRODUCT).rglob("*.py")}
     uses: dict[str, set[str]] = {}
-    for path, (name, tree) in zip(paths, trees.items(), strict=True):
+    for path in (ROOT / top).rglob("*.py"):
+        name = _name(path)
         package = name if path.name == "__init__.py" else name.rpartition(".")[0]
-        typing = {id(part) for node in ast.walk(tree) if _is_for_types(node) for part in ast.walk(node)}
-        imported = [(id(node), _known(target, known)) for node, target in _imports(tree, package)]
+        nodes = [*ast.walk(ast.parse(path.read_text("utf-8")))]
+        typing = {id(part) for node in nodes if _is_for_types(node) for part in ast.walk(node)}
+        imported = [(id(node), _known(target, known)) for node, target in _imports(nodes, package)]
+        found["modules"] += 1
         found["imports"] += len({target for _node, target in imported} - {None, name})
         uses[name] = {target for node, target in imported if target and node not in typing}
-        found.update(_counted(tree, free=name.split(".")[1:2] == ["profiles"]))
+        found.update(_counted(nodes, free=name.split(".")[1:2] == ["profiles"]))
     found["circles"] = _circles(uses)
     return found
 
@@ -49,8 +50,8 @@ def _is_for_types(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
 
 
-def _imports(tree: ast.Module, package: str) -> Iterator[tuple[ast.AST, str]]:
-    for node in ast.walk(tree):
+def _imports(nodes: Iterable[ast.AST], package: str) -> Iterator[tuple[ast.AST, str]]:
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from ((node, each.name) for each in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -65,9 +66,9 @@ def _known(target: str, known: Iterable[str]) -> str | None:
     return target or None
 
 
-def _counted(tree: ast.Module, *, free: bool) -> Iterator[str]:
+def _counted(nodes: Iterable[ast.AST], *, free: bool) -> Iterator[str]:
     skipped: set[int] = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if id(node) in skipped or isinstance(node, _SIGNS):
             continue
         if isinstance(node, (ast.Import, ast.ImportFrom)) or _is_docstring(node):
