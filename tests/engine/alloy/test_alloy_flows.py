@@ -15,6 +15,7 @@ from keystore_audit.engine.alloy.runner import examine
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineOutOfScale
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
+from keystore_audit.model.formal.system import System
 from keystore_audit.properties import Answer, Status
 from tests.amount import tried
 from tests.engine.alloy.flow_builders import THIRD, at, chain, claim
@@ -46,11 +47,15 @@ def ask(builder: Builder, asked: ClaimAtom, analyzer: Engine) -> Answer:
 
 def test_what_each_change_makes_of_a_claim() -> None:
     table = questions()
-    asked = [replace(each.builder.system(), claims=(each.claim,)) for each in table]
+    asked: dict[System, list[ClaimAtom]] = {}
+    for number, each in enumerate(table):
+        asked.setdefault(each.builder.system(), []).append(replace(each.claim, id=str(number)))
+    answers = decide_claims([replace(system, claims=tuple(about)) for system, about in asked.items()])
+    found = {number: status for each in answers for number, status in each.items()}
     wrong = [
         (number, each.name, each.claim.kind, each.claim.source, each.claim.target)
-        for number, (each, found) in enumerate(zip(table, decide_claims(asked), strict=True))
-        if found["asked"] is not _status(each.violated)
+        for number, each in enumerate(table)
+        if found[str(number)] is not _status(each.violated)
     ]
     assert wrong == []
 
