@@ -7,6 +7,7 @@ import json
 import re
 import secrets
 from collections.abc import Callable
+from math import gcd, prod
 from pathlib import Path
 from typing import Any
 
@@ -53,10 +54,14 @@ def prime(bits: int) -> int:
     return rsa.generate_private_key(65537, 2 * bits).private_numbers().p
 
 
+_DIVISORS = prod(range(3, 4_000, 2))
+"""Nine numbers in ten are no prime by one of these: without a power, which takes 20 ms."""
+
+
 def following(number: int) -> int:
     """The next prime."""
     number += 1 + number % 2
-    while any(pow(base, number - 1, number) != 1 for base in (2, 3, 5, 7)):
+    while gcd(number, _DIVISORS) != 1 or any(pow(base, number - 1, number) != 1 for base in (2, 3, 5, 7)):
         number += 2
     return number
 
