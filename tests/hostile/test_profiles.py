@@ -204,17 +204,16 @@ class _Answers:
         self._local = LocalRights(accesses, builder.channels, AT)
         self._effective = EffectiveRights(self.systems)
 
-    def rights(self, channels: Mapping[object, int]) -> dict[tuple[str, str, str, object], tuple[int, int, int]]:
-        """By profile, enclave, operation and what names the channel: decision, may and must be accepted."""
-        found: dict[tuple[str, str, str, object], tuple[int, int, int]] = {}
-        for profile in PROFILES:
-            for enclave in self._keystore.enclaves:
-                for operation in Operation:
-                    allowed = self._local.allowed(enclave, profile, operation)
-                    accepted = self._effective.accepted(enclave.path, profile.name, operation)
-                    for name, channel in channels.items():
-                        key = (profile.name, enclave.path, operation.value, name)
-                        found[key] = (allowed >> channel & 1, accepted.may >> channel & 1, accepted.must >> channel & 1)
+    def rights(self, channels: Mapping[object, int]) -> dict[object, dict[object, object]]:
+        """By what names the channel, and by profile, enclave and operation: decision, may and must be accepted."""
+        found: dict[object, dict[object, object]] = {name: {} for name in channels}
+        for profile, enclave, operation in product(PROFILES, self._keystore.enclaves, Operation):
+            asked = (profile.name, enclave.path, operation.value)
+            allowed = self._local.allowed(enclave, profile, operation)
+            accepted = self._effective.accepted(enclave.path, profile.name, operation)
+            may, must = accepted.may, accepted.must
+            for name, channel in channels.items():
+                found[name][asked] = (allowed >> channel & 1, may >> channel & 1, must >> channel & 1)
         return found
 
     def usability(self) -> dict[object, object]:
@@ -268,18 +267,11 @@ def test_a_class_decides_as_each_of_its_names(seed: int, zone: ZoneInfo | None) 
         classes = _Answers(keystore, _views(AccessViews, keystore, zone), None, literal=True)
         single = _Answers(keystore, _views(AccessViews, keystore, zone), points)
         asked = list(product(DOMAINS, points))
-        names = _by_name(single.rights(_of_points(single.channels, points)))
+        names = single.rights(_of_points(single.channels, points))
         found = {where: _classes_of(classes.channels, *where) for where in asked}
-        decided = _by_name(classes.rights({(where, n): n for where in asked for n in found[where]}))
+        decided = classes.rights({(where, n): n for where in asked for n in found[where]})
         for where in asked:
             assert not found[where] or names[where] in [decided[where, n] for n in found[where]], where
-
-
-def _by_name(rights: Mapping[tuple[str, str, str, object], object]) -> dict[object, dict[object, object]]:
-    found: dict[object, dict[object, object]] = {}
-    for (*asked, name), right in rights.items():
-        found.setdefault(name, {})[tuple(asked)] = right
-    return found
 
 
 def _classes_of(channels: Channels, domain: int, point: Point) -> list[int]:
