@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence, Set
 from functools import lru_cache
 from typing import Final
 
+from keystore_audit.errors import BudgetExceeded
 from keystore_audit.model.matching.alphabet import Alphabet, Budget
 from keystore_audit.model.matching.atoms import TopicClass, budget_of, classify
 from keystore_audit.model.matching.automaton import Automaton, PatternIndex
@@ -285,9 +286,12 @@ def classes_of(patterns: Sequence[Pattern], documents: int = 0, *, topics: bool 
     many they are of. `topics`: False where they are of partitions.
     """
     budget = budget_of(documents)
-    if len(patterns) <= MAX_KEPT:
-        return _classes(_Expressions(patterns), budget, topics)
-    return _classified(patterns, budget, topics=topics)
+    if len(patterns) > MAX_KEPT:
+        return _classified(patterns, budget, topics=topics)
+    found = _classes(_Expressions(patterns), budget, topics)
+    if isinstance(found, str):
+        raise BudgetExceeded(found)
+    return found
 
 
 def _classified(patterns: Sequence[Pattern], budget: int, *, topics: bool) -> tuple[TopicClass, ...]:
@@ -312,8 +316,12 @@ class _Expressions:
 
 
 @lru_cache(maxsize=4)
-def _classes(expressions: _Expressions, budget: int, topics: bool) -> tuple[TopicClass, ...]:
-    return _classified(expressions.patterns, budget, topics=topics)
+def _classes(expressions: _Expressions, budget: int, topics: bool) -> tuple[TopicClass, ...] | str:
+    """Or why there are none: to come upon the limit takes longest, and the error itself would keep whoever asked."""
+    try:
+        return _classified(expressions.patterns, budget, topics=topics)
+    except BudgetExceeded as exceeded:
+        return exceeded.message
 
 
 @lru_cache(maxsize=1)
