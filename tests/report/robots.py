@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from keystore_audit.model.names import PARAMETER_SERVICES
-from tests.cli.keystores import keystore, rule
+from tests.cli.keystores import AT, answer, keystore, rule
 
 SERVICES = (*PARAMETER_SERVICES, "get_type_description")
 """Of every node, since Iron (KA636)."""
@@ -52,3 +54,16 @@ def linked(root: Path) -> Path:
             own.unlink()
             own.symlink_to(os.path.relpath(shared, directory))
     return root
+
+
+def page_of(root: Path, *options: str) -> str:
+    """The report as a page."""
+    _code, page = answer("audit", root, "--engine", "native", "--at", AT, "-f", "html", *options)
+    return page
+
+
+@lru_cache
+def page_of_robots(enclaves: int) -> str:
+    """That of so many enclaves, for all who look at it: most of their time is its making."""
+    with TemporaryDirectory() as folder:
+        return page_of(robots(Path(folder), enclaves))

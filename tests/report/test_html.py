@@ -21,7 +21,7 @@ from keystore_audit.report.content import Report, Verdict
 from keystore_audit.report.html import render
 from tests.cli.keystores import AT, answer
 from tests.report.attacks import PAYLOADS, attacks
-from tests.report.robots import robots
+from tests.report.robots import page_of, page_of_robots
 
 MakeReport = Callable[..., Report]
 
@@ -42,11 +42,6 @@ def words(tree: etree._Element) -> str:
 @pytest.fixture(scope="module")
 def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return attacks(tmp_path_factory.mktemp("hostile"))
-
-
-def page_of(root: Path, *options: str) -> str:
-    _code, page = answer("audit", root, "--engine", "native", "--at", AT, "-f", "html", *options)
-    return page
 
 
 ELEMENTS = re.split(
@@ -175,8 +170,9 @@ class TestWhatIsSaid:
 
 class TestSize:
     @pytest.mark.slow
-    def test_300_enclaves_are_one_page_still(self, tmp_path: Path) -> None:
-        page = page_of(robots(tmp_path, 300))
+    @pytest.mark.xdist_group("page-of-robots")
+    def test_300_enclaves_are_one_page_still(self) -> None:
+        page = page_of_robots(300)
         assert len(page.encode()) < 1_600_000
         assert len(MARKUP.findall(page)) / 2 < 32_000
         shown = words(document(page).xpath("//section[@class='access']")[0])

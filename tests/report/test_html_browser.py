@@ -14,10 +14,9 @@ from typing import Any
 import lxml.html
 import pytest
 
-from tests.cli.keystores import AT, answer
 from tests.report import browser
 from tests.report.attacks import attacks
-from tests.report.robots import robots
+from tests.report.robots import page_of, page_of_robots
 
 pytestmark = pytest.mark.slow
 
@@ -75,11 +74,6 @@ addEventListener('load', measure);
 def chromium(oracle: Oracle) -> None:
     oracle("chromium")
     oracle("pdftotext")
-
-
-def page_of(root: Path, *options: str) -> str:
-    _code, page = answer("audit", root, "--engine", "native", "--at", AT, "-f", "html", *options)
-    return page
 
 
 def title(loaded: browser.Loaded) -> str:
@@ -172,10 +166,10 @@ class TestLegibility:
             assert "".join(longest.split())[:40] in text
 
 
+@pytest.mark.xdist_group("page-of-robots")
 @pytest.mark.parametrize("enclaves", [4, 50, 300])
 def test_a_fleet_is_shown(enclaves: int, tmp_path: Path) -> None:
-    page = page_of(robots(tmp_path / "keystore", enclaves))
-    loaded = browser.load(page, tmp_path)
+    loaded = browser.load(page_of_robots(enclaves), tmp_path)
     assert (loaded.console, loaded.asked) == ((), ("/page.html",))
     tree = lxml.html.document_fromstring(loaded.dom)
     assert len(tree.xpath("//section")) == 9
