@@ -60,8 +60,9 @@ def talker() -> Signed:
     return certificate("/talker", common_authority())
 
 
+@lru_cache
 def sign(document: bytes, signer: Signed | None = None) -> bytes:
-    """The signed message, as sros2 makes it."""
+    """The signed message, as sros2 makes it, and once of what most recipes have."""
     return signed_document(document, signer or common_authority())
 
 
