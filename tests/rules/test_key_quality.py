@@ -7,7 +7,6 @@ import json
 import re
 import secrets
 from collections.abc import Callable
-from math import gcd, prod
 from pathlib import Path
 from typing import Any
 
@@ -54,14 +53,10 @@ def prime(bits: int) -> int:
     return rsa.generate_private_key(65537, 2 * bits).private_numbers().p
 
 
-_DIVISORS = prod(range(3, 4_000, 2))
-"""Nine numbers in ten are no prime by one of these: without a power, which takes 20 ms."""
-
-
 def following(number: int) -> int:
     """The next prime."""
     number += 1 + number % 2
-    while gcd(number, _DIVISORS) != 1 or any(pow(base, number - 1, number) != 1 for base in (2, 3, 5, 7)):
+    while any(pow(base, number - 1, number) != 1 for base in (2, 3, 5, 7)):
         number += 2
     return number
 
@@ -104,7 +99,7 @@ KEYS: dict[str, tuple[Callable[[], PrivateKey], str]] = {
     "a scalar below the order": (lambda: scalar(-7), "private scalar"),
     "an exponent of 3": (exponent_of_three, "exponent 3, expected 65537"),
     "close primes": (close_primes, "Fermat's method"),
-    "a small factor": (lambda: rsa_of(65_521, following(secrets.randbits(2030) | 1 << 2031)), "prime below 65,536"),
+    "a small factor": (lambda: rsa_of(65_521, prime(1024)), "prime below 65,536"),
     "ROCA": (lambda: rsa_of(roca_prime(1024), roca_prime(1024)), "ROCA"),
 }
 GOOD: dict[str, Callable[[], PrivateKey]] = {
