@@ -158,6 +158,7 @@ def unexpected(directory: Path, modules: dict[str, str], main: str) -> list[str]
     """
     world = _world(directory, modules, main)
     found = {command: bool(_solution(world, command, _SYMMETRY).satisfiable()) for command in world.getAllCommands()}
+    assert found, f"{main} asks nothing"
     return [str(command.label) for command, occurs in found.items() if command.expects != occurs]
 
 

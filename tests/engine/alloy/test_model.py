@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 from pathlib import Path
 
@@ -60,8 +59,6 @@ def test_every_property_is_broken_by_some_change_of_something_that_was_read() ->
 def test_theorems_hold_of_any_keystore_and_every_property_can_fail_and_hold(theorems: str, tmp_path: Path) -> None:
     modules = shipped() | {path.name: path.read_text() for path in (HERE / "any_keystore").glob("*.als")}
     assert unexpected(tmp_path, modules, theorems) == []
-    commands_given = len(re.findall(r"(?m)^(?:check|run) ", modules[theorems]))
-    assert commands_given == modules[theorems].count(" expect ")
 
 
 def execute(analyzer: Engine, folder: Path, main: str, *options: str) -> subprocess.CompletedProcess[str]:
