@@ -14,24 +14,24 @@ run AuthenticationIsExercised for 0
 run EncryptionIsExercised for 0
 run AccessControlIsExercised for 0
 
-check OnlyAuthenticatedParticipantsJoin for 0
-check IdentitiesChainToTheIdentityCa for 0
-check DocumentsSignedByThePermissionsCa for 0
-check NoIdentityServesTwoEnclaves for 0
-check NoEnclaveGrantsItselfRights for 0
-check OneCaForOneRole for 0
-check NoSubjectServesTwoEnclaves for 0
-check OutsidersCannotRead for 0
-check OutsidersCannotLearnNames for 0
-check OutsidersCannotInject for 0
-check OutsidersCannotReplay for 0
-check OutsidersCannotForgeLiveliness for 0
-check GrantsAreEnforced for 0
-check NobodyWritesWithoutAGrant for 0
-check NobodyReadsWithoutAGrant for 0
-check ReadersCannotForge for 0
-check RelaysCannotRead for 0
-check NoEnclaveBridgesDomains for 0
+check OnlyAuthenticatedParticipantsJoin { OnlyAuthenticatedParticipantsJoin } for 0
+check IdentitiesChainToTheIdentityCa { IdentitiesChainToTheIdentityCa } for 0
+check DocumentsSignedByThePermissionsCa { DocumentsSignedByThePermissionsCa } for 0
+check NoIdentityServesTwoEnclaves { NoIdentityServesTwoEnclaves } for 0
+check NoEnclaveGrantsItselfRights { NoEnclaveGrantsItselfRights } for 0
+check OneCaForOneRole { OneCaForOneRole } for 0
+check NoSubjectServesTwoEnclaves { NoSubjectServesTwoEnclaves } for 0
+check OutsidersCannotRead { OutsidersCannotRead } for 0
+check OutsidersCannotLearnNames { OutsidersCannotLearnNames } for 0
+check OutsidersCannotInject { OutsidersCannotInject } for 0
+check OutsidersCannotReplay { OutsidersCannotReplay } for 0
+check OutsidersCannotForgeLiveliness { OutsidersCannotForgeLiveliness } for 0
+check GrantsAreEnforced { GrantsAreEnforced } for 0
+check NobodyWritesWithoutAGrant { NobodyWritesWithoutAGrant } for 0
+check NobodyReadsWithoutAGrant { NobodyReadsWithoutAGrant } for 0
+check ReadersCannotForge { ReadersCannotForge } for 0
+check RelaysCannotRead { RelaysCannotRead } for 0
+check NoEnclaveBridgesDomains { NoEnclaveBridgesDomains } for 0
 
 -- for the Analyzer's window, which draws functions without arguments, and those of the main module only
 

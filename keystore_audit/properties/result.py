@@ -46,7 +46,7 @@ class Counterexample(Struct, frozen=True, kw_only=True):
 
 
 class Role(str, Enum):
-    """What an atom does in a counterexample; the value is the variable's name in the Alloy assertion."""
+    """What an atom does in a counterexample; the value is the variable's name in the Alloy predicate."""
 
     TRUST_DOMAIN = "trust_domain"
     DOMAIN = "domain"
@@ -68,7 +68,7 @@ class Role(str, Enum):
 class Property(Struct, frozen=True, kw_only=True):
     """One question.
 
-    `id` is also the name of its KA7 rule; `roles` the quantified variables of its assertion, outermost first;
+    `id` is also the name of its KA7 rule; `roles` the quantified variables of its predicate, outermost first;
     `attacker` who is meant to fail; `clause` what it rests on.
     """
 
@@ -79,7 +79,7 @@ class Property(Struct, frozen=True, kw_only=True):
     roles: tuple[Role, ...]
 
     @property
-    def assertion(self) -> str:
+    def predicate(self) -> str:
         """The same name in `alloy/properties.als`."""
         return "".join(word.capitalize() for word in self.id.split("-"))
 

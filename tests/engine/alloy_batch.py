@@ -36,7 +36,7 @@ modules use nothing of it; one that did would not be read."""
 _SYMMETRY = 20
 """The predicate's size that the Analyzer chooses, by default, to break symmetries with."""
 
-_BY_ASSERTION = {prop.assertion: prop.id for prop in PROPERTIES}
+_BY_PREDICATE = {prop.predicate: prop.id for prop in PROPERTIES}
 
 
 def engine() -> install.Engine:
@@ -90,7 +90,7 @@ def asking(system: System) -> dict[str, str]:
 
 def named_by_command(system: System, expected: Mapping[str, bool]) -> dict[str, tuple[str, bool]]:
     """For each property and claim (by id), the name of its command, and whether that should have an instance."""
-    found = {identifier: (name, not expected[identifier]) for name, identifier in _BY_ASSERTION.items()}
+    found = {identifier: (name, not expected[identifier]) for name, identifier in _BY_PREDICATE.items()}
     for number, claim in enumerate(system.claims):
         asked = claims.question(claim, number)
         status = Status.HOLDS if expected[claim.id] else Status.VIOLATED
@@ -191,7 +191,7 @@ def _solution(world: Any, command: Any, symmetry: int = 0) -> Any:
 def _decide(directory: Path, modules: dict[str, str], system: System) -> dict[str, bool]:
     found = outcomes(directory, modules | asking(replace(system, claims=())))
     assert found[CONSISTENCY]
-    return {identifier: not found[assertion] for assertion, identifier in _BY_ASSERTION.items()}
+    return {identifier: not found[assertion] for assertion, identifier in _BY_PREDICATE.items()}
 
 
 def evaluate(

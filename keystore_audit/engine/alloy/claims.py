@@ -62,6 +62,11 @@ class Question(Struct, frozen=True, kw_only=True):
     when_true: Status = Status.HOLDS
 
 
+def check(predicate: str) -> str:
+    """The command that looks for a counterexample to a predicate."""
+    return f"check {predicate} {{ {predicate} }} for 0"
+
+
 def question(claim: ClaimAtom, number: int) -> Question:
     """Return what is asked about the claim of this index.
 

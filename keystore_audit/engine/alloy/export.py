@@ -17,7 +17,7 @@ from keystore_audit import resources, text
 from keystore_audit.engine import moments
 from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.atoms import Atom, Relations, Sort, declare, make_sort, name_atoms
-from keystore_audit.engine.alloy.claims import write_places
+from keystore_audit.engine.alloy.claims import check, write_places
 from keystore_audit.engine.alloy.facts import CONSISTENCY, KEYSTORE, MAIN, MODULES, facts
 from keystore_audit.errors import UsageError
 from keystore_audit.model.formal.asked import ClaimKind
@@ -111,7 +111,7 @@ def commands(properties: Sequence[Property], system: System | None = None, *, wi
         "",
         *(f"run {name} for 0" for name in (CONSISTENCY, *EXERCISED)),
         "",
-        *(f"check {prop.assertion} for 0" for prop in properties),
+        *(check(prop.predicate) for prop in properties),
         *(["", asked] if asked else []),
         *(["", _DRAWN] if window else []),
     ]

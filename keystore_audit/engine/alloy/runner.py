@@ -8,7 +8,6 @@ where there is no such instance, each question is asked by a command of its own.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
@@ -20,7 +19,7 @@ from msgspec.structs import replace
 from keystore_audit.engine import moments
 from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.answers import Command, witness
-from keystore_audit.engine.alloy.claims import Question
+from keystore_audit.engine.alloy.claims import Question, check
 from keystore_audit.engine.alloy.facts import (
     CONSISTENCY,
     MAIN,
@@ -151,7 +150,7 @@ class _Case(Struct, frozen=True, kw_only=True):
     def questions(self) -> list[Question]:
         """What is asked."""
         properties = () if self.is_later else PROPERTIES
-        return [*questions(self.merged.system, properties, module_texts(["properties.als"])["properties.als"])]
+        return [*questions(self.merged.system, properties)]
 
     def job(self, together: Sequence[Question], alone: Sequence[Question]) -> Job:
         """The run that asks it."""
@@ -247,29 +246,22 @@ AS_EXPECTED: Final = Command(kind="run", name="AsExpected")
 
 OPPOSITE: Final = {Status.HOLDS: Status.VIOLATED, Status.VIOLATED: Status.HOLDS}
 
-_ASSERTION: Final = re.compile(r"^assert (\w+) \{\n(.*?)^\}", re.MULTILINE | re.DOTALL)
 
-
-def questions(system: System, properties: Sequence[Property], assertions: str) -> Iterator[Question]:
-    """Every question about a system. `assertions`: text of `properties.als`; without one, a condition is empty."""
-    bodies = {match[1]: match[2].strip() for match in _ASSERTION.finditer(assertions)}
+def questions(system: System, properties: Sequence[Property]) -> Iterator[Question]:
+    """Every question about a system."""
     consistent = Command(kind="run", name=CONSISTENCY)
     yield Question(id="", command=consistent, text=f"run {CONSISTENCY} for 0", condition=CONSISTENCY)
     for prop in properties:
-        name = prop.assertion
+        name = prop.predicate
         asked = Command(kind="check", name=name)
-        text, roles = f"check {name} for 0", prop.roles
-        yield Question(id=prop.id, command=asked, text=text, condition=bodies.get(name, ""), roles=roles)
+        yield Question(id=prop.id, command=asked, text=check(name), condition=name, roles=prop.roles)
     for number, claim in enumerate(system.claims):
         yield claims.question(claim, number)
 
 
 def expected_true(asked: Sequence[Question], expected: Mapping[str, Status]) -> list[Question]:
-    """Those whose conditions are true if all is as `expected`, by id. Raises EngineFailed if one is not known."""
-    together = [each for each in asked if not each.id or expected.get(each.id) is each.when_true]
-    for name in (each.command.name for each in together if not each.condition):
-        raise EngineFailed(f"This installation is damaged: properties.als has no assertion {name}.")
-    return together
+    """Those whose conditions are true if all is as `expected`, by id."""
+    return [each for each in asked if not each.id or expected.get(each.id) is each.when_true]
 
 
 def main_file(system: System, together: Sequence[Question], alone: Sequence[Question]) -> tuple[str, list[Command]]:

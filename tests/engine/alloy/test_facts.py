@@ -154,10 +154,10 @@ def test_everything_that_is_declared_has_a_comment() -> None:
                 assert before.endswith("*/"), f"{module}: {line}"
 
 
-def test_every_property_is_an_assertion_over_its_roles() -> None:
+def test_every_property_is_a_predicate_over_its_roles() -> None:
     text = (resources.alloy() / "properties.als").read_text()
     for prop in PROPERTIES:
-        match = re.search(rf"assert {prop.assertion} {{\s*all ([^|]*)\|", text)
+        match = re.search(rf"pred {prop.predicate} {{\s*all ([^|]*)\|", text)
         assert match is not None
         without_arguments = re.sub(r"\[[^\]]*\]", "", match[1])
         declared = re.findall(rf"\b({'|'.join(role.value for role in Role)})\b(?=[,:])", without_arguments)

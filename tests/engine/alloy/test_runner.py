@@ -327,7 +327,7 @@ def with_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, old
 
 
 def test_a_syntax_error_in_a_module(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with_model(tmp_path, monkeypatch, "properties.als", "assert OutsidersCannotRead {", "assert {{{")
+    with_model(tmp_path, monkeypatch, "properties.als", "pred OutsidersCannotRead {", "pred {{{")
     message = failing(analyzer, EngineFailed)
     assert "properties.als, line" in message
     assert str(tmp_path) not in message
@@ -340,7 +340,7 @@ def test_a_name_that_no_module_defines(analyzer: Engine, tmp_path: Path, monkeyp
 
 
 def test_a_property_that_is_not_there(analyzer: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with_model(tmp_path, monkeypatch, "properties.als", "assert OutsidersCannotRead {", "assert Another {")
+    with_model(tmp_path, monkeypatch, "properties.als", "pred OutsidersCannotRead {", "pred Another {")
     assert "OutsidersCannotRead" in failing(analyzer, EngineFailed)
 
 
@@ -404,4 +404,4 @@ def test_a_counterexample_is_no_place_for_entities(tmp_path: Path) -> None:
     )
     prop = BY_ID["readers-cannot-forge"]
     with pytest.raises(EngineFailed):
-        witness(tmp_path, prop.assertion, prop.roles, healthy())
+        witness(tmp_path, prop.predicate, prop.roles, healthy())

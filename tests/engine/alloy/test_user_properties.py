@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from keystore_audit.engine.alloy.claims import check
 from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.process import Analyzer, Output
 from keystore_audit.engine.alloy.user_file import CONSISTENT, UserFile, read_user_file
@@ -152,7 +153,7 @@ def test_no_fact_can_take_anything_away(tmp_path: Path) -> None:
     assert told[CONSISTENT] is False
 
 
-OURS = HEAD + "".join(f"check {prop.assertion} for 0\n" for prop in PROPERTIES)
+OURS = HEAD + "".join(check(prop.predicate) + "\n" for prop in PROPERTIES)
 
 
 def test_our_own_properties_asked_as_users_ask_have_the_same_answers(tmp_path: Path) -> None:
@@ -164,7 +165,7 @@ def test_our_own_properties_asked_as_users_ask_have_the_same_answers(tmp_path: P
         found = outcomes(tmp_path, dict(run.files), run.main)
         native = NativeEngine([system]).answers[0]
         assert found.pop(CONSISTENT)
-        assert found == {p.assertion: native[p.id].status is Status.VIOLATED for p in PROPERTIES}, seed
+        assert found == {p.predicate: native[p.id].status is Status.VIOLATED for p in PROPERTIES}, seed
         violated += sum(found.values())
     assert violated > 50
 

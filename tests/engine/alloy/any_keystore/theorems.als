@@ -154,24 +154,24 @@ check BridgesHaveTwoEnds {
 
 -- every property can fail, and not only for what could not be read
 
-check OnlyAuthenticatedParticipantsJoin for 2 expect 1
-check IdentitiesChainToTheIdentityCa for 2 expect 1
-check DocumentsSignedByThePermissionsCa for 2 expect 1
-check NoIdentityServesTwoEnclaves for 2 expect 1
-check NoEnclaveGrantsItselfRights for 2 expect 1
-check OutsidersCannotRead for 2 expect 1
-check OutsidersCannotLearnNames for 2 expect 1
-check OutsidersCannotInject for 2 expect 1
-check GrantsAreEnforced for 2 expect 1
-check NobodyWritesWithoutAGrant for 2 expect 1
-check NobodyReadsWithoutAGrant for 2 expect 1
-check ReadersCannotForge for 3 but 6 Entry expect 1
-check OneCaForOneRole for 2 expect 1
-check NoSubjectServesTwoEnclaves for 2 expect 1
-check OutsidersCannotReplay for 2 expect 1
-check OutsidersCannotForgeLiveliness for 2 expect 1
-check RelaysCannotRead for 3 but 6 Entry expect 1
-check NoEnclaveBridgesDomains for 3 but 6 Entry expect 1
+check OnlyAuthenticatedParticipantsJoin { OnlyAuthenticatedParticipantsJoin } for 2 expect 1
+check IdentitiesChainToTheIdentityCa { IdentitiesChainToTheIdentityCa } for 2 expect 1
+check DocumentsSignedByThePermissionsCa { DocumentsSignedByThePermissionsCa } for 2 expect 1
+check NoIdentityServesTwoEnclaves { NoIdentityServesTwoEnclaves } for 2 expect 1
+check NoEnclaveGrantsItselfRights { NoEnclaveGrantsItselfRights } for 2 expect 1
+check OutsidersCannotRead { OutsidersCannotRead } for 2 expect 1
+check OutsidersCannotLearnNames { OutsidersCannotLearnNames } for 2 expect 1
+check OutsidersCannotInject { OutsidersCannotInject } for 2 expect 1
+check GrantsAreEnforced { GrantsAreEnforced } for 2 expect 1
+check NobodyWritesWithoutAGrant { NobodyWritesWithoutAGrant } for 2 expect 1
+check NobodyReadsWithoutAGrant { NobodyReadsWithoutAGrant } for 2 expect 1
+check ReadersCannotForge { ReadersCannotForge } for 3 but 6 Entry expect 1
+check OneCaForOneRole { OneCaForOneRole } for 2 expect 1
+check NoSubjectServesTwoEnclaves { NoSubjectServesTwoEnclaves } for 2 expect 1
+check OutsidersCannotReplay { OutsidersCannotReplay } for 2 expect 1
+check OutsidersCannotForgeLiveliness { OutsidersCannotForgeLiveliness } for 2 expect 1
+check RelaysCannotRead { RelaysCannotRead } for 3 but 6 Entry expect 1
+check NoEnclaveBridgesDomains { NoEnclaveBridgesDomains } for 3 but 6 Entry expect 1
 
 /** The same failures where everything was read. */
 run EachFailsInTheOpen {
