@@ -27,7 +27,7 @@ from keystore_audit.options import (
     options_of,
 )
 from keystore_audit.pipeline import audit as _audit
-from keystore_audit.report.content import EnclaveEntry, Report, Verdict
+from keystore_audit.report.content import PLAIN, EnclaveEntry, Report, Verdict
 
 __all__ = [
     "AuditError",
@@ -126,8 +126,6 @@ def audit(
 
 def render(report: Report, form: str = "json") -> str:
     """Return the report in a format of the command's `--format`; raise UsageError for one that there is not."""
-    from keystore_audit.report.text import PLAIN
-
     if form not in FORMATS:
         raise UsageError(f"{form!r} is no format; there are {', '.join(FORMATS)}.")
     return _render(form, [report], PLAIN, several=False)

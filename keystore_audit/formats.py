@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from keystore_audit.report.content import NoReport, Report
-    from keystore_audit.report.text import View
+    from keystore_audit.report.content import NoReport, Report, View
 
 FORMATS: Final = ("text", "json", "sarif", "junit", "markdown", "html", "statement", "svr")
 """`statement` and `svr`: unsigned in-toto statements with the predicate test-result/v0.1, or svr/v0.2."""

@@ -67,15 +67,19 @@ def options_of(given: Mapping[str, Any], keystores: Sequence[str], settings: Set
     paths there. Raises errors.UsageError for files that are none.
     """
     from keystore_audit.model.trust.chain import Authorities
-    from keystore_audit.settings.settings import expected, read_baseline
 
-    declared = settings.authorities if settings is not None else Authorities()
+    authorities, baseline = settings.authorities if settings is not None else Authorities(), None
+    if given["identity_cas"] or given["permissions_cas"] or given["baseline"] is not None:
+        from keystore_audit.settings.settings import expected, read_baseline  # most audits have none of these
+
+        authorities = expected(authorities, given["identity_cas"], given["permissions_cas"], keystores)
+        baseline = None if given["baseline"] is None else read_baseline(given["baseline"], keystores)
     made = {
         "at": (given["at"] or now()).astimezone(timezone.utc).replace(microsecond=0),
         "at_given": given["at"] is not None,
-        "authorities": expected(declared, given["identity_cas"], given["permissions_cas"], keystores),
+        "authorities": authorities,
         "settings": settings,
-        "baseline": None if given["baseline"] is None else read_baseline(given["baseline"], keystores),
+        "baseline": baseline,
         "alloy_properties": user_files(given["alloy_properties"], settings, keystores),
     }
     return Options(**{name: given[name] for name in Options.__struct_fields__ if name in given} | made)

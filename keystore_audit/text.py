@@ -10,7 +10,6 @@ Numbers of things (`counted`), instants, which are our own, and hints for misspe
 
 from __future__ import annotations
 
-import html as _html
 import os
 import re
 from collections.abc import Iterable
@@ -106,7 +105,9 @@ def markdown(text: str) -> str:
 
 def html(text: str) -> str:
     """Return `text` for HTML element content and quoted attribute values; not for scripts, styles or URLs."""
-    return _html.escape(terminal(text), quote=True)
+    from html import escape  # for pages alone
+
+    return escape(terminal(text), quote=True)
 
 
 def csv_cell(text: str) -> str:

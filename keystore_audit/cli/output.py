@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import secrets
 import stat
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -23,8 +22,7 @@ from keystore_audit.resources import check_system, flags
 from keystore_audit.text import terminal
 
 if TYPE_CHECKING:
-    from keystore_audit.report.content import NoReport, Report
-    from keystore_audit.report.text import View
+    from keystore_audit.report.content import NoReport, Report, View
 
 
 class Unwritable(click.ClickException):
@@ -225,7 +223,7 @@ _DIRECTORY: Final = flags("O_DIRECTORY", "O_CLOEXEC")
 
 def _draft(name: str) -> str:
     """A new name in the same directory: only there is a rename atomic."""
-    return f".{name[:200]}.{secrets.token_hex(8)}.tmp"
+    return f".{name[:200]}.{os.urandom(8).hex()}.tmp"
 
 
 def _reason(wanted: Target, error: OSError) -> str:
@@ -274,7 +272,7 @@ def say_not_written(targets: Sequence[Target]) -> None:
 
 def view(given: Mapping[str, Any], *, stdout: bool) -> View:
     """Return how the options want a report shown; files look the same everywhere."""
-    from keystore_audit.report.text import View
+    from keystore_audit.report.content import View
 
     return View(
         width=columns() if stdout else WIDTH,

@@ -20,9 +20,8 @@ from keystore_audit.keystore.identity import Beside, Compared, read_identities
 from keystore_audit.options import Options
 from keystore_audit.pipeline import audit
 from keystore_audit.report import text
-from keystore_audit.report.content import Report
+from keystore_audit.report.content import PLAIN, Report, View
 from keystore_audit.report.summary import Row, row, without_report
-from keystore_audit.report.text import PLAIN, View
 
 MEMORY: Final = 25
 """Audits whose intermediate answers a process keeps: they are cached by certificate and document, each of which would

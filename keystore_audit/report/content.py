@@ -265,6 +265,23 @@ class Report(Struct, frozen=True, kw_only=True):
         return tuple(dict.fromkeys(name for profiles in judged for name in profiles))
 
 
+class View(Struct, frozen=True, kw_only=True):
+    """How to show a report; nothing here changes what it says.
+
+    `width` in columns. `min_severity` hides findings below it, and the report says how many. `quiet`: the
+    verdict and the causes that brought it about. `verbose`: all that is known.
+    """
+
+    width: int = 80
+    color: bool = False
+    quiet: bool = False
+    verbose: bool = False
+    min_severity: Severity = Severity.INFO
+
+
+PLAIN: Final = View()
+
+
 # What a report takes from the keystore while it is at hand: lines that findings show, and what was not looked at.
 
 

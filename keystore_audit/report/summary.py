@@ -11,10 +11,10 @@ from msgspec import Struct
 
 from keystore_audit.findings import Severity
 from keystore_audit.grouped import grouped
-from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.content import PLAIN, Report, Verdict, View
 from keystore_audit.report.json import TOOL, array, document, encoded, keys, picked, total
 from keystore_audit.report.page import Page
-from keystore_audit.report.text import MAX_PATH, PLAIN, View
+from keystore_audit.report.text import MAX_PATH
 from keystore_audit.text import counted, instant, shorten
 
 SCHEMA_VERSION: Final = 1

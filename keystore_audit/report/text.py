@@ -10,8 +10,6 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Final
 
-from msgspec import Struct
-
 from keystore_audit.assumptions import CONDITIONS
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.profiles import implementations, shipped_by
@@ -23,7 +21,7 @@ from keystore_audit.report.causes_text import (
     put_headings,
     put_short,
 )
-from keystore_audit.report.content import NOT_CHECKED, PEERS_IN_SCOPE, NoReport, Report, Verdict
+from keystore_audit.report.content import NOT_CHECKED, PEERS_IN_SCOPE, PLAIN, NoReport, Report, Verdict, View
 from keystore_audit.report.json import TOOL
 from keystore_audit.report.page import Page
 from keystore_audit.report.text_details import UNCHANGED, put_details, put_rows
@@ -49,23 +47,6 @@ _VERDICT_STYLE: Final = {
     Verdict.INCOMPLETE: "bold black on yellow",
 }
 _WARNING_STYLE: Final = "bold yellow"
-
-
-class View(Struct, frozen=True, kw_only=True):
-    """How to show a report; nothing here changes what it says.
-
-    `width` in columns. `min_severity` hides findings below it, and the report says how many. `quiet`: the
-    verdict and the causes that brought it about. `verbose`: all that is known.
-    """
-
-    width: int = 80
-    color: bool = False
-    quiet: bool = False
-    verbose: bool = False
-    min_severity: Severity = Severity.INFO
-
-
-PLAIN: Final = View()
 
 
 def render(report: Report, view: View = PLAIN) -> str:

@@ -18,8 +18,7 @@ from msgspec.structs import replace
 from keystore_audit.findings import Severity
 from keystore_audit.formats import FORMATS, render
 from keystore_audit.report import sarif
-from keystore_audit.report.content import NoReport, Report, Verdict
-from keystore_audit.report.text import View
+from keystore_audit.report.content import NoReport, Report, Verdict, View
 from keystore_audit.rules import RULES
 from tests.report.sarif_schema import sarif_schema
 

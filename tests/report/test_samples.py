@@ -23,9 +23,8 @@ from junitparser import Error, Failure, JUnitXml, Skipped
 
 from keystore_audit.formats import FORMATS, render
 from keystore_audit.pipeline import audit
-from keystore_audit.report.content import Report, Verdict
+from keystore_audit.report.content import Report, Verdict, View
 from keystore_audit.report.sarif import _described
-from keystore_audit.report.text import View
 from keystore_audit.rules import RULES
 from tests.report.sarif_schema import sarif_schema
 from tests.schemas import schema

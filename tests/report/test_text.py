@@ -18,8 +18,8 @@ from keystore_audit.model.question import Usability
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus, ProfileResult, PropertyResult
 from keystore_audit.report.causes_text import MAX_ABOUT, MAX_ALIKE, MAX_PLACES
-from keystore_audit.report.content import Report, Verdict
-from keystore_audit.report.text import PLAIN, View, render, render_several
+from keystore_audit.report.content import PLAIN, Report, Verdict, View
+from keystore_audit.report.text import render, render_several
 from keystore_audit.truth import Truth
 from tests.cli.keystores import answer
 from tests.report.outcomes import outcomes_of
