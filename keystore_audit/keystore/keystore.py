@@ -198,10 +198,7 @@ class Reader:
 
     def private_key(self, file: File) -> PrivateKey | None:
         """The public half of what a file of a key holds, and what is to be said of it; None where it is not there."""
-        return self._read(file, self._unsealed_key)
-
-    def _unsealed_key(self, file: File) -> PrivateKey:
-        return read_private_key(self._root.unsealed(file))
+        return self._read(file, read_private_key)
 
     def _read(self, file: File, read: Callable[..., _Reading], *more: object) -> _Reading | None:
         """What a file holds; a copy of one that was read holds the same at its own place."""
@@ -209,7 +206,8 @@ class Reader:
             return None
         content, here = (read, file.sha256 or file.place), (read, file.place)
         if content not in self._done:
-            self._done[content] = self._done[here] = file, read(file, *more)
+            whole = self._root.unsealed(file) if file.content is None else file
+            self._done[content] = self._done[here] = file, read(whole, *more)
         if here not in self._done:
             first, found = self._done[content]
             self._done[here] = file, _moved(found, first.place, file)

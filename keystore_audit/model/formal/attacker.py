@@ -210,7 +210,7 @@ class TrustDomainView:
             documents = self.genuine if genuine else self.accepted
             grants = self._permissions.chosen(identity, documents)
             allowed = union(self._permissions.allowed(grant, operation) for grant in grants)
-            self._rights[key] = self._permissions.met(allowed)
+            self._rights[key] = self._permissions.shared(self._permissions.met(allowed))
         return self._rights[key]
 
     def joined(self, enclave: int) -> int:
@@ -363,7 +363,7 @@ class TrustDomainView:
             unannounced=unannounced,
             writes_at_all=writes | writes_alone,
             reads_at_all=reads | reads_alone,
-        )
+        ).with_sets(self._permissions.shared)
 
     @cached_property
     def _unasked(self) -> int:

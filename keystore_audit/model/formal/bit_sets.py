@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final
 from weakref import WeakKeyDictionary
 
@@ -92,6 +92,10 @@ class Abilities(Struct, frozen=True, kw_only=True):
     writes_at_all: int
     reads_at_all: int
     unannounced: int = 0
+
+    def with_sets(self, made: Callable[[int], int]) -> Abilities:
+        """The same with what is made of each set."""
+        return Abilities(**{name: made(getattr(self, name)) for name in self.__struct_fields__})
 
     def by_right(self, operation: Operation) -> int:
         """Channels on which peers let it do this."""

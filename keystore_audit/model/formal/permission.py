@@ -6,7 +6,7 @@ Sets of channels and of domains are bit sets: channel n is bit n. The definition
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import groupby
 from operator import attrgetter
 
@@ -39,7 +39,8 @@ class Decisions:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._allowed = cache(lambda grant, operation: allowed(self.steps(grant, operation)))
+        self._known: dict[int, int] = {}
+        self._allowed: dict[tuple[int, Operation], int] = {}
         self.met = Meetings(system.meets).met
         self.all_channels = (1 << len(system.channels)) - 1
         self.all_domains = (1 << len(system.domains)) - 1
@@ -50,7 +51,11 @@ class Decisions:
             stop = start + len([*together])
             self.channels_in[domain] |= (1 << stop) - (1 << start)
             start = stop
-        self._within = cache(self.within)
+        self._within: dict[frozenset[int], int] = {}
+
+    def shared(self, channels: int) -> int:
+        """The set, one object for all that are equal: each has a bit for every channel, and there may be 20,000."""
+        return self._known.setdefault(channels, channels)
 
     @cached_property
     def _rules(self) -> dict[int, list[RuleAtom]]:
@@ -59,7 +64,10 @@ class Decisions:
 
     def allowed(self, grant: int, operation: Operation) -> int:
         """Channels on which the first matching rule allows, or none matches and the default does."""
-        return self._allowed(grant, operation)
+        found = self._allowed.get((grant, operation))
+        if found is None:
+            found = self._allowed[grant, operation] = self.shared(allowed(self.steps(grant, operation)))
+        return found
 
     def steps(self, grant: int, operation: Operation) -> list[Step[RuleAtom | None]]:
         """What the grant decides about the operation, in order; last (`by` None) the default, about everything."""
@@ -72,7 +80,9 @@ class Decisions:
     def _matches(self, rule: RuleAtom, operation: Operation) -> int:
         """Channels whose domain, topic and partition the rule matches."""
         named = rule.named(operation)
-        within = self._within(rule.domains)
+        if rule.domains not in self._within:
+            self._within[rule.domains] = self.within(rule.domains)
+        within = self._within[rule.domains]
         return bits(named) & within if named else 0
 
     def decider(self, grant: int, operation: Operation, channel: int) -> RuleAtom | None:
@@ -102,7 +112,7 @@ class Permissions:
         self.moment = 2 * system.now if moment is None else moment
         known = Decisions(system) if decisions is None else decisions
         self.allowed, self.joins, self.met, self.within = known.allowed, known.joins, known.met, known.within
-        self.decider = known.decider
+        self.decider, self.shared = known.decider, known.shared
         self.all_channels, self.all_domains, self.channels_in = known.all_channels, known.all_domains, known.channels_in
 
     def in_force(self, not_before: int, not_after: int) -> bool:
