@@ -128,7 +128,7 @@ class Pattern(Struct, frozen=True, kw_only=True):
         return True
 
 
-@lru_cache(maxsize=65_536)
+@lru_cache(maxsize=4_096)
 def parse(text: str, matcher: Matcher) -> Pattern:
     """Parse `text` as `matcher` reads it, in linear time. Every text has a meaning: nothing is raised."""
     reading = _PARSERS[matcher](text)

@@ -214,8 +214,8 @@ class _Pairs:
 OTHER_PARTITION: Final = "other"
 """What a partition is called that no document names: `rt/a`, as a topic would be, reads as if it were one."""
 
-MAX_KEPT: Final = 50_000
-"""Expressions whose classes are kept for who asks again; those of more are some 100 MB."""
+MAX_KEPT: Final = 2_000
+"""Expressions whose classes are kept for who asks again, as the ranking of up to 100 enclaves does."""
 
 
 class Patterns:

@@ -55,7 +55,7 @@ def keystore_doubts(keystore: Keystore, profile: Profile, accesses: AccessViews)
             yield doubt
 
 
-@lru_cache(maxsize=32_768)  # asked for usability and for the report, under each kind of implementation
+@lru_cache(maxsize=256)  # asked of each operation under each kind of implementation, one enclave after the other
 def enclave_doubts(enclave: Enclave, trust: Trust, access: Access, accesses: AccessViews) -> tuple[Doubt, ...]:
     """Everything about the enclave that could not be read and that an implementation might act on."""
     return tuple(_enclave_doubts(enclave, trust, access, accesses))

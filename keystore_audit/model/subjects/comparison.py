@@ -126,7 +126,6 @@ def _compared(
     return {text: frozenset(numbers[place] for place in index.named(text)) for text in subjects}
 
 
-@lru_cache(maxsize=65_536)
 def names(subject: str, certificate: Certificate, comparison: SubjectComparison) -> bool:
     """Whether a grant with this subject_name is taken, by whoever has the certificate, to name it."""
     if subject == certificate.subject and _PLAIN.fullmatch(subject):

@@ -88,7 +88,6 @@ def same_meaning(text: str, certificate: Subject) -> bool:
     return text == certificate.subject or meaning(text) in meanings(certificate)
 
 
-@lru_cache(maxsize=_REMEMBERED)
 def contested(file: PermissionsFile, comparison: SubjectComparison) -> bool:
     """Whether it rests on who begins a handshake which grant of the document counts for a peer (measured).
 
