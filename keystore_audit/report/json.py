@@ -29,13 +29,8 @@ def render(report: Report) -> str:
 
 def pieces(report: Report) -> Iterator[str]:
     """The same piece by piece: most of it are outcomes, 100 MB for 10,000 enclaves."""
-    yield document(_lines(_report(report, iter))).removesuffix(END)
-    yield ',\n  "outcomes": ['
-    between = BETWEEN.lstrip(",")
-    for told in _encoded(report.outcomes):
-        yield between + told
-        between = BETWEEN
-    yield ("\n  ]" if between is BETWEEN else "]") + END
+    values = _report(report, lambda items: map(encoded, items))
+    return _pieces({**values, "outcomes": _encoded(report.outcomes)})
 
 
 def render_several(reports: Sequence[Report], missing: Sequence[NoReport] = ()) -> str:
@@ -49,7 +44,7 @@ def render_several(reports: Sequence[Report], missing: Sequence[NoReport] = ()) 
         "missing": [picked(each, "path", "reason", "exit_code") for each in missing],
         "summary": total(report.summary for report in reports),
     }
-    return document(_lines(values))
+    return "".join(_pieces(values))
 
 
 def total(counts: Iterable[Mapping[Severity, int]]) -> dict[Severity, int]:
@@ -58,11 +53,15 @@ def total(counts: Iterable[Mapping[Severity, int]]) -> dict[Severity, int]:
     return {severity: sum(each[severity] for each in every) for severity in Severity}
 
 
-def _lines(values: Mapping[str, Any]) -> Iterator[str]:
-    """A line for each key and for each item of several."""
+def _pieces(values: Mapping[str, Any]) -> Iterator[str]:
+    """A line for each key, and for each item of several; those of an iterator are JSON already."""
+    before = "{\n"
     for key, value in values.items():
-        several = isinstance(value, (list, tuple, Iterator))
-        yield from [array(key, [*map(encoded, value)])] if several else keys({key: value})
+        yield before
+        items = map(encoded, value) if isinstance(value, (list, tuple)) else value
+        yield from _items(key, items) if isinstance(items, Iterator) else keys({key: value})
+        before = ",\n"
+    yield END
 
 
 def _report(report: Report, several: Callable[[Iterable[Any]], Any]) -> dict[str, Any]:
@@ -245,11 +244,19 @@ END: Final = "\n}\n"
 """What ends a document."""
 
 
-def array(key: str, items: Sequence[str], indent: int = 2) -> str:
+def array(key: str, items: Iterable[str], indent: int = 2) -> str:
     """A key of a document with a line for each of its items, which are JSON already."""
+    return "".join(_items(key, items, indent))
+
+
+def _items(key: str, items: Iterable[str], indent: int = 2) -> Iterator[str]:
     space = " " * indent
-    inner = f",\n{space}  ".join(items)
-    return f"{space}{encoded(key)}: [\n{space}  {inner}\n{space}]" if items else f"{space}{encoded(key)}: []"
+    yield f"{space}{encoded(key)}: ["
+    before = "\n"
+    for item in items:
+        yield f"{before}{space}  {item}"
+        before = ",\n"
+    yield f"\n{space}]" if before != "\n" else "]"
 
 
 def document(parts: Iterable[str]) -> str:
