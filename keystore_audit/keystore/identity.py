@@ -12,13 +12,13 @@ from typing import Final
 from msgspec import Struct
 
 from keystore_audit.keystore.certificate import CertificateFile
-from keystore_audit.keystore.files import File, Status
+from keystore_audit.keystore.files import File
 from keystore_audit.keystore.foreign import NOTHING_DECLARED, DeclaredFiles
 from keystore_audit.keystore.key_quality import Material, material_of
 from keystore_audit.keystore.keystore import Keystore, Reader, with_subject_as_path
 from keystore_audit.keystore.layout import Role, discover
 from keystore_audit.keystore.root import Root
-from keystore_audit.keystore.smime import read_signed
+from keystore_audit.keystore.smime import SignedDocument, read_signed
 from keystore_audit.keystore.unmanaged import loose_keys
 from keystore_audit.keystore.walk import records
 
@@ -102,7 +102,7 @@ def read_identities(
         material = _material(
             root.path,
             (read(files.files[role]) for files in layout.enclaves for role in _AUTHORITATIVE),
-            {file.sha256: file for file in signed if file.status is Status.PRESENT and file.sha256 is not None},
+            (read_signed(each, ()) for each in {each.sha256: each for each in signed if each.content}.values()),
         )
         for _entry in records(root):  # with them, every file has been read
             pass
@@ -120,14 +120,14 @@ def _named(documents: Iterable[File]) -> Iterator[str]:
 def compared_of(keystore: Keystore) -> Compared:
     """The same of a keystore that was read as a whole: equal to what is read alone, if nobody writes meanwhile."""
     found = (_identity(keystore.root, each.path, each.certificate, each.identity_ca) for each in keystore.enclaves)
-    signed = [each.signed.file for own in keystore.enclaves for each in (own.permissions, own.governance) if each]
+    signed = [each.signed for own in keystore.enclaves for each in (own.permissions, own.governance) if each]
     return Compared(
         identities=_known(found),
         keys=_loose(keystore.root, keystore.identities.loose),
         material=_material(
             keystore.root,
             (file for own in keystore.enclaves for file in (own.identity_ca, own.certificate, own.permissions_ca)),
-            {file.sha256: file for file in signed if file.sha256 is not None},
+            {each.file.sha256: each for each in signed}.values(),
         ),
     )
 
@@ -135,10 +135,10 @@ def compared_of(keystore: Keystore) -> Compared:
 _AUTHORITATIVE: Final = (Role.IDENTITY_CA, Role.CERTIFICATE, Role.PERMISSIONS_CA)
 
 
-def _material(root: str, files: Iterable[CertificateFile | None], documents: Mapping[str, File]) -> Material:
+def _material(root: str, files: Iterable[CertificateFile | None], documents: Iterable[SignedDocument]) -> Material:
     """Keys and signatures, in an order of their own: whatever verifies them is looked for where two are alike."""
     certificates = [each for file in files if file is not None for each in file.certificates]
-    found = material_of(root, certificates, (read_signed(file, ()) for file in documents.values()))
+    found = material_of(root, certificates, documents)
     return Material(
         keys=tuple(sorted(found.keys, key=lambda each: each.key)),
         signed=tuple(sorted(found.signed, key=lambda each: (each.r, each.hashed))),
