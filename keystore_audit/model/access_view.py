@@ -109,7 +109,7 @@ class AccessViews:
         self.assumed = assumed
         self._rows: dict[Access, Access] = {}
         self._kept: dict[object, Access] = {}
-        self._read: dict[tuple[Access, Typed], ReadDocument] = {}
+        self._read: dict[Access, dict[Typed, ReadDocument]] = {}
         self._readings: dict[tuple[int, str | None], _Readings] = {}
         self._deciding: dict[tuple[Access, GovernanceFile], tuple[ReadDomainRule, ...]] = {}
 
@@ -126,9 +126,10 @@ class AccessViews:
 
     def read(self, file: Typed, access: Access) -> ReadDocument:
         """What the document says."""
-        found = self._read.get((access, file))
+        read = self._read.setdefault(access, {})
+        found = read.get(file)
         if found is None:
-            found = self._read[access, file] = self._readings_of(file).document.of(access)
+            found = read[file] = self._readings_of(file).document.of(access)
         return found
 
     def _readings_of(self, file: Typed) -> _Readings:

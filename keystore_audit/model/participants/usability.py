@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from datetime import datetime
+from functools import lru_cache
 from typing import Final
 
 from msgspec.structs import replace
@@ -53,6 +54,7 @@ class Usabilities:
         self._in_domain: dict[int, Usabilities] = {}
         self._governed: dict[tuple[str, object], Governed] = {}
         self._own: dict[tuple[str, object, object], tuple[int, int, _Grants]] = {}
+        self._kinds: dict[Profile, object] = {}
         self._alike: dict[object, int] = {}
         self._standing: dict[tuple[int, object], tuple[tuple[str, ...], tuple[str, ...]]] = {}
         self._answers: dict[tuple[int, object], tuple[datetime, Usability]] = {}
@@ -65,7 +67,10 @@ class Usabilities:
 
     def kind(self, profile: Profile) -> object:
         """Equal for profiles whose answers are equal."""
-        return profile.trust, self._accesses.row(profile.access), profile.local
+        found = self._kinds.get(profile)
+        if found is None:
+            found = self._kinds[profile] = profile.trust, self._accesses.row(profile.access), profile.local
+        return found
 
     def dates(self, enclave: Enclave, profile: Profile, at: datetime) -> set[datetime]:
         """The instants from `at` on at which, or right after which, the answer may become another one."""
@@ -161,6 +166,7 @@ class Usabilities:
         return self._governed[key]
 
 
+@lru_cache(maxsize=1)  # asked under each kind of implementation, one enclave after the other
 def _seen(enclave: Enclave) -> object:
     """All that bears on whether an enclave starts but what its grants say, and the dates of its certificate; of one
     of which something is in doubt, or which carries revocation lists, its directory: it is like no other.
