@@ -14,6 +14,7 @@ import re
 import stat
 from collections import OrderedDict
 from collections.abc import Mapping
+from sys import intern
 from typing import Final
 
 from keystore_audit.keystore.files import Entry, EntryKind, Status
@@ -268,7 +269,7 @@ def names(path: bytes) -> Place:
 def display(relative: bytes) -> str:
     """Return a path below the root in the form that `File.path` has; `.` for the root itself."""
     if _PLAIN.fullmatch(relative):
-        return relative.decode("ascii")
+        return intern(relative.decode("ascii"))  # each path is asked for several times, and kept
     return percent_path(relative) or "."
 
 

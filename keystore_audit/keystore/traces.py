@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Iterator
 from itertools import islice
+from sys import intern
 from typing import Final, NamedTuple
 
 from keystore_audit.keystore.certificate import Certificate, read_certificate
@@ -116,7 +117,7 @@ def look(content: bytes) -> Traces:
         holds_private_key=key,
         holds_certificates=certificate,
         may_be_message=message or how != "",
-        sha256=hashlib.sha256(content).hexdigest(),
+        sha256=intern(hashlib.sha256(content).hexdigest()),
         concealed=how,
         opaque="" if known else _unread(content),
     )

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
+from sys import intern
 from typing import Final
 
-from keystore_audit.keystore.descent import Place
+from keystore_audit.keystore.descent import Place, display
 from keystore_audit.keystore.files import EntryKind, Listing, Status
 from keystore_audit.keystore.root import Root
 from keystore_audit.text import percent_path
@@ -91,7 +92,7 @@ def contents(records: Iterable[Record]) -> Iterator[tuple[str, str]]:
     """Files with the hash of what is in them."""
     for path, kind, value in records:
         if kind == _FILE and _is_hash(value):
-            yield percent_path(path), value.decode()
+            yield display(path), intern(value.decode())
 
 
 def uncovered(records: Iterable[Record]) -> Iterator[str]:
