@@ -128,7 +128,7 @@ def with_model(tmp_path: Path, old: str, new: str) -> dict[str, Any]:
 
 
 def test_a_syntax_error_in_the_model_is_incomplete(tmp_path: Path) -> None:
-    broken = with_model(tmp_path, "assert NobodyWritesWithoutAGrant {", "assert {{{ NobodyWritesWithoutAGrant {")
+    broken = with_model(tmp_path, "pred NobodyWritesWithoutAGrant {", "pred {{{ NobodyWritesWithoutAGrant {")
     code, report, _err = audit("--engine", "auto", **broken)
     assert (code, report["engines"]["alloy"]["status"]) == (4, "failed")
     assert "properties.als" in report["engines"]["alloy"]["reason"]
