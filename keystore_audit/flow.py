@@ -8,11 +8,13 @@ from datetime import datetime
 from typing import Final
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.engines import Answers, Engines, combine_claims, run_engines
+from keystore_audit.engine.engines import Answers, Engines, combine_claims, combine_falls, run_engines
 from keystore_audit.engine.horizon import with_conditions
 from keystore_audit.engine.native import NativeEngine
+from keystore_audit.engine.native_claims import fallen
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
@@ -31,6 +33,7 @@ from keystore_audit.properties.result import (
     CompromiseAnswer,
     EngineRun,
     EngineStatus,
+    FallResult,
     KeyAnswer,
     ProfileRadius,
     Status,
@@ -42,7 +45,8 @@ from keystore_audit.settings.claims import place
 class FlowQuestion(Struct, frozen=True, kw_only=True):
     """From where to where, as places are written in settings; `through`: globs on enclaves that do not count.
 
-    `attackers`: None for each under whom there can be a flow at all.
+    `attackers`: None for each under whom there can be a flow at all. `compromised`: instead of them, that so many
+    enclaves attack at most, whichever they are.
     """
 
     source: str
@@ -50,24 +54,28 @@ class FlowQuestion(Struct, frozen=True, kw_only=True):
     attackers: tuple[Attacker, ...] | None = None
     through: tuple[str, ...] = ()
     include_ambient: bool = False
+    compromised: int | None = None
 
 
 class FlowAnswer(Struct, frozen=True, kw_only=True):
     """Whether there is a flow, by attacker: a result is VIOLATED where there is one for certain.
 
-    `doubts`: places of what could not be read, which an unknown answer depends on; none where no answer is unknown.
+    Where it is asked who may fall: `falls` instead, of each smallest set of compromised participants. `doubts`: places
+    of what could not be read, which an unknown answer depends on; none where no answer is unknown.
     """
 
     question: FlowQuestion
     at: datetime
+    profiles: tuple[str, ...]
     results: tuple[tuple[Attacker, AssertedResult], ...]
+    falls: tuple[FallResult, ...]
     engines: tuple[EngineRun, ...]
     doubts: tuple[Location, ...]
 
     @property
     def status(self) -> Status:
         """The worst of all: unknown, then violated (a flow), then holds (none)."""
-        statuses = {result.status for _attacker, result in self.results}
+        statuses = {result.status for _who, result in (*self.results, *self.falls)}
         failed = any(run.required and run.status is not EngineStatus.OK for run in self.engines)
         if failed or Status.UNKNOWN in statuses:
             return Status.UNKNOWN
@@ -94,32 +102,43 @@ def find_flow(
     )
     usabilities = Usabilities(None, accesses)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}, usabilities))
-    runs, answers = _decide(native, engines or Engines())
-    results = combine_claims(claims, native.systems, answers, given.names)
-    results = with_conditions(results, native.systems)
-    asked = profiles if any(result.status is Status.UNKNOWN for result in results) else ()
-    doubts = (doubt.location for profile in asked for doubt in keystore_doubts(keystore, profile, accesses))
-    return FlowAnswer(
+    results, falls = tuple[AssertedResult, ...](), tuple[FallResult, ...]()
+    if question.compromised is None:
+        runs, answers = _decide(native, engines or Engines())
+        results = with_conditions(combine_claims(claims, native.systems, answers, given.names), native.systems)
+    else:
+        runs = (NATIVE,)
+        told = {"native": [*map(fallen, native.systems)]}
+        falls = combine_falls(claims[0], native.systems, told, given.names)
+    answer = FlowAnswer(
         question=question,
         at=at,
-        results=tuple((claim.attacker, result) for claim, result in zip(claims, results, strict=True)),
+        profiles=given.names,
+        results=tuple((Attacker(result.prop.attacker), result) for result in results),
+        falls=falls,
         engines=runs,
-        doubts=tuple(dict.fromkeys(doubts)),
+        doubts=(),
     )
+    asked = profiles if answer.status is Status.UNKNOWN else ()
+    doubts = (doubt.location for profile in asked for doubt in keystore_doubts(keystore, profile, accesses))
+    return replace(answer, doubts=tuple(dict.fromkeys(doubts)))
+
+
+NATIVE: Final = EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True)
+"""That the native engine alone was asked, about the flow and nothing else."""
 
 
 def _decide(native: NativeEngine, engines: Engines) -> tuple[tuple[EngineRun, ...], Answers]:
-    """The engines' answers; the native one alone is asked about the flow and nothing else."""
+    """The engines' answers."""
     if engines.choice == "native":
-        run = EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True)
-        return (run,), {"native": native.claim_answers()}
+        return (NATIVE,), {"native": native.claim_answers()}
     return run_engines(native, engines, None)
 
 
 def questions(question: FlowQuestion) -> tuple[Claim, ...]:
     """That there is no flow, under each attacker. Raises errors.UsageError for places that are none."""
     source, target = place(question.source), place(question.target)
-    attackers = question.attackers
+    attackers = question.attackers if question.compromised is None else (Attacker.HONEST,)
     if attackers is None:
         attackers = tuple(each for each in ATTACKERS if not (source.outsider and each is Attacker.HONEST))
     return tuple(
@@ -134,6 +153,7 @@ def questions(question: FlowQuestion) -> tuple[Claim, ...]:
             include_ambient=question.include_ambient,
             location=Location("", beside=True),
             place="",
+            compromised=question.compromised or 0,
         )
         for attacker in attackers
     )

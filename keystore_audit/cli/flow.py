@@ -12,7 +12,7 @@ from keystore_audit.cli import options as opt
 from keystore_audit.cli import output, types
 from keystore_audit.cli.program import Command
 from keystore_audit.errors import EXIT_INCOMPLETE
-from keystore_audit.text import instant
+from keystore_audit.text import counted, instant
 
 if TYPE_CHECKING:
     from keystore_audit.flow import FlowAnswer
@@ -38,6 +38,14 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
     help="Who attacks: nobody, the source, or all on the way (default: each in turn; from outsider not nobody).",
 )
 @click.option(
+    "--compromised",
+    "fallen",
+    metavar="N",
+    type=click.IntRange(0, 3),
+    help="Say instead which enclaves let it through, if N at most attack and all others are honest. Unmanaged "
+    "identities and what could not be read count.",
+)
+@click.option(
     "--through",
     multiple=True,
     metavar="ENCLAVE",
@@ -61,7 +69,8 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
       outsider          somebody without any key
     \b
     Exit codes:
-      0   no flow, under every profile and attacker asked about; no use of a key
+      0   no flow, under every profile and attacker asked about, whoever is
+          compromised; no use of a key
       1   there is a flow under some of them; the key opens something
       2   wrong usage, or a place that names nothing in the keystore
       4   something is unknown
@@ -72,6 +81,11 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         return _stolen_key(keystore, given)
     if source is None or target is None:
         raise click.UsageError("Expected FROM and TO, or --from-compromised.")
+    if given["fallen"] is not None:
+        if given["attacker"]:
+            raise click.UsageError("--compromised says who attacks: give no --attacker.")
+        if given["engine"] not in ("native", "auto"):
+            raise click.UsageError("--compromised is worked out natively: no other engine decides it.")
     from keystore_audit.engine.engines import Engines
     from keystore_audit.flow import FlowQuestion, find_flow
     from keystore_audit.model.formal.asked import Attacker
@@ -82,6 +96,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         attackers=(Attacker(given["attacker"]),) if given["attacker"] else None,
         through=given["through"],
         include_ambient=given["include_ambient"],
+        compromised=given["fallen"],
     )
     answer = find_flow(
         keystore,
@@ -97,7 +112,12 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
 
 def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     """What a stolen key opens."""
-    unused = {"attacker": "--attacker", "through": "--through", "alloy_jar": "--alloy-jar"}
+    unused = {
+        "attacker": "--attacker",
+        "fallen": "--compromised",
+        "through": "--through",
+        "alloy_jar": "--alloy-jar",
+    }
     source_of = click.get_current_context().get_parameter_source
     for name, option in unused.items():
         if source_of(name) is ParameterSource.COMMANDLINE:  # the variable of the jar is for all commands
@@ -125,7 +145,7 @@ def _exit_code(status: Status) -> int:
 def _rendered(answer: FlowAnswer, kind: str) -> str:
     from keystore_audit.report import flow
 
-    question = answer.question
+    question, most = answer.question, answer.question.compromised
     if kind == "json":
         asked = {
             "from": question.source,
@@ -135,8 +155,15 @@ def _rendered(answer: FlowAnswer, kind: str) -> str:
             "at": instant(answer.at),
             "flow": flow.FOUND[answer.status],
         }
+        if most is not None:
+            return flow.falls_json(asked, most, answer.profiles, answer.falls, answer.engines)
         return flow.json(asked, answer.results, answer.engines)
     besides = f", except through {', '.join(question.through)}" if question.through else ""
-    title = f"Can anything get from {question.source} to {question.target}{besides}?"
+    title = f"Can anything get from {question.source} to {question.target}{besides}"
+    if most is None:
+        told = flow.by_attacker(f"{title}?", answer.results)
+    else:
+        with_ = f", with up to {counted(most, 'compromised enclave')}?"
+        told = flow.by_fall(f"{title}{with_}", most, answer.profiles, answer.falls)
     at, ambient = instant(answer.at), question.include_ambient
-    return flow.text(title, answer.results, answer.engines, answer.doubts, at=at, ambient=ambient)
+    return flow.text(told, answer.engines, answer.doubts, at=at, ambient=ambient)

@@ -21,7 +21,8 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
 from keystore_audit.model.claims.named import Determinism
 from keystore_audit.model.claims.stated import Claim, LabelPair
-from keystore_audit.model.formal.asked import ClaimKind
+from keystore_audit.model.formal.asked import Attacker, ClaimKind
+from keystore_audit.model.formal.fallen import Fall
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from keystore_audit.properties.result import (
@@ -29,6 +30,7 @@ from keystore_audit.properties.result import (
     Counterexample,
     EngineRun,
     EngineStatus,
+    FallResult,
     LabelResult,
     ProfileResult,
     Property,
@@ -158,6 +160,46 @@ def combine_claims(
         return _asserted(claim, claim.attacker.value, results)
 
     return tuple(combined(number, claim) for number, claim in enumerate(claims))
+
+
+Falls = Sequence[Sequence[Fall]]
+"""By system, the smallest sets of compromised participants that violate a claim."""
+
+
+def combine_falls(
+    claim: Claim, systems: Sequence[System], engines: Mapping[str, Falls], profiles: Sequence[str]
+) -> tuple[FallResult, ...]:
+    """Of a claim about compromised participants each smallest set of them that violates it, in order of size.
+
+    Its result is under the profiles alone as which it is one of the smallest, in some reading and to some engine.
+    """
+    named = {
+        engine: [
+            {frozenset(system.enclaves[each].label for each in fall.fallen): fall for fall in found}
+            for system, found in zip(systems, told, strict=True)
+        ]
+        for engine, told in engines.items()
+    }
+    every = {names for told in named.values() for found in told for names in found}
+
+    def answer(found: Mapping[frozenset[str], Fall], fallen: frozenset[str]) -> Answer:
+        legs = next((fall.legs for names, fall in found.items() if names <= fallen), None)
+        if legs is None:
+            return Answer(status=Status.HOLDS)
+        return Answer(status=Status.VIOLATED, witnesses=({},), path=legs)
+
+    def tell(at: int, told: Answer) -> Counterexample:
+        return describe_claim(systems[at], replace(systems[at].claims[0], attacker=Attacker.RELAYS), told)
+
+    def result(fallen: frozenset[str]) -> FallResult:
+        answers = {engine: [{claim.id: answer(each, fallen)} for each in told] for engine, told in named.items()}
+        asked = AskedSystems(systems, answers, profiles)
+        found = {at for told in named.values() for at, each in enumerate(told) if fallen in each}
+        smallest = [profile for profile in profiles if found.intersection(asked.kind(profile))]
+        by_profile = asked._replace(profiles=smallest).by_profile(claim.id, tell)
+        return FallResult(tuple(sorted(fallen)), _asserted(claim, claim.attacker.value, by_profile))
+
+    return tuple(map(result, sorted(every, key=lambda fallen: (len(fallen), sorted(fallen)))))
 
 
 def _over_time(

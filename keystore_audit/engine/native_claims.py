@@ -13,6 +13,7 @@ from keystore_audit.engine.moments import changes
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
 from keystore_audit.model.formal.attacker import TrustDomainView, trust_domain_views
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
+from keystore_audit.model.formal.fallen import Fall, falls
 from keystore_audit.model.formal.flow import Flows, Leg, Search, search_of
 from keystore_audit.model.formal.permission import Decisions, Permissions
 from keystore_audit.model.formal.system import System
@@ -193,6 +194,13 @@ _KINDS: Mapping[ClaimKind, Callable[[Claims, ClaimAtom], Iterator[Found]]] = {
 def claims_at(system: System, moment: int, decisions: Decisions) -> Claims:
     """The claims of the system at `moment`, as `permission.Permissions` takes one."""
     return Claims(system, trust_domain_views(system, Permissions(system, moment, decisions)))
+
+
+def fallen(system: System) -> tuple[Fall, ...]:
+    """By which smallest sets of compromised participants the system's one claim is violated now; one may be empty."""
+    [claim] = system.claims
+    flows = Flows(system, trust_domain_views(system))
+    return tuple(falls(flows, search_of(claim), claim.compromised))
 
 
 def _violated(found: Found, moment: int) -> Answer:

@@ -156,7 +156,8 @@ class Radii:
 
     def _influence(self, attacker: Attacker) -> Influence:
         if attacker is Attacker.SOURCE:
-            lanes = self._flows.of_sources(Place(enclaves=frozenset(self._everybody)))
+            outsider = frozenset({self._flows.outsider})
+            lanes = self._flows.attacked(frozenset(self._everybody), outsider)
         else:
             lanes = self._flows.lanes(Search(attacker=attacker, source=Place(), target=Place()))
         kept = self._kept

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import datetime
 from enum import Enum
-from typing import Final
+from typing import Final, NamedTuple
 
 from msgspec import Struct
 
@@ -300,6 +300,13 @@ class AssertedResult(UserResult, frozen=True, kw_only=True):
         if self.forgers and ANYBODY in self.forgers:
             told.append(f"{ANYBODY}, without any key")
         return f"Could pass for a permitted publisher: {'; '.join(told)}." if told else ""
+
+
+class FallResult(NamedTuple):
+    """Participants, by their labels, without any of whom what they let through together would not get there."""
+
+    fallen: tuple[str, ...]
+    result: AssertedResult
 
 
 class AlloyResult(UserResult, frozen=True, kw_only=True):

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple
 
 from keystore_audit.assumptions import Needed, holds_if
 from keystore_audit.findings import Location
+from keystore_audit.grouped import grouped
 from keystore_audit.model.blast_radius import BlastRadius, Ground, Topic
 from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.model.names import PARAMETER_SERVICES, RosKind, parse_dds_name, ros_name
@@ -17,6 +18,7 @@ from keystore_audit.properties.result import (
     Counterexample,
     EngineRun,
     EngineStatus,
+    FallResult,
     KeyAnswer,
     ProfileRadius,
     ProfileResult,
@@ -47,33 +49,82 @@ MAX_LISTED: Final = 8
 _PARAMETERS: Final = tuple(f"/{service}" for service in PARAMETER_SERVICES)
 
 
-def text(
-    title: str,
-    results: Sequence[tuple[Attacker, AssertedResult]],
-    engines: Sequence[EngineRun],
-    doubts: Sequence[Location],
-    *,
-    at: str,
-    ambient: bool,
-) -> str:
+class Told(NamedTuple):
+    """What is said of a question, before how it was decided. `sections`: a heading each, with what is told below it;
+    `more`: of what is told besides. `every`: the profiles asked about.
+    """
+
+    title: str
+    conditions: Sequence[Needed]
+    first: Sequence[str]
+    sections: Sequence[tuple[str, AssertedResult]]
+    more: str
+    every: Collection[str]
+
+
+def by_attacker(title: str, results: Sequence[tuple[Attacker, AssertedResult]]) -> Told:
+    """By who attacks."""
+    sections = [(f"If {_ASSUMED[attacker]}:", result) for attacker, result in results]
+    return Told(title, assumptions(results), (), sections, "", results[0][1].profiles)
+
+
+MAX_FALLS: Final = 3
+"""Sets of compromised enclaves that are shown, each with its flow: as many as there are attackers."""
+
+
+def by_fall(title: str, most: int, every: Sequence[str], falls: Sequence[FallResult]) -> Told:
+    """By who is compromised. `most`: how many at most; `every`: the profiles asked about."""
+    survived = _survived(most, every, falls)
+    first = [
+        f"Survives {f'any {counted(number, COMPROMISED)}' if number else 'while no enclave is compromised'}: "
+        f"{profiles(names, every)}."
+        for number, names in sorted(grouped(survived, survived.__getitem__).items(), reverse=True)
+    ]
+    sections = [(f"{_together(each)}:", each.result) for each in falls[:MAX_FALLS]]
+    others = [_together(each) for each in falls[MAX_FALLS:]]
+    more = f"Not shown: {some(others, MAX_LISTED)}." if others else ""
+    return Told(title, answered_if(survived) if survived else (), first, sections, more, every)
+
+
+COMPROMISED: Final = "compromised enclave"
+
+
+def _survived(most: int, every: Sequence[str], falls: Sequence[FallResult]) -> dict[str, int]:
+    """How many compromised enclaves break nothing, whichever they are, up to `most`; by profile where any number do."""
+    fewest = {name: len(each.fallen) for each in reversed(falls) for name in each.result.profiles}
+    return {name: fewest.get(name, most + 1) - 1 for name in every if fewest.get(name) != 0}
+
+
+def _together(fall: FallResult) -> str:
+    broken = any(each.status is Status.VIOLATED for each in fall.result.profiles.values())
+    if not fall.fallen:
+        return f"It {'breaks' if broken else 'may break'} with nobody compromised"
+    one = len(fall.fallen) == 1
+    verb = f"break{'s' if one else ''}" if broken else "may break"
+    return f"{' and '.join(fall.fallen)} {'alone' if one else 'together'} {verb} it"
+
+
+def text(told: Told, engines: Sequence[EngineRun], doubts: Sequence[Location], *, at: str, ambient: bool) -> str:
     """Lines of 80 columns at most, as far as names allow. `at`: the instant asked about."""
-    lines = [terminal(title)]
+    lines = [terminal(told.title)]
     if not ambient:
         lines.append("(apart from /clock, /parameter_events, /rosout and ros_discovery_info)")
-    if conditions := holds_if(assumptions(results)):
+    if conditions := holds_if(told.conditions):
         lines.append(unbroken(f"That there is no flow {conditions}."))
+    lines += ["", *map(unbroken, told.first)] if told.first else []
     unknown = False
     shown: set[tuple[Step, ...]] = set()
-    for attacker, result in results:
-        lines += ["", unbroken(f"If {_ASSUMED[attacker]}:")]
+    for heading, result in told.sections:
+        lines += ["", unbroken(heading)]
         for answer, names in worst_first(
             result.profiles, lambda each: each.counterexample and each.counterexample.text
         ):
-            under = profiles(names, result.profiles)
+            under = profiles(names, told.every)
             lines.append(unbroken(under, f"  {_WORDS[answer.status]:<8} ", " " * 11))
             unknown = unknown or answer.status is Status.UNKNOWN
             if answer.counterexample is not None:
                 lines += _path(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
+    lines += ["", unbroken(told.more)] if told.more else []
     lines.append("")
     if unknown and doubts:
         lines.append(unbroken(rests_on(doubts)))
@@ -188,7 +239,8 @@ def _words(topic: Topic) -> str:
     return f"{f'all names such as {name}' if topic.name.several else name}{inside}"
 
 
-# The same as JSON: `schemas/flow.schema.json`, and of a stolen key `schemas/compromise.schema.json`.
+# The same as JSON: `schemas/flow.schema.json`, `schemas/fallen.schema.json`, and of a stolen key
+# `schemas/compromise.schema.json`.
 
 
 FOUND: Final[Mapping[Status, bool | None]] = {Status.VIOLATED: True, Status.HOLDS: False, Status.UNKNOWN: None}
@@ -210,6 +262,30 @@ def json(
             for attacker, result in results
         },
         "assumptions": [each.described for each in assumptions(results)],
+    }
+    return encoded(document) + "\n"
+
+
+def falls_json(
+    asked: Mapping[str, Any],
+    most: int,
+    every: Sequence[str],
+    falls: Sequence[FallResult],
+    engines: Iterable[EngineRun],
+) -> str:
+    """By profile, which smallest sets of compromised enclaves break it: one line."""
+    survived = _survived(most, every, falls)
+
+    def under(profile: str) -> list[dict[str, Any]]:
+        found = [(each.fallen, each.result.profiles.get(profile)) for each in falls]
+        return [{"enclaves": fallen, **_answer(answer)} for fallen, answer in found if answer is not None]
+
+    document = {
+        **asked,
+        "compromised": most,
+        "engines": {run.name: picked(run, "version", "status", "reason") for run in engines},
+        "profiles": {name: {"survives": survived.get(name), "sets": under(name)} for name in every},
+        "assumptions": [each.described for each in (answered_if(survived) if survived else ())],
     }
     return encoded(document) + "\n"
 

@@ -6,7 +6,7 @@ styles are ours alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from textwrap import fill
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -160,6 +160,6 @@ def worst_first(
     return sorted(first, key=lambda group: STATUSES.index(group[0].status))
 
 
-def profiles(names: Sequence[str], every: Mapping[str, object]) -> str:
+def profiles(names: Sequence[str], every: Collection[str]) -> str:
     """Some of the profiles that were asked about."""
     return "every profile" if len(names) == len(every) else ", ".join(names)

@@ -177,9 +177,9 @@ class ByHand:
 
 
 class Flow:
-    """The flows of one claim."""
+    """The flows of one claim. `fallen`: enclaves that attack as relays do, where all others are honest."""
 
-    def __init__(self, hand: ByHand, claim: ClaimAtom) -> None:
+    def __init__(self, hand: ByHand, claim: ClaimAtom, fallen: frozenset[int] = frozenset()) -> None:
         self.hand, self.claim = hand, claim
         self.trust_domains = range(len(hand.system.trust_domains))
         self.able = claim.kind is ClaimKind.ABLE
@@ -187,7 +187,8 @@ class Flow:
         everybody = set(hand.enclaves) | {OUTSIDER}
         self.source = set(claim.source.enclaves) | ({OUTSIDER} if claim.source.outsider else set())
         self.target = set(claim.target.enclaves) | ({OUTSIDER} if claim.target.outsider else set())
-        self.forgers = everybody if self.relays else set()
+        self.forgers = everybody if self.relays else set(fallen)
+        self.listening = set(hand.enclaves) if self.relays else set(fallen)
         if claim.attacker is Attacker.SOURCE and not self.able:
             self.forgers = self.source
 
@@ -197,11 +198,11 @@ class Flow:
         powers = self.hand.powers(enclave, trust_domain)
         return powers.writes if self.relays or attacks else powers.honest_writes
 
-    def reads(self, enclave: int, trust_domain: int) -> frozenset[int]:
+    def reads(self, enclave: int, trust_domain: int, *, attacks: bool = False) -> frozenset[int]:
         if self.able:
             return self.hand.own_powers(enclave, trust_domain)[1]
         powers = self.hand.powers(enclave, trust_domain)
-        return powers.reads if self.relays else powers.honest_reads
+        return powers.reads if self.relays or attacks else powers.honest_reads
 
     def member(self, enclave: int) -> int:
         return self.hand.system.enclaves[enclave].trust_domain
@@ -245,10 +246,12 @@ class Flow:
         return len(told) > 1
 
     def _imposed(self, f: int) -> Iterator[tuple[int, int, int]]:
-        for guise in self.hand.acts_as(f) if self.relays else {f}:
+        attacks = f in self.listening
+        for guise in self.hand.acts_as(f) if attacks else {f}:
             trust_domain = self.member(guise)
             for holder in self.forgers:
-                heard = self.reads(guise, trust_domain) | self.hand.system.enclaves[guise].reads_alone
+                alone = self.hand.system.enclaves[guise].reads_alone
+                heard = self.reads(guise, trust_domain, attacks=attacks) | alone
                 for c in self.imposes(holder, trust_domain) & heard:
                     yield holder, c, f
 
@@ -264,7 +267,7 @@ class Flow:
             for c in sent:
                 if c in hand.in_clear(trust_domain):
                     yield e, c, OUTSIDER
-                for f in hand.enclaves if self.relays else ():
+                for f in self.listening:
                     if c in hand.in_clear(trust_domain) or any(
                         c in hand.powers(guise, trust_domain).learns() for guise in hand.acts_as(f)
                     ):
@@ -278,9 +281,10 @@ class Flow:
         """Who gets a sample of this channel."""
         found, clear = set(), any(c in self.hand.in_clear(trust_domain) for trust_domain in self.trust_domains)
         for f in self.hand.enclaves:
-            as_whom = self.hand.acts_as(f) if self.relays else {f}
-            if any(c in self.reads(guise, self.member(guise)) for guise in as_whom) or (
-                self.relays
+            attacks = f in self.listening
+            as_whom = self.hand.acts_as(f) if attacks else {f}
+            if any(c in self.reads(guise, self.member(guise), attacks=attacks) for guise in as_whom) or (
+                attacks
                 and (
                     clear
                     or any(c in self.hand.system.enclaves[guise].reads_alone for guise in as_whom)
@@ -303,7 +307,7 @@ class Flow:
         found = set[int]()
         for trust_domain in self.trust_domains:
             found |= self.imposes(holder, trust_domain)
-            if self.relays and holder != OUTSIDER:
+            if holder in self.listening:
                 for guise in self.hand.acts_as(holder):
                     found |= self.hand.system.enclaves[guise].writes_alone
             if holder != OUTSIDER and not (self.able and trust_domain != self.member(holder)):

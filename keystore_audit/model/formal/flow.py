@@ -8,9 +8,9 @@ enclave.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
-from functools import cached_property
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Iterable, Sequence, Set
+from functools import cache, cached_property, lru_cache
+from typing import Final, NamedTuple
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -20,6 +20,9 @@ from keystore_audit.model.formal.attacker import TrustDomainView
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.rights import OwnRights
 from keystore_audit.model.formal.system import System, easiest
+
+MAX_AT_HAND: Final = 8
+"""Attackers whose lanes are kept for the next search."""
 
 
 class Leg(NamedTuple):
@@ -31,12 +34,17 @@ class Leg(NamedTuple):
 
 
 class Lane:
-    """One way in which hops are possible: what each participant puts in and gets out. `heard`: by who listens alone."""
+    """One way in which hops are possible: what each participant puts in and gets out.
 
-    def __init__(self, puts: Sequence[int], gets: Sequence[int], *, heard: bool = False) -> None:
+    `heard`: who gets it listens, so that no flow ends where it is put. `lured`: who gets it does so of attackers alone,
+    so that no flow begins where it is got.
+    """
+
+    def __init__(self, puts: Sequence[int], gets: Sequence[int], *, heard: bool = False, lured: bool = False) -> None:
         self.puts = puts
         self.gets = gets
         self.heard = heard
+        self.lured = lured
 
     @cached_property
     def _levels(self) -> list[Sequence[int]]:
@@ -64,8 +72,9 @@ class Lane:
 class Search(Struct, frozen=True, kw_only=True):
     """What a flow is asked for. `through`: enclaves that it may not pass. `left_out`: channels that no hop takes.
 
-    `own`: every enclave uses its own permissions document alone (attacker HONEST only). `keeping`: participants who
-    got it before and may have kept it, so that it goes on from them too (`engine/native_claims.py`).
+    Of attacker HONEST only: `compromised`, enclaves that attack as relays do, while all others are honest; `own`: every
+    enclave uses its own permissions document alone. `keeping`: participants who got it before and may have kept it, so
+    that it goes on from them too (`engine/native_claims.py`).
     """
 
     attacker: Attacker
@@ -73,6 +82,7 @@ class Search(Struct, frozen=True, kw_only=True):
     target: Place
     through: frozenset[int] = frozenset()
     left_out: frozenset[int] = frozenset()
+    compromised: frozenset[int] = frozenset()
     own: bool = False
     keeping: frozenset[int] = frozenset()
 
@@ -98,7 +108,9 @@ class Flows:
         self._trust_domains = trust_domains
         self._member = [enclave.trust_domain for enclave in system.enclaves]
         self.outsider = len(system.enclaves)
-        self._lanes: dict[tuple[Attacker, bool], list[Lane]] = {}
+        self._rightful = cache(self.by_right)
+        self._powers = cache(self._powers_in)
+        self.attacked = lru_cache(MAX_AT_HAND)(self._attacked)
 
     def shortest(self, search: Search) -> tuple[Leg, ...] | None:
         """A shortest flow, None where there is none."""
@@ -108,21 +120,25 @@ class Flows:
         """The participants that data gets to from the source, its own enclaves among them, whatever the target is."""
         return _Walk(self, self._system, replace(search, target=Place())).reached()
 
+    @property
+    def size(self) -> int:
+        """How much one search looks at: pairs of a trust domain and a participant."""
+        return len(self._trust_domains) * (self.outsider + 1)
+
     def nodes(self, place: Place) -> set[int]:
         """The participants of a place."""
         return {*place.enclaves, *([self.outsider] if place.outsider else [])}
 
     def lanes(self, search: Search) -> list[Lane]:
         """The ways in which hops are possible under the attacker."""
-        key = (Attacker.HONEST if search.attacker is Attacker.SOURCE else search.attacker, search.own)
-        if key not in self._lanes:
-            relays = search.attacker is Attacker.RELAYS
-            self._lanes[key] = self._attacked() if relays else self.by_right(own=search.own)
-            if not relays and not search.own:
-                self._lanes[key].append(self._listened())
-        lanes = self._lanes[key]
-        attacking = search.attacker is Attacker.SOURCE and self.nodes(search.source)
-        return [*lanes, *self.of_sources(search.source)] if attacking else lanes
+        if search.own:
+            return self._rightful(own=True)
+        if search.attacker is Attacker.RELAYS:
+            everybody = frozenset(range(self.outsider + 1))
+            return self.attacked(everybody, everybody)
+        source = search.attacker is Attacker.SOURCE
+        forging = frozenset(self.nodes(search.source)) if source else search.compromised
+        return [*self._rightful(), *self.attacked(forging, search.compromised | {self.outsider})]
 
     def by_right(self, *, own: bool = False) -> list[Lane]:
         """By trust domain of sender and receiver: what may be written and read by right, on both sides."""
@@ -146,46 +162,37 @@ class Flows:
                 lanes.append(Lane([*sent, 0], [*shared, 0]))
         return lanes
 
-    def _listened(self) -> Lane:
-        """Whoever is on the network listens, and honest enclaves do not hide what their governance leaves in clear."""
-        puts = [0] * (self.outsider + 1)
-        for view in self._trust_domains:
-            if view.readable:
-                for enclave in range(self.outsider):
-                    puts[enclave] |= view.honest(enclave).writes_at_all & view.readable
-        return Lane(puts, [*([0] * self.outsider), self.readable], heard=True)
+    def _attacked(self, forging: frozenset[int], listening: frozenset[int]) -> list[Lane]:
+        """Those who forge send, and those who listen take, as anybody whose key they have, with all that keys allow.
 
-    def _attacked(self) -> list[Lane]:
-        """Everybody sends and takes as anybody whose key it has, with all that keys allow, and so does the outsider.
-
-        What is made so is on the network as well as what is written by right, for whoever listens.
+        What is made so is on the network as well as what is written by right, for whoever listens. All others are
+        honest: they take what is made, and do not hide what their governance leaves in clear.
         """
-        everybody = range(self.outsider)
         lanes = []
         for trust_domain, view in enumerate(self._trust_domains):
-            made = self._joined(self.as_any([self._forged(view, enclave) for enclave in everybody]), view.injectable)
-            lanes.append(Lane(made, [*self.as_any(self._of_members(trust_domain, view.abilities)), 0]))
-            shown = [*self.as_any(self._shows(trust_domain)), 0]
-            known = self.as_any([able.knows for able in view.everybody()])
+            makes, shows, hears, learns = self._powers(trust_domain)
+            made, shown = _of(forging, makes), _of(forging, shows)
+            learnt = _of(listening, learns)
             sent = [one | other for one, other in zip(made, shown, strict=True)]
-            lanes.append(Lane(sent, self._joined(known, view.readable)))
+            if forging:
+                lanes.append(Lane(made, _of(listening, hears)))
+                lanes.append(Lane(sent, learnt, heard=listening == {self.outsider}))
+            if len(forging) <= self.outsider:
+                written = [view.honest(enclave).writes_at_all for enclave in range(self.outsider)]
+                lanes.append(Lane(made, [*self._of_members(trust_domain, view.honest), 0], lured=True))
+                lanes.append(Lane([*written, 0], learnt, heard=True))
         return lanes
 
-    def of_sources(self, source: Place) -> list[Lane]:
-        """The source attacks, honest enclaves take, and whoever is on the network listens."""
-        lanes = []
-        for trust_domain, view in enumerate(self._trust_domains):
-            shown = self._shows(trust_domain)
-            made, sent = [0] * (self.outsider + 1), [0] * (self.outsider + 1)
-            for enclave in source.enclaves:
-                acting = self.acting(enclave)
-                made[enclave] = view.injectable | union(self._forged(view, each) for each in acting)
-                sent[enclave] = made[enclave] | union(shown[each] for each in acting)
-            if source.outsider:
-                made[self.outsider] = view.injectable
-            lanes.append(Lane(made, [*self._of_members(trust_domain, view.honest), 0]))
-            lanes.append(Lane(sent, [*([0] * self.outsider), view.readable], heard=True))
-        return lanes
+    def _powers_in(self, trust_domain: int) -> tuple[Sequence[int], ...]:
+        """By participant, if it attacks, in a trust domain: what it makes, shows, hears as a reader, and learns."""
+        view = self._trust_domains[trust_domain]
+        everybody = range(self.outsider)
+        return (
+            self._joined(self.as_any([self._forged(view, enclave) for enclave in everybody]), view.injectable),
+            [*self.as_any([view.abilities(enclave).writes_at_all for enclave in everybody]), 0],
+            [*self.as_any(self._of_members(trust_domain, view.abilities)), 0],
+            self._joined(self.as_any([able.knows for able in view.everybody()]), view.readable),
+        )
 
     @staticmethod
     def _joined(enclaves: Sequence[int], anybody: int) -> list[int]:
@@ -205,10 +212,6 @@ class Flows:
     def _of_members(self, trust_domain: int, able: Callable[[int], Abilities]) -> list[int]:
         """By enclave: the channels that it reads if whoever writes is ready to give its keys to anybody."""
         return [able(e).reads_at_all if m == trust_domain else 0 for e, m in enumerate(self._member)]
-
-    def _shows(self, trust_domain: int) -> list[int]:
-        """By enclave: the channels that it writes for the trust domain, by right, or for those who ask for none."""
-        return [self._trust_domains[trust_domain].abilities(enclave).writes_at_all for enclave in range(self.outsider)]
 
     @cached_property
     def _own(self) -> list[OwnRights]:
@@ -256,12 +259,17 @@ class Flows:
         return self._over([lane.puts for lane in lanes if not lane.heard])
 
     def getters(self, lanes: Iterable[Lane]) -> list[int]:
-        """By participant: the channels of which it gets samples."""
-        return self._over([lane.gets for lane in lanes])
+        """By participant: the channels of which it gets samples, whoever writes them."""
+        return self._over([lane.gets for lane in lanes if not lane.lured])
 
     def _over(self, sets: Iterable[Sequence[int]]) -> list[int]:
         """By participant: the union over lanes."""
         return [union(each) for each in zip([0] * (self.outsider + 1), *sets, strict=True)]
+
+
+def _of(attacking: Set[int], sets: Sequence[int]) -> list[int]:
+    """By participant: its set if it attacks."""
+    return [one if node in attacking else 0 for node, one in enumerate(sets)]
 
 
 class _Walk:
