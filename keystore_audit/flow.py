@@ -8,13 +8,11 @@ from datetime import datetime
 from typing import Final
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.engines import Answers, Engines, combine_claims, combine_falls, run_engines
+from keystore_audit.engine.engines import Engines, combine_claims, combine_falls, run_engines, run_falls
 from keystore_audit.engine.horizon import with_conditions
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.engine.native_claims import fallen
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
@@ -102,37 +100,26 @@ def find_flow(
     )
     usabilities = Usabilities(None, accesses)
     native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}, usabilities))
+    engines = engines or Engines()
     results, falls = tuple[AssertedResult, ...](), tuple[FallResult, ...]()
     if question.compromised is None:
-        runs, answers = _decide(native, engines or Engines())
+        runs, answers = run_engines(native, engines, None, claims=True)
         results = with_conditions(combine_claims(claims, native.systems, answers, given.names), native.systems)
     else:
-        runs = (NATIVE,)
-        told = {"native": [*map(fallen, native.systems)]}
+        runs, told = run_falls(native.systems, question.compromised, engines)
         falls = combine_falls(claims[0], native.systems, told, given.names)
-    answer = FlowAnswer(
+    every = (*results, *(result for _fallen, result in falls))
+    asked = profiles if any(result.status is Status.UNKNOWN for result in every) else ()
+    doubts = (doubt.location for profile in asked for doubt in keystore_doubts(keystore, profile, accesses))
+    return FlowAnswer(
         question=question,
         at=at,
         profiles=given.names,
         results=tuple((Attacker(result.prop.attacker), result) for result in results),
         falls=falls,
-        engines=runs,
-        doubts=(),
+        engines=runs[-1:] if engines.choice == "native" else runs,
+        doubts=tuple(dict.fromkeys(doubts)),
     )
-    asked = profiles if answer.status is Status.UNKNOWN else ()
-    doubts = (doubt.location for profile in asked for doubt in keystore_doubts(keystore, profile, accesses))
-    return replace(answer, doubts=tuple(dict.fromkeys(doubts)))
-
-
-NATIVE: Final = EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True)
-"""That the native engine alone was asked, about the flow and nothing else."""
-
-
-def _decide(native: NativeEngine, engines: Engines) -> tuple[tuple[EngineRun, ...], Answers]:
-    """The engines' answers."""
-    if engines.choice == "native":
-        return (NATIVE,), {"native": native.claim_answers()}
-    return run_engines(native, engines, None)
 
 
 def questions(question: FlowQuestion) -> tuple[Claim, ...]:
@@ -153,7 +140,6 @@ def questions(question: FlowQuestion) -> tuple[Claim, ...]:
             include_ambient=question.include_ambient,
             location=Location("", beside=True),
             place="",
-            compromised=question.compromised or 0,
         )
         for attacker in attackers
     )

@@ -81,11 +81,8 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         return _stolen_key(keystore, given)
     if source is None or target is None:
         raise click.UsageError("Expected FROM and TO, or --from-compromised.")
-    if given["fallen"] is not None:
-        if given["attacker"]:
-            raise click.UsageError("--compromised says who attacks: give no --attacker.")
-        if given["engine"] not in ("native", "auto"):
-            raise click.UsageError("--compromised is worked out natively: no other engine decides it.")
+    if given["fallen"] is not None and given["attacker"]:
+        raise click.UsageError("--compromised says who attacks: give no --attacker.")
     from keystore_audit.engine.engines import Engines
     from keystore_audit.flow import FlowQuestion, find_flow
     from keystore_audit.model.formal.asked import Attacker

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -18,6 +18,7 @@ from keystore_audit.engine.case import plainest
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, describe_flow
 from keystore_audit.engine.native import NativeEngine
+from keystore_audit.engine.native_claims import fallen
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
 from keystore_audit.model.claims.named import Determinism
 from keystore_audit.model.claims.stated import Claim, LabelPair
@@ -39,6 +40,7 @@ from keystore_audit.properties.result import (
 from keystore_audit.resources import in_ci
 
 if TYPE_CHECKING:
+    from keystore_audit.engine.alloy.install import Engine
     from keystore_audit.engine.native_claims import KeptFlows
 
 Tell = Callable[[int, Answer], Counterexample | None]
@@ -47,6 +49,10 @@ Tell = Callable[[int, Answer], Counterexample | None]
 
 Answers = Mapping[str, Sequence[Mapping[str, Answer]]]
 """By engine what it said of each system, parallel to the systems asked."""
+
+
+Falls = Sequence[Sequence[Fall]]
+"""By system, the smallest sets of compromised participants that violate a claim."""
 
 
 class Engines(Struct, frozen=True, kw_only=True):
@@ -61,34 +67,79 @@ class Engines(Struct, frozen=True, kw_only=True):
     timeout: float = 120.0
 
 
+T = TypeVar("T")
+
+Asked = tuple[T, tuple[int, int] | None]
+"""What the Analyzer says, and the sizes of the largest model, as `EngineRun` has them."""
+
+
 def run_engines(
-    native: NativeEngine, engines: Engines, stage: Callable[[str], None] | None
+    native: NativeEngine, engines: Engines, stage: Callable[[str], None] | None, *, claims: bool = False
 ) -> tuple[tuple[EngineRun, ...], Answers]:
-    """How each engine fared about the systems of `native`, and the answers of those that did."""
+    """How each engine fared about the systems of `native`, and the answers of those that did.
+
+    `claims`: where the native one is asked alone, it is about claims alone.
+    """
+
+    def ask(engine: Engine) -> Asked[Sequence[Mapping[str, Answer]]]:
+        from keystore_audit.engine.alloy.runner import examine
+
+        expected = None if engines.choice == "alloy" else [_statuses(answers) for answers in native.answers]
+        found = examine(native.systems, java=engine.java, jar=engine.jar, timeout=engines.timeout, expected=expected)
+        atoms = max((decision.atoms for decision in found), key=lambda sizes: sizes[1], default=None)
+        return native.checked([decision.answers for decision in found]), atoms
+
+    alone = claims and engines.choice == "native"
+    return _run(lambda: native.claim_answers() if alone else native.answers, ask, engines, stage)
+
+
+def run_falls(
+    systems: Sequence[System], most: int, engines: Engines
+) -> tuple[tuple[EngineRun, ...], Mapping[str, Falls]]:
+    """The same of which compromised participants, `most` of them, violate the one claim of each system."""
+
+    def ask(engine: Engine) -> Asked[Falls]:
+        from keystore_audit.engine.alloy.fallen import smallest_sets
+        from keystore_audit.engine.alloy.kept import kept
+        from keystore_audit.engine.alloy.process import Analyzer
+        from keystore_audit.engine.alloy.runner import MEMORY_MB
+
+        analyzer = Analyzer(java=engine.java, jar=engine.jar, timeout=engines.timeout, memory_mb=MEMORY_MB)
+        with kept():
+            return [fallen(system, most, smallest_sets(system, most, analyzer)) for system in systems], None
+
+    return _run(lambda: [fallen(system, most) for system in systems], ask, engines, None)
+
+
+def _run(
+    natively: Callable[[], T],
+    ask: Callable[[Engine], Asked[T]],
+    engines: Engines,
+    stage: Callable[[str], None] | None,
+) -> tuple[tuple[EngineRun, ...], Mapping[str, T]]:
     choice = engines.choice
     runs: list[EngineRun] = []
-    answers: dict[str, Sequence[Mapping[str, Answer]]] = {}
+    answers: dict[str, T] = {}
     if choice == "native":
         runs.append(_not_run("alloy", "--engine native"))
     else:
-        run, found = _alloy(native, engines, stage)
+        run, found = _alloy(ask, engines, stage)
         runs.append(run)
         if found is not None:
             answers["alloy"] = found
     if choice == "alloy":
         runs.append(_not_run("native", "--engine alloy"))
     else:
-        answers["native"] = native.answers
+        answers["native"] = natively()
         runs.append(EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True))
     return tuple(runs), answers
 
 
 def _alloy(
-    native: NativeEngine, engines: Engines, stage: Callable[[str], None] | None
-) -> tuple[EngineRun, Sequence[Mapping[str, Answer]] | None]:
+    ask: Callable[[Engine], Asked[T]], engines: Engines, stage: Callable[[str], None] | None
+) -> tuple[EngineRun, T | None]:
     """Alloy's answers, or why there are none. Once it was found or asked for by name, its failure counts."""
     from keystore_audit.engine.alloy.install import find  # a twentieth of a second, which the native engine spares
-    from keystore_audit.engine.alloy.runner import examine
 
     asked = engines.choice in ("alloy", "both") or engines.jar is not None
     version: str | None = None
@@ -97,16 +148,14 @@ def _alloy(
         version = engine.version
         if stage:
             stage("asking the Alloy Analyzer")
-        expected = None if engines.choice == "alloy" else [_statuses(answers) for answers in native.answers]
-        found = examine(native.systems, java=engine.java, jar=engine.jar, timeout=engines.timeout, expected=expected)
+        found, atoms = ask(engine)
     except EngineError as error:
         status = _FAILURES.get(type(error), EngineStatus.FAILED)
         required = asked or status in (EngineStatus.TIMEOUT, EngineStatus.FAILED)
         run = EngineRun(name="alloy", version=version, status=status, reason=error.message, required=required)
         return replace(run, atoms=error.atoms) if isinstance(error, EngineOutOfScale) else run, None
-    atoms = max((decision.atoms for decision in found), key=lambda sizes: sizes[1], default=None)
     run = EngineRun(name="alloy", version=version, status=EngineStatus.OK, reason="", required=True, atoms=atoms)
-    return run, native.checked([decision.answers for decision in found])
+    return run, found
 
 
 def _statuses(answers: Mapping[str, Answer]) -> dict[str, Status]:
@@ -162,16 +211,13 @@ def combine_claims(
     return tuple(combined(number, claim) for number, claim in enumerate(claims))
 
 
-Falls = Sequence[Sequence[Fall]]
-"""By system, the smallest sets of compromised participants that violate a claim."""
-
-
 def combine_falls(
     claim: Claim, systems: Sequence[System], engines: Mapping[str, Falls], profiles: Sequence[str]
 ) -> tuple[FallResult, ...]:
     """Of a claim about compromised participants each smallest set of them that violates it, in order of size.
 
-    Its result is under the profiles alone as which it is one of the smallest, in some reading and to some engine.
+    Its result is under the profiles alone as which it is one of the smallest, in some reading and to some engine. Where
+    no engine answered, that it needs nobody is unknown.
     """
     named = {
         engine: [
@@ -180,26 +226,26 @@ def combine_falls(
         ]
         for engine, told in engines.items()
     }
-    every = {names for told in named.values() for found in told for names in found}
+    every = {names for told in named.values() for found in told for names in found} if engines else {frozenset[str]()}
 
-    def answer(found: Mapping[frozenset[str], Fall], fallen: frozenset[str]) -> Answer:
-        legs = next((fall.legs for names, fall in found.items() if names <= fallen), None)
-        if legs is None:
-            return Answer(status=Status.HOLDS)
+    def answer(found: Mapping[frozenset[str], Fall], names: frozenset[str]) -> Answer:
+        legs = next((fall.legs for smallest, fall in found.items() if smallest <= names), None)
+        if not legs:  # whoever says so without one is not confirmed
+            return Answer(status=Status.HOLDS if legs is None else Status.UNKNOWN)
         return Answer(status=Status.VIOLATED, witnesses=({},), path=legs)
 
     def tell(at: int, told: Answer) -> Counterexample:
         return describe_claim(systems[at], replace(systems[at].claims[0], attacker=Attacker.RELAYS), told)
 
-    def result(fallen: frozenset[str]) -> FallResult:
-        answers = {engine: [{claim.id: answer(each, fallen)} for each in told] for engine, told in named.items()}
+    def result(names: frozenset[str]) -> FallResult:
+        answers = {engine: [{claim.id: answer(each, names)} for each in told] for engine, told in named.items()}
         asked = AskedSystems(systems, answers, profiles)
-        found = {at for told in named.values() for at, each in enumerate(told) if fallen in each}
-        smallest = [profile for profile in profiles if found.intersection(asked.kind(profile))]
+        found = {at for told in named.values() for at, each in enumerate(told) if names in each}
+        smallest = [each for each in profiles if not engines or found.intersection(asked.kind(each))]
         by_profile = asked._replace(profiles=smallest).by_profile(claim.id, tell)
-        return FallResult(tuple(sorted(fallen)), _asserted(claim, claim.attacker.value, by_profile))
+        return tuple(sorted(names)), _asserted(claim, claim.attacker.value, by_profile)
 
-    return tuple(map(result, sorted(every, key=lambda fallen: (len(fallen), sorted(fallen)))))
+    return tuple(map(result, sorted(every, key=lambda names: (len(names), sorted(names)))))
 
 
 def _over_time(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from itertools import islice
 from typing import Final, NamedTuple
@@ -196,11 +196,16 @@ def claims_at(system: System, moment: int, decisions: Decisions) -> Claims:
     return Claims(system, trust_domain_views(system, Permissions(system, moment, decisions)))
 
 
-def fallen(system: System) -> tuple[Fall, ...]:
-    """By which smallest sets of compromised participants the system's one claim is violated now; one may be empty."""
+def fallen(system: System, most: int, told: Iterable[frozenset[int]] | None = None) -> tuple[Fall, ...]:
+    """By which smallest sets of `most` compromised participants the system's one claim is violated now.
+
+    `told`: by another engine, of whose sets each gets its flow, which is empty where it has none.
+    """
     [claim] = system.claims
-    flows = Flows(system, trust_domain_views(system))
-    return tuple(falls(flows, search_of(claim), claim.compromised))
+    flows, search = Flows(system, trust_domain_views(system)), search_of(claim)
+    if told is None:
+        return tuple(falls(flows, search, most))
+    return tuple(Fall(each, flows.shortest(replace(search, compromised=each)) or ()) for each in told)
 
 
 def _violated(found: Found, moment: int) -> Answer:

@@ -155,11 +155,8 @@ class Radii:
         return self._influence(Attacker.SOURCE).hops
 
     def _influence(self, attacker: Attacker) -> Influence:
-        if attacker is Attacker.SOURCE:
-            outsider = frozenset({self._flows.outsider})
-            lanes = self._flows.attacked(frozenset(self._everybody), outsider)
-        else:
-            lanes = self._flows.lanes(Search(attacker=attacker, source=Place(), target=Place()))
+        everybody = Place(enclaves=frozenset(self._everybody))
+        lanes = self._flows.lanes(Search(attacker=attacker, source=everybody))
         kept = self._kept
         masked = [
             Lane(puts=[one & kept for one in lane.puts], gets=[one & kept for one in lane.gets]) for lane in lanes

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import datetime
 from enum import Enum
-from typing import Final, NamedTuple
+from typing import Final
 
 from msgspec import Struct
 
@@ -302,11 +302,8 @@ class AssertedResult(UserResult, frozen=True, kw_only=True):
         return f"Could pass for a permitted publisher: {'; '.join(told)}." if told else ""
 
 
-class FallResult(NamedTuple):
-    """Participants, by their labels, without any of whom what they let through together would not get there."""
-
-    fallen: tuple[str, ...]
-    result: AssertedResult
+FallResult = tuple[tuple[str, ...], AssertedResult]
+"""Of a smallest set of participants, by their labels in order: that nothing gets through if they are compromised."""
 
 
 class AlloyResult(UserResult, frozen=True, kw_only=True):

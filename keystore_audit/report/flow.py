@@ -50,58 +50,49 @@ _PARAMETERS: Final = tuple(f"/{service}" for service in PARAMETER_SERVICES)
 
 
 class Told(NamedTuple):
-    """What is said of a question, before how it was decided. `sections`: a heading each, with what is told below it;
-    `more`: of what is told besides. `every`: the profiles asked about.
+    """What is said of a question, before how it was decided. `sections`: a heading each, and what is told below it.
+    `every`: the profiles asked about.
     """
 
     title: str
     conditions: Sequence[Needed]
     first: Sequence[str]
     sections: Sequence[tuple[str, AssertedResult]]
-    more: str
     every: Collection[str]
 
 
 def by_attacker(title: str, results: Sequence[tuple[Attacker, AssertedResult]]) -> Told:
     """By who attacks."""
-    sections = [(f"If {_ASSUMED[attacker]}:", result) for attacker, result in results]
-    return Told(title, assumptions(results), (), sections, "", results[0][1].profiles)
+    sections = [(f"If {_ASSUMED[attacker]}", result) for attacker, result in results]
+    return Told(title, assumptions(results), (), sections, results[0][1].profiles)
 
 
-MAX_FALLS: Final = 3
+MAX_SHOWN: Final = 3
 """Sets of compromised enclaves that are shown, each with its flow: as many as there are attackers."""
 
 
 def by_fall(title: str, most: int, every: Sequence[str], falls: Sequence[FallResult]) -> Told:
     """By who is compromised. `most`: how many at most; `every`: the profiles asked about."""
     survived = _survived(most, every, falls)
-    first = [
-        f"Survives {f'any {counted(number, COMPROMISED)}' if number else 'while no enclave is compromised'}: "
-        f"{profiles(names, every)}."
-        for number, names in sorted(grouped(survived, survived.__getitem__).items(), reverse=True)
-    ]
-    sections = [(f"{_together(each)}:", each.result) for each in falls[:MAX_FALLS]]
-    others = [_together(each) for each in falls[MAX_FALLS:]]
-    more = f"Not shown: {some(others, MAX_LISTED)}." if others else ""
-    return Told(title, answered_if(survived) if survived else (), first, sections, more, every)
-
-
-COMPROMISED: Final = "compromised enclave"
+    first = []
+    for number, names in grouped(survived, survived.__getitem__).items():
+        whom = f"any {counted(number, 'compromised enclave')}" if number else "while no enclave is compromised"
+        first.append(f"Survives {whom}: {profiles(names, every)}.")
+    sections = [(_together(fallen, result), result) for fallen, result in falls]
+    return Told(title, answered_if(survived) if survived else (), first, sections, every)
 
 
 def _survived(most: int, every: Sequence[str], falls: Sequence[FallResult]) -> dict[str, int]:
     """How many compromised enclaves break nothing, whichever they are, up to `most`; by profile where any number do."""
-    fewest = {name: len(each.fallen) for each in reversed(falls) for name in each.result.profiles}
+    fewest = {name: len(fallen) for fallen, result in reversed(falls) for name in result.profiles}
     return {name: fewest.get(name, most + 1) - 1 for name in every if fewest.get(name) != 0}
 
 
-def _together(fall: FallResult) -> str:
-    broken = any(each.status is Status.VIOLATED for each in fall.result.profiles.values())
-    if not fall.fallen:
-        return f"It {'breaks' if broken else 'may break'} with nobody compromised"
-    one = len(fall.fallen) == 1
-    verb = f"break{'s' if one else ''}" if broken else "may break"
-    return f"{' and '.join(fall.fallen)} {'alone' if one else 'together'} {verb} it"
+def _together(fallen: Sequence[str], result: AssertedResult) -> str:
+    verb = "may break" if result.status is Status.UNKNOWN else "break" if len(fallen) > 1 else "breaks"
+    if not fallen:
+        return f"It {verb} with nobody compromised"
+    return f"{' and '.join(fallen)} {'together' if len(fallen) > 1 else 'alone'} {verb} it"
 
 
 def text(told: Told, engines: Sequence[EngineRun], doubts: Sequence[Location], *, at: str, ambient: bool) -> str:
@@ -112,22 +103,23 @@ def text(told: Told, engines: Sequence[EngineRun], doubts: Sequence[Location], *
     if conditions := holds_if(told.conditions):
         lines.append(unbroken(f"That there is no flow {conditions}."))
     lines += ["", *map(unbroken, told.first)] if told.first else []
-    unknown = False
     shown: set[tuple[Step, ...]] = set()
-    for heading, result in told.sections:
-        lines += ["", unbroken(heading)]
+    for heading, result in told.sections[:MAX_SHOWN]:
+        lines += ["", unbroken(f"{heading}:")]
         for answer, names in worst_first(
             result.profiles, lambda each: each.counterexample and each.counterexample.text
         ):
             under = profiles(names, told.every)
             lines.append(unbroken(under, f"  {_WORDS[answer.status]:<8} ", " " * 11))
-            unknown = unknown or answer.status is Status.UNKNOWN
             if answer.counterexample is not None:
                 lines += _path(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
-    lines += ["", unbroken(told.more)] if told.more else []
+    if others := [heading for heading, _result in told.sections[MAX_SHOWN:]]:
+        lines += ["", unbroken(f"Not shown: {some(others, MAX_LISTED)}.")]
     lines.append("")
-    if unknown and doubts:
+    if doubts:
         lines.append(unbroken(rests_on(doubts)))
+    if not all(result.engines_agree for _heading, result in told.sections):
+        lines.append("The engines disagree, so that it is not decided.")
     for run in engines:
         reason = "" if run.status is EngineStatus.OK else f" ({run.status.value}: {run.reason})"
         lines.append(unbroken(f"{'Not decided' if reason else 'Decided'} by {run.name}{reason}."))
@@ -276,15 +268,21 @@ def falls_json(
     """By profile, which smallest sets of compromised enclaves break it: one line."""
     survived = _survived(most, every, falls)
 
-    def under(profile: str) -> list[dict[str, Any]]:
-        found = [(each.fallen, each.result.profiles.get(profile)) for each in falls]
-        return [{"enclaves": fallen, **_answer(answer)} for fallen, answer in found if answer is not None]
-
     document = {
         **asked,
         "compromised": most,
         "engines": {run.name: picked(run, "version", "status", "reason") for run in engines},
-        "profiles": {name: {"survives": survived.get(name), "sets": under(name)} for name in every},
+        "profiles": {
+            name: {
+                "survives": survived.get(name),
+                "sets": [
+                    {"enclaves": fallen, **_answer(result.profiles[name])}
+                    for fallen, result in falls
+                    if name in result.profiles
+                ],
+            }
+            for name in every
+        },
         "assumptions": [each.described for each in (answered_if(survived) if survived else ())],
     }
     return encoded(document) + "\n"

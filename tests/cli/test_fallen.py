@@ -11,8 +11,8 @@ from tests.cli.test_flow import AT, MOTOR, flow, found, run
 from tests.schemas import schema
 
 
-def fallen(sample: str, most: int, *arguments: str) -> tuple[int, dict[str, Any]]:
-    done = run("flow", f"flows/{sample}", *arguments, "--compromised", str(most), *AT, "-f", "json")
+def fallen(sample: str, most: int, *arguments: str, **environment: str) -> tuple[int, dict[str, Any]]:
+    done = run("flow", f"flows/{sample}", *arguments, "--compromised", str(most), *AT, "-f", "json", **environment)
     answer = json.loads(done.stdout)
     schema("fallen").validate(answer)
     return done.returncode, answer
@@ -57,6 +57,27 @@ def test_profiles_that_differ_have_sets_of_their_own() -> None:
     code, answer = fallen("turtlesim_shared_ca", 1, "/turtlesim", "/keyboard")
     assert (code, sets(answer)["spec"]) == (1, [])
     assert any((["/keyboard"], True) in told for told in sets(answer).values())
+
+
+@pytest.mark.alloy
+@pytest.mark.parametrize("engine", ["both", "alloy"])
+def test_alloy_finds_the_same_sets(engine: str) -> None:
+    humble = ("/telematics", "/motor", "--profile", "humble")
+    code, answer = fallen("vehicle_compromised_relay", 2, *humble, "--engine", engine)
+    _code, native = fallen("vehicle_compromised_relay", 2, *humble)
+    assert (code, sets(answer)) == (1, sets(native))
+    decided = {name for told in answer["profiles"].values() for each in told["sets"] for name in each["engines"]}
+    assert decided == {"alloy", *(["native"] if engine == "both" else [])}
+
+
+def test_an_engine_that_did_not_answer_says_nothing_survives() -> None:
+    none = ("--engine", "alloy", "--offline", "--profile", "spec")
+    code, answer = fallen("vehicle_healthy", 1, *MOTOR, *none, PATH="/nowhere", JAVA_HOME="/nowhere", HOME="/nowhere")
+    assert (code, answer["flow"], answer["engines"]["alloy"]["status"]) == (4, None, "missing")
+    assert answer["profiles"] == {"spec": {"survives": None, "sets": [UNDECIDED]}}
+
+
+UNDECIDED = {"enclaves": [], "flow": None, "engines": {}, "path": None}
 
 
 def test_names_are_escaped() -> None:

@@ -140,17 +140,18 @@ def _parts(claim: ClaimAtom) -> dict[Place, int]:
     return {place: number for number, place in enumerate(places)} if claim.pairs else {}
 
 
-def flow(claim: ClaimAtom, number: int) -> str:
+def flow(claim: ClaimAtom, number: int, honest: str = "none, Outsider") -> str:
     """Return the arguments that say what flows a claim is about: from where to where, past whom, over what, by whom.
 
-    The last two are who forges and who eavesdrops. Nothing keeps the outsider from listening.
+    The last two are who forges and who eavesdrops; `honest`: where the claim names no attacker. Nothing keeps the
+    outsider from listening.
     """
     attackers = {
         Attacker.RELAYS: "Enclave + Outsider, Enclave + Outsider",
         Attacker.SOURCE: f"source_{number}, Outsider",
     }
     ends = f"source_{number}, first_{number}, target_{number}, last_{number}"
-    return f"{ends}, {_way(number)}, {attackers.get(claim.attacker, 'none, Outsider')}"
+    return f"{ends}, {_way(number)}, {attackers.get(claim.attacker, honest)}"
 
 
 def _way(number: int) -> str:

@@ -60,14 +60,17 @@ class Merged(Struct, frozen=True, kw_only=True):
         return self.origin[sort][atom] if sort in self.origin else atom
 
 
-def merge(system: System) -> Merged:
-    """Return a system with the same answers to all properties and claims at its audit instant, and fewer atoms."""
+def merge(system: System, *, twins: bool = True) -> Merged:
+    """Return a system with the same answers to all properties and claims at its audit instant, and fewer atoms.
+
+    `twins`: of enclaves that are alike some are left out.
+    """
     asked = _few_instants(replace(system, determinism=(), places=(), nodes=(), left_out=()))
     sorts = ("certificates", "documents", "enclaves", "channels")
     merged = Merged(system=asked, origin={sort: range(len(getattr(asked, sort))) for sort in sorts})
     merged = _without(merged, {"documents": _idle(asked)}, {})
     while True:
-        smaller = _without(merged, *_spare(merged.system))
+        smaller = _without(merged, *_spare(merged.system, twins=twins))
         if smaller.origin == merged.origin:
             return replace(merged, system=_few_rules(merged.system))
         merged = smaller
@@ -91,7 +94,7 @@ def _few_instants(system: System) -> System:
     )
 
 
-def _spare(system: System) -> tuple[dict[str, Collection[int]], dict[int, int]]:
+def _spare(system: System, *, twins: bool) -> tuple[dict[str, Collection[int]], dict[int, int]]:
     """What can be left out, by sort: the channels of which an equal one remains; if there are none, enclaves of which
     enough alike remain, with what is theirs. By channel that is left out, the one that remains in its place.
     """
@@ -110,7 +113,7 @@ def _spare(system: System) -> tuple[dict[str, Collection[int]], dict[int, int]]:
     )
     remaining = ((easiest(system.channels, each), each) for each in alike.values())
     instead = {channel: told for told, each in remaining for channel in each if channel != told}
-    if instead or any(any(enclave.by_itself) for enclave in system.enclaves):
+    if instead or not twins or any(any(enclave.by_itself) for enclave in system.enclaves):
         return {"channels": instead}, instead  # few keystores have the latter: whether enclaves are alike is not asked
     classes, own_channels = find_twins(system, said)
     enclaves = [enclave for each in classes for enclave in each[KEPT:]]

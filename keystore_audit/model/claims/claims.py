@@ -230,7 +230,6 @@ class _Resolution:
             starts=self._starts(claim) if claim.kind is ClaimKind.SEPARATE_DOMAINS else frozenset(),
             pairs=pairs(claim, self._system, self._channels, self._known, self._elsewhere) if able else (),
             stopping=later,
-            compromised=claim.compromised,
         )
 
     def _starts(self, claim: Claim) -> frozenset[tuple[int, int]]:

@@ -59,8 +59,7 @@ class Claim(Struct, frozen=True, kw_only=True):
     `id`: unique, `[a-z0-9-]+`. `statement`: a sentence. `until`: aware UTC, None: at the audit instant alone.
     `location`: where it stands, `beside` the keystore; `place`: the same for people, `FILE:LINE`,
     empty for a question of the command line; `marks`: where its globs stand, if known. `labels`: where labels make it.
-    `source` may be empty for ONLY_PUBLISH alone: one enclave may publish then, whichever it is. `compromised`: as in
-    `ClaimAtom`.
+    `source` may be empty for ONLY_PUBLISH alone: one enclave may publish then, whichever it is.
     """
 
     id: str
@@ -77,7 +76,6 @@ class Claim(Struct, frozen=True, kw_only=True):
     place: str
     marks: Marks = ()
     labels: LabelPair | None = None
-    compromised: int = 0
 
     @property
     def meaning(self) -> str:

@@ -189,7 +189,6 @@ class ClaimAtom(Struct, frozen=True, kw_only=True):
     several names, in order, what these are. `pairs`: (able) from which place data must get to which, each of these; one
     with nothing in it is an enclave that could not be read. Empty: from some of `source` to some of `target`.
     `stopping`: (able) those of `through` that start at the audit instant, and not at each until the last.
-    `compromised`: (no-flow, honest) asked is which participants violate it if so many attack at most.
     """
 
     id: str
@@ -205,7 +204,6 @@ class ClaimAtom(Struct, frozen=True, kw_only=True):
     names: tuple[tuple[int, str], ...] = ()
     pairs: tuple[tuple[Place, Place], ...] = ()
     stopping: frozenset[int] = frozenset()
-    compromised: int = 0
 
     def each_pair(self) -> Iterator[ClaimAtom]:
         """The same claim of each pair by itself; who may not be passed is no place either, so that it is cut off."""

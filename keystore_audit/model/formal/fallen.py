@@ -56,14 +56,14 @@ def falls(flows: Flows, search: Search, most: int) -> Iterator[Fall]:
 def _border(flows: Flows, search: Search) -> set[int]:
     """Who else sends or gets on a hop that leads out of what is reached, or stands at an end, if everybody attacks."""
     lanes = flows.lanes(replace(search, attacker=Attacker.RELAYS))
-    first, last = bits(search.source.channels), bits(search.target.channels)
+    first, last, usable = bits(search.source.channels), bits(search.target.channels), ~bits(search.left_out)
     inside = flows.reached(search) - {flows.outsider}
     outside = {*range(flows.outsider + 1)} - inside | flows.nodes(search.target)
     got, put = flows.getters(lanes), flows.putters(lanes)
     found = {node for node in outside if got[node] & first} | {node for node in inside if put[node] & last}
     for lane in lanes:
-        sent = union(lane.puts[node] for node in inside) & ~bits(search.left_out)
-        taken = union(lane.gets[node] for node in outside) & ~bits(search.left_out)
+        sent = union(lane.puts[node] for node in inside) & usable
+        taken = union(lane.gets[node] for node in outside) & usable
         found |= {node for node in inside if lane.puts[node] & taken}
         found |= {node for node in outside if lane.gets[node] & sent}
     return found - search.compromised - {flows.outsider}

@@ -78,8 +78,8 @@ class Search(Struct, frozen=True, kw_only=True):
     """
 
     attacker: Attacker
-    source: Place
-    target: Place
+    source: Place = Place()
+    target: Place = Place()
     through: frozenset[int] = frozenset()
     left_out: frozenset[int] = frozenset()
     compromised: frozenset[int] = frozenset()
@@ -110,7 +110,7 @@ class Flows:
         self.outsider = len(system.enclaves)
         self._rightful = cache(self.by_right)
         self._powers = cache(self._powers_in)
-        self.attacked = lru_cache(MAX_AT_HAND)(self._attacked)
+        self._attacked = lru_cache(MAX_AT_HAND)(self._attacked_by)
 
     def shortest(self, search: Search) -> tuple[Leg, ...] | None:
         """A shortest flow, None where there is none."""
@@ -135,10 +135,11 @@ class Flows:
             return self._rightful(own=True)
         if search.attacker is Attacker.RELAYS:
             everybody = frozenset(range(self.outsider + 1))
-            return self.attacked(everybody, everybody)
-        source = search.attacker is Attacker.SOURCE
-        forging = frozenset(self.nodes(search.source)) if source else search.compromised
-        return [*self._rightful(), *self.attacked(forging, search.compromised | {self.outsider})]
+            return self._attacked(everybody, everybody)
+        forging = search.compromised
+        if search.attacker is Attacker.SOURCE:
+            forging = frozenset(self.nodes(search.source))
+        return [*self._rightful(), *self._attacked(forging, search.compromised | {self.outsider})]
 
     def by_right(self, *, own: bool = False) -> list[Lane]:
         """By trust domain of sender and receiver: what may be written and read by right, on both sides."""
@@ -162,7 +163,7 @@ class Flows:
                 lanes.append(Lane([*sent, 0], [*shared, 0]))
         return lanes
 
-    def _attacked(self, forging: frozenset[int], listening: frozenset[int]) -> list[Lane]:
+    def _attacked_by(self, forging: frozenset[int], listening: frozenset[int]) -> list[Lane]:
         """Those who forge send, and those who listen take, as anybody whose key they have, with all that keys allow.
 
         What is made so is on the network as well as what is written by right, for whoever listens. All others are
@@ -170,13 +171,11 @@ class Flows:
         """
         lanes = []
         for trust_domain, view in enumerate(self._trust_domains):
-            makes, shows, hears, learns = self._powers(trust_domain)
-            made, shown = _of(forging, makes), _of(forging, shows)
-            learnt = _of(listening, learns)
-            sent = [one | other for one, other in zip(made, shown, strict=True)]
+            makes, airs, hears, learns = self._powers(trust_domain)
+            made, learnt = _of(forging, makes), _of(listening, learns)
             if forging:
                 lanes.append(Lane(made, _of(listening, hears)))
-                lanes.append(Lane(sent, learnt, heard=listening == {self.outsider}))
+                lanes.append(Lane(_of(forging, airs), learnt, heard=listening == {self.outsider}))
             if len(forging) <= self.outsider:
                 written = [view.honest(enclave).writes_at_all for enclave in range(self.outsider)]
                 lanes.append(Lane(made, [*self._of_members(trust_domain, view.honest), 0], lured=True))
@@ -184,12 +183,13 @@ class Flows:
         return lanes
 
     def _powers_in(self, trust_domain: int) -> tuple[Sequence[int], ...]:
-        """By participant, if it attacks, in a trust domain: what it makes, shows, hears as a reader, and learns."""
+        """By participant, if it attacks, in a trust domain: what it makes, airs, hears as a reader, and learns."""
         view = self._trust_domains[trust_domain]
-        everybody = range(self.outsider)
+        makes = self._joined(self.as_any([self._forged(view, e) for e in range(self.outsider)]), view.injectable)
+        shows = [*self.as_any([able.writes_at_all for able in view.everybody()]), 0]
         return (
-            self._joined(self.as_any([self._forged(view, enclave) for enclave in everybody]), view.injectable),
-            [*self.as_any([view.abilities(enclave).writes_at_all for enclave in everybody]), 0],
+            makes,
+            [one | other for one, other in zip(makes, shows, strict=True)],
             [*self.as_any(self._of_members(trust_domain, view.abilities)), 0],
             self._joined(self.as_any([able.knows for able in view.everybody()]), view.readable),
         )

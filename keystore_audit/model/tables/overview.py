@@ -21,7 +21,7 @@ from keystore_audit.keystore.layout import Role
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.decision import LocalRights
-from keystore_audit.model.formal.asked import Attacker, Place
+from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.flow import Flows, Lane, Search
@@ -214,7 +214,7 @@ def neighbourhoods(system: System, window: Window, left_out: int, limit: int) ->
     flows = Flows(system, trust_domain_views(system))
     kept = window.all & ~left_out if window.governed else 0
     honest = _Lanes(flows.by_right(), window, kept)
-    attacked = _Lanes(flows.lanes(Search(attacker=Attacker.RELAYS, source=Place(), target=Place())), window, kept)
+    attacked = _Lanes(flows.lanes(Search(attacker=Attacker.RELAYS)), window, kept)
     labels: list[str | None] = [*(enclave.label for enclave in system.enclaves), ANYBODY]
     found = []
     for node, enclave in enumerate(system.enclaves[:limit]):

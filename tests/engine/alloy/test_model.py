@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.engine.alloy import claims
+from keystore_audit.engine.alloy import fallen
 from keystore_audit.engine.alloy.export import commands, write_model
 from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, MODULES, facts
 from keystore_audit.engine.alloy.install import Engine
@@ -55,7 +56,7 @@ def test_every_property_is_broken_by_some_change_of_something_that_was_read() ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("theorems", ["theorems.als", "flow_theorems.als"])
+@pytest.mark.parametrize("theorems", ["theorems.als", "flow_theorems.als", "fallen_theorems.als"])
 def test_theorems_hold_of_any_keystore_and_every_property_can_fail_and_hold(theorems: str, tmp_path: Path) -> None:
     modules = shipped() | {path.name: path.read_text() for path in (HERE / "any_keystore").glob("*.als")}
     assert unexpected(tmp_path, modules, theorems) == []

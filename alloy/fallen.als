@@ -1,0 +1,32 @@
+/**
+ * How many may fall: whether something gets through if some enclaves are compromised, whichever they are.
+ *
+ * That every set of enclaves has a compartment is beyond first-order logic, so the question is whether some set has a
+ * flow. Chains of hops are not followed step by step, as `propagation` does, since who makes them possible is free here:
+ * all of them are there at once, as the closure of one relation. It costs the cube of the number of participants.
+ */
+module fallen
+open claims
+
+/** Who hands a sample of a usable channel to whom: `next`, from each participant. */
+fun hops[usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider]: (Enclave + Outsider) -> (Enclave
+	+ Outsider) {
+	{ from, to: Enclave + Outsider | some sending, receiving: TrustDomain |
+		from->to in sends[sending, receiving].(usable <: ~(receives[sending, receiving]))
+			+ imposes[forgers, receiving].(usable <: ~(is_told[eavesdroppers, receiving]))
+			+ exposes[forgers, sending].(usable <: ~(intercepts[eavesdroppers, sending]))
+	} - iden
+}
+
+/**
+ * A flow from one place to another, with the places and powers of `separated`. `got`: who gets a sample of `first`;
+ * `come`: to whom something comes over hops, of which nobody of `through` passes anything on.
+ */
+pred flows[source: set Enclave + Outsider, first: set Channel, target: set Enclave + Outsider, last: set Channel,
+           through: set Enclave, usable: set Channel, forgers, eavesdroppers: set Enclave + Outsider] {
+	let hop = hops[usable, forgers, eavesdroppers],
+		got = { each: Enclave + Outsider | gets[each, first, eavesdroppers] },
+		come = (source + (got - through)).hop.*((Enclave + Outsider - through) <: hop) |
+		some (got + come) & target
+		or some each: source + (got + come - through) | puts[each, last, forgers, eavesdroppers]
+}
