@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from keystore_audit.engine.alloy import claims
-from keystore_audit.engine.alloy import fallen
 from keystore_audit.engine.alloy.export import commands, write_model
 from keystore_audit.engine.alloy.facts import KEYSTORE, MAIN, MODULES, facts
 from keystore_audit.engine.alloy.install import Engine
