@@ -93,7 +93,8 @@ def alone(engine: str, keystore: Path, limit: float = LIMIT) -> Run:
 def fleet(engine: str, directory: Path) -> Run:
     """Each keystore of a fleet audited after the other, with a report of each."""
     with tempfile.TemporaryDirectory() as reports:
-        return audit("--engine", engine, "--recursive", directory, "--jobs", "1", "--output", f"json={reports}/")
+        asked = ("--engine", engine, "--recursive", directory, "--jobs", "1", "--output", f"json={reports}/")
+        return audit(*asked, limit=3 * LIMIT)
 
 
 def floor(directory: Path) -> Run:

@@ -112,10 +112,7 @@ def run_falls(
 
 
 def _run(
-    natively: Callable[[], T],
-    ask: Callable[[Engine], Asked[T]],
-    engines: Engines,
-    stage: Callable[[str], None] | None,
+    natively: Callable[[], T], ask: Callable[[Engine], Asked[T]], engines: Engines, stage: Callable[[str], None] | None
 ) -> tuple[tuple[EngineRun, ...], Mapping[str, T]]:
     choice = engines.choice
     runs: list[EngineRun] = []
