@@ -18,12 +18,10 @@ from keystore_audit.engine.case import plainest
 from keystore_audit.engine.counterexample import describe
 from keystore_audit.engine.counterexample_claims import describe_claim, describe_flow
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.engine.native_claims import fallen
 from keystore_audit.errors import EngineError, EngineMissing, EngineOutOfScale, EngineTimeout
 from keystore_audit.model.claims.named import Determinism
 from keystore_audit.model.claims.stated import Claim, LabelPair
 from keystore_audit.model.formal.asked import Attacker, ClaimKind
-from keystore_audit.model.formal.fallen import Fall
 from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES, Answer, Status
 from keystore_audit.properties.result import (
@@ -42,6 +40,7 @@ from keystore_audit.resources import in_ci
 if TYPE_CHECKING:
     from keystore_audit.engine.alloy.install import Engine
     from keystore_audit.engine.native_claims import KeptFlows
+    from keystore_audit.model.formal.fallen import Fall
 
 Tell = Callable[[int, Answer], Counterexample | None]
 """Says what an answer about the system of this number means."""
@@ -51,7 +50,7 @@ Answers = Mapping[str, Sequence[Mapping[str, Answer]]]
 """By engine what it said of each system, parallel to the systems asked."""
 
 
-Falls = Sequence[Sequence[Fall]]
+Falls = Sequence[Sequence["Fall"]]
 """By system, the smallest sets of compromised participants that violate a claim."""
 
 
@@ -97,6 +96,7 @@ def run_falls(
     systems: Sequence[System], most: int, engines: Engines
 ) -> tuple[tuple[EngineRun, ...], Mapping[str, Falls]]:
     """The same of which compromised participants, `most` of them, violate the one claim of each system."""
+    from keystore_audit.engine.native_claims import fallen  # most audits have no flows
 
     def ask(engine: Engine) -> Asked[Falls]:
         from keystore_audit.engine.alloy.fallen import smallest_sets
