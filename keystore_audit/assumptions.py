@@ -59,7 +59,7 @@ DOCUMENTS: Final = frozenset({Assumption.NO_OTHER_DOCUMENTS, Assumption.NOTHING_
 """Without one of these there may be a document that grants anything."""
 
 CONDITIONS: Final = (Assumption.TRUTHFUL_ANNOUNCEMENTS, Assumption.NOTHING_ELSE_CERTIFIED)
-"""Of which each "holds" says whether it needs them: who keeps or breaks them is not whoever runs the robots."""
+"""That every format says beside a verdict: who keeps or breaks them is not whoever runs the robots."""
 
 _WORDS: Final = {
     Assumption.ROBOTS_ENFORCE: (
@@ -150,6 +150,6 @@ class Needed(Struct, frozen=True, kw_only=True):
 
 
 def holds_if(needed: Iterable[Needed]) -> str:
-    """The line that says what an answer rests on that nobody here sees to; empty where there is nothing of the kind."""
-    found = "; ".join(each.condition for each in needed if each.assumption in CONDITIONS)
+    """The line that says what an answer rests on; empty where it rests on nothing."""
+    found = "; ".join(each.condition for each in needed)
     return f"HOLDS IF {found}" if found else ""

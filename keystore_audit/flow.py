@@ -11,8 +11,8 @@ from msgspec import Struct
 
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.engines import Engines, combine_claims, combine_falls, run_engines, run_falls
-from keystore_audit.engine.horizon import with_conditions
 from keystore_audit.engine.native import NativeEngine
+from keystore_audit.engine.needs import solved_again, taken_for_granted, with_needs
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
@@ -104,7 +104,9 @@ def find_flow(
     results, falls = tuple[AssertedResult, ...](), tuple[FallResult, ...]()
     if question.compromised is None:
         runs, answers = run_engines(native, engines, None, claims=True)
-        results = with_conditions(combine_claims(claims, native.systems, answers, given.names), native.systems)
+        made = taken_for_granted(keystore, given.assumed)
+        results, minimal = with_needs(combine_claims(claims, native.systems, answers, given.names), native, made)
+        results, runs = solved_again(results, minimal, runs, engines, None)
     else:
         runs, told = run_falls(native.systems, question.compromised, engines)
         falls = combine_falls(claims[0], native.systems, told, given.names)

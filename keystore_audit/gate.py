@@ -7,8 +7,9 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from keystore_audit.assumptions import Assumption, Needed
+from keystore_audit.assumptions import EVERY, Assumption, Needed
 from keystore_audit.engine.horizon import Horizon
+from keystore_audit.engine.needs import taken_for_granted
 from keystore_audit.errors import UsageError
 from keystore_audit.findings import Finding, Result, Severity
 from keystore_audit.intent.environment import DISTRIBUTION, DOMAIN, RMW, Environment
@@ -16,7 +17,7 @@ from keystore_audit.options import DEFAULT_NOTICE, Options
 from keystore_audit.profiles import Profile, implementations, resolve, running, scope_of
 from keystore_audit.properties import Status
 from keystore_audit.properties.result import EngineStatus
-from keystore_audit.report.content import PEERS_IN_SCOPE, Verdict, conditions_of
+from keystore_audit.report.content import PEERS_IN_SCOPE, Verdict, answered_if, conditions_of
 from keystore_audit.rules import BY_CODE
 from keystore_audit.rules.judge import Judgement
 from keystore_audit.rules.registry import Context
@@ -106,26 +107,16 @@ def while_accepted(safe: Horizon, judgement: Judgement, fail_on: Severity | None
     return replace(safe, instant=ends, why="a finding that is accepted until then counts again")
 
 
-def assumptions(context: Context, options: Options, *, authorities_declared: bool) -> Iterator[Needed]:
-    """What this audit takes for granted: first what it holds under, then what no property tells apart."""
+def assumptions(context: Context, options: Options) -> Iterator[Needed]:
+    """What this audit takes for granted: first what properties need, then what no property tells apart."""
     declared = options.settings.assumptions if options.settings else {}
-    for needed in conditions_of(context.results):
-        yield replace(needed, declared=declared.get(needed.assumption))
-    lasting = options.settings.lasting if options.settings else ()
-    behaviour = options.settings.declared.claims if options.settings else ()
-    bearing = {
-        Assumption.ROBOTS_ENFORCE: None,
-        Assumption.NO_OTHER_DOCUMENTS: None,
-        **({} if authorities_declared else {Assumption.AUTHORITIES_AS_FOUND: None}),
-        **({Assumption.NOTHING_IN_UNREAD_FILES: None} if context.keystore.unread_foreign else {}),
-        **({Assumption.SESSIONS_END_WITH_GRANTS: lasting} if lasting else {}),
-        **({Assumption.LOCKSTEP_ROUNDS: tuple(each.id for each in behaviour)} if behaviour else {}),
-    }
-    holding = [result.prop.id for result in context.results if result.status is Status.HOLDS]
-    for assumption, ids in bearing.items():
-        if assumption not in options.not_assumed:
-            by = tuple(each for each in holding if ids is None or each in ids)
-            yield Needed(assumption=assumption, needed_by=by, declared=declared.get(assumption))
+    assumed = EVERY.difference(options.not_assumed)
+    made = taken_for_granted(context.keystore, assumed, authorities_declared=context.authorities.complete)
+    needed = conditions_of(context.results)
+    left = made.difference(each.assumption for each in needed)
+    names = (profile.name for profile in context.profiles)
+    for each in (*needed, *answered_if(names, (one for one in Assumption if one in left))):
+        yield replace(each, declared=declared.get(each.assumption))
 
 
 def scoped(options: Options) -> Options:

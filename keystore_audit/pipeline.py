@@ -20,8 +20,9 @@ from keystore_audit.engine.engines import (
     run_engines,
     with_label_answers,
 )
-from keystore_audit.engine.horizon import Horizon, horizon, with_conditions, without
+from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.native import NativeEngine
+from keystore_audit.engine.needs import resting_on, solved_again, taken_for_granted, with_needs
 from keystore_audit.gate import (
     assumptions,
     complete,
@@ -124,17 +125,22 @@ def audit(
     names = [profile.name for profile in profiles]
     asserted = _lasting(claims, _asserted(claims, meaning, answers, names), accesses.assumed)
     determined = combine_determinism(declared.claims, meaning.systems, answers, names) if declared else ()
-    determined = without(Assumption.LOCKSTEP_ROUNDS, determined, accesses.assumed)
+    determined = resting_on(Assumption.LOCKSTEP_ROUNDS, determined, accesses.assumed)
     in_alloy: tuple[AlloyResult, ...] = ()
     if options.alloy_properties:
         from keystore_audit.engine.alloy.user_properties import decide_files
 
         in_alloy = decide_files(options.alloy_properties, meaning.systems, names, runs, engines, stage)
+    declared_authorities = options.authorities or trust.Authorities()
+    made = taken_for_granted(keystore, assumed, authorities_declared=declared_authorities.complete)
+    results = (*_told(native, answers, names), *asserted, *determined, *in_alloy)
+    results, minimal = with_needs(results, native, made)
+    results, runs = solved_again(results, minimal, runs, engines, stage)
     context = Context(
         keystore=keystore,
         meaning=meaning,
         drift=_drift(keystore, policy, options, profiles, accesses) if policy is not None else None,
-        results=with_conditions((*_told(native, answers, names), *asserted, *determined, *in_alloy), meaning.systems),
+        results=results,
         engines=runs,
         at=options.at,
         expires_within=options.expires_within,
@@ -145,7 +151,7 @@ def audit(
         observed=_compared(intents, keystore, profiles, accesses, options),
         launch_complete=options.launch_complete,
         suppressions=accepted,
-        authorities=options.authorities or trust.Authorities(),
+        authorities=declared_authorities,
         conditions=(f"{options.domain}", f"{options.time_zone}", *sorted(each.value for each in accesses.assumed)),
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
@@ -233,7 +239,9 @@ def _lasting(
     """The results; what is claimed of a time is unknown where sessions may outlast their grants."""
     over_time = {claim.id for claim in claims if claim.until is not None}
     return tuple(
-        without(Assumption.SESSIONS_END_WITH_GRANTS, (result,), assumed)[0] if result.prop.id in over_time else result
+        resting_on(Assumption.SESSIONS_END_WITH_GRANTS, (result,), assumed)[0]
+        if result.prop.id in over_time
+        else result
         for result in results
     )
 
@@ -260,7 +268,7 @@ def _report(
     answered = [run for run in context.engines if run.status is EngineStatus.OK]
     anchors = trust.trusted(context.keystore, context.authorities)
     agree = all(result.engines_agree for result in context.results)
-    assumed = tuple(assumptions(context, options, authorities_declared=context.authorities.complete))
+    assumed = tuple(assumptions(context, options))
     scope = scope_of([profile.name for profile in context.profiles])
     return Report(
         version=__version__,

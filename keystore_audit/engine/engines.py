@@ -120,7 +120,7 @@ def _run(
     if choice == "native":
         runs.append(_not_run("alloy", "--engine native"))
     else:
-        run, found = _alloy(ask, engines, stage)
+        run, found = ask_alloy(ask, engines, stage)
         runs.append(run)
         if found is not None:
             answers["alloy"] = found
@@ -132,7 +132,7 @@ def _run(
     return tuple(runs), answers
 
 
-def _alloy(
+def ask_alloy(
     ask: Callable[[Engine], Asked[T]], engines: Engines, stage: Callable[[str], None] | None
 ) -> tuple[EngineRun, T | None]:
     """Alloy's answers, or why there are none. Once it was found or asked for by name, its failure counts."""

@@ -1,19 +1,12 @@
-"""How long an audit's answers stay true ("safe until", design section 3), and under which assumptions.
-
-Of these each is left out once, and what does not hold then needed it. The native engine asks; it need not be asked by
-whom an attacker could be, since one that is enough is.
-"""
+"""How long an audit's answers stay true ("safe until", design section 3)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import datetime
-from typing import TypeVar
 
 from msgspec import Struct
-from msgspec.structs import replace
 
-from keystore_audit.assumptions import CONDITIONS, WORLD, Assumption
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.access_view import AccessViews
@@ -23,9 +16,8 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
 from keystore_audit.model.trust.revocation import lists_carried
 from keystore_audit.model.validity import ANY_ZONE, END, LAST, SECOND
-from keystore_audit.profiles import VARIANTS, DateReading, Profile, doing
+from keystore_audit.profiles import DateReading, Profile, doing
 from keystore_audit.properties import Answer, Status
-from keystore_audit.properties.result import ProfileResult, PropertyResult
 from keystore_audit.text import counted, some
 
 MAX_MOMENTS = 64
@@ -153,68 +145,3 @@ def _status_change(before: Mapping[str, Answer], after: Mapping[str, Status]) ->
     # What behaviour rests on is the rights, whose changes are looked at by themselves.
     changed = [property_id for property_id, status in after.items() if before[property_id].status is not status]
     return f"{changed[0]}: {after[changed[0]].value}" if changed else ""
-
-
-R = TypeVar("R", bound=PropertyResult)
-
-Without = Mapping[tuple[str, str], Collection[Assumption]]
-"""By profile and property: what it needs in order to hold."""
-
-
-def with_conditions(results: Sequence[R], systems: Sequence[System]) -> tuple[R, ...]:
-    """The results; of what holds under a profile, with what it needs for that."""
-    holding = [name for result in results for name, each in result.profiles.items() if each.status is Status.HOLDS]
-    needs = _needs(systems, frozenset(holding)) if holding else {}
-
-    def conditional(result: R) -> R:
-        def needing(name: str, held: ProfileResult) -> ProfileResult:
-            return replace(held, needs=tuple(needs.get((name, result.prop.id), ())))
-
-        return _where_it_holds(result, needing)
-
-    return tuple(map(conditional, results))
-
-
-def _where_it_holds(result: R, change: Callable[[str, ProfileResult], ProfileResult]) -> R:
-    """The result, changed under each profile under which it holds."""
-    held = {name: change(name, each) for name, each in result.profiles.items() if each.status is Status.HOLDS}
-    return replace(result, profiles={**result.profiles, **held})
-
-
-def _needs(systems: Sequence[System], profiles: frozenset[str]) -> Without:
-    found: dict[tuple[str, str], list[Assumption]] = {}
-    for assumption in CONDITIONS:
-        for system, statuses in _asked_without(assumption, systems, profiles):
-            lasting = {claim.id for claim in system.claims if claim.until is not None}  # not asked again
-            for name in system.profiles:
-                for prop, status in statuses.items():
-                    needed = found.setdefault((name, prop), [])
-                    if (status is not Status.HOLDS or prop in lasting) and assumption not in needed:
-                        needed.append(assumption)
-    return found
-
-
-def _asked_without(
-    assumption: Assumption, systems: Iterable[System], profiles: frozenset[str]
-) -> Iterator[tuple[System, Mapping[str, Status]]]:
-    """What holds without the assumption, in the reading that goes without it."""
-    asked = []
-    for system in systems:
-        names = tuple(n for n in system.profiles if n in profiles and (assumption in WORLD or is_announced_to(n)))
-        if names and assumption in system.assumed and (system.may or assumption not in WORLD):
-            announced = system.asks_announced_only or assumption is Assumption.TRUTHFUL_ANNOUNCEMENTS
-            less = system.assumed - {assumption}
-            asked.append(replace(system, profiles=names, assumed=less, asks_announced_only=announced))
-    return zip(asked, NativeEngine(asked).first_statuses(), strict=True)
-
-
-def is_announced_to(profile: str) -> bool:
-    """Whether the implementation goes by what peers announce of their endpoints."""
-    return VARIANTS[profile].trust.trusts_declarations
-
-
-def without(assumption: Assumption, results: Sequence[R], assumed: frozenset[Assumption]) -> tuple[R, ...]:
-    """The results; where the assumption is not made that all of them need, what holds is unknown."""
-    if assumption in assumed:
-        return tuple(results)
-    return tuple(_where_it_holds(each, lambda _name, held: replace(held, status=Status.UNKNOWN)) for each in results)

@@ -6,7 +6,7 @@ Independent of Alloy, which decides the same questions from the same `System` wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import islice, permutations, product
 
@@ -45,9 +45,12 @@ class NativeEngine:
         """
         return tuple(self._questions(s).answers() for s in self.systems)
 
-    def first_statuses(self) -> tuple[dict[str, Status], ...]:
-        """For each system the status of each property and claim at the audit instant: one witness is enough."""
-        return tuple(self._questions(s).statuses() for s in self.systems)
+    def statuses_of(self, system: System, names: Collection[str]) -> dict[str, Status]:
+        """The status at the audit instant of these properties and of all claims, where one witness is enough.
+
+        `system`: one of these with less taken for granted, or with other claims.
+        """
+        return self._questions(system).statuses(names)
 
     def checked(self, told: Sequence[Mapping[str, Answer]]) -> tuple[dict[str, Answer], ...]:
         """What another engine said of each system; UNKNOWN where it shows a violation that is none here.
@@ -130,8 +133,8 @@ class _Questions:
         so = all(any(each == found for found in self.witnesses(name)) for each in told.witnesses)
         return told if so else Answer(status=Status.UNKNOWN)
 
-    def statuses(self) -> dict[str, Status]:
-        found = {prop.id: _status(next(self.witnesses(prop.id), None)) for prop in PROPERTIES}
+    def statuses(self, names: Collection[str] = BY_ID) -> dict[str, Status]:
+        found = {name: _status(next(self.witnesses(name), None)) for name in BY_ID if name in names}
         return found | {claim: answer.status for claim, answer in self.claims().items()}
 
     def claims(self) -> dict[str, Answer]:

@@ -211,14 +211,15 @@ class EngineRun(Struct, frozen=True, kw_only=True):
 class ProfileResult(Struct, frozen=True, kw_only=True):
     """The answer under one profile.
 
-    UNKNOWN unless every engine that ran gives the same answer in both readings. `needs`: what has to be so for it to
-    hold (`assumptions.CONDITIONS`).
+    UNKNOWN unless every engine that ran gives the same answer in both readings. `needs`: the fewest assumptions under
+    which it holds (`engine/needs.py`); `survives_without`: the others that were made.
     """
 
     status: Status
     engines: Mapping[str, Status]
     counterexample: Counterexample | None
     needs: tuple[Assumption, ...] = ()
+    survives_without: tuple[Assumption, ...] = ()
 
 
 class PropertyResult(Struct, frozen=True, kw_only=True):
@@ -245,6 +246,11 @@ class PropertyResult(Struct, frozen=True, kw_only=True):
     def needs(self) -> tuple[Assumption, ...]:
         """What has to be so for it to hold under all profiles."""
         return tuple(dict.fromkeys(each for result in self.profiles.values() for each in result.needs))
+
+    @property
+    def survives_without(self) -> tuple[Assumption, ...]:
+        """What it does not need under some profile."""
+        return tuple(dict.fromkeys(each for result in self.profiles.values() for each in result.survives_without))
 
     @property
     def engines_agree(self) -> bool:

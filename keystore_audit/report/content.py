@@ -26,16 +26,14 @@ if TYPE_CHECKING:  # most reports draw nothing
 
 
 def conditions_of(results: Iterable[PropertyResult]) -> tuple[Needed, ...]:
-    """What those results rest on that hold."""
+    """What those results need that hold: the conditions first."""
     holding = [result for result in results if result.status is Status.HOLDS]
-    found = []
-    for each in CONDITIONS:
+    found: list[Needed] = []
+    for each in dict.fromkeys((*CONDITIONS, *Assumption)):
         needing = [result for result in holding if each in result.needs]
         under = dict.fromkeys(n for r in needing for n, answer in r.profiles.items() if each in answer.needs)
-        found += [
-            replace(needed, needed_by=tuple(result.prop.id for result in needing))
-            for needed in (answered_if(under, (each,)) if needing else ())
-        ]
+        needed_by = tuple(result.prop.id for result in needing)
+        found += [replace(needed, needed_by=needed_by) for needed in (answered_if(under, (each,)) if needing else ())]
     return tuple(found)
 
 
@@ -221,7 +219,8 @@ class Report(Struct, frozen=True, kw_only=True):
     @property
     def holds_if(self) -> str:
         """The conditions of what holds, a line; empty where nothing holds under one."""
-        return holds_if(each for each in self.assumptions if each.needed_by)
+        needed = (each for each in self.assumptions if each.needed_by)
+        return holds_if(each for each in needed if each.assumption in CONDITIONS)
 
     @property
     def failing(self) -> tuple[Finding, ...]:

@@ -102,6 +102,9 @@ def text(told: Told, engines: Sequence[EngineRun], doubts: Sequence[Location], *
         lines.append("(apart from /clock, /parameter_events, /rosout and ros_discovery_info)")
     if conditions := holds_if(told.conditions):
         lines.append(unbroken(f"That there is no flow {conditions}."))
+    every = {each for _heading, result in told.sections for each in result.survives_without}
+    if spared := sorted(every.difference(each.assumption for each in told.conditions)):
+        lines.append(unbroken(f"It survives without: {', '.join(each.value for each in spared)}."))
     lines += ["", *map(unbroken, told.first)] if told.first else []
     shown: set[tuple[Step, ...]] = set()
     for heading, result in told.sections[:MAX_SHOWN]:
@@ -249,7 +252,10 @@ def json(
         "attackers": {
             attacker: {
                 "flow": FOUND[result.status],
-                "profiles": {name: _answer(answer) for name, answer in result.profiles.items()},
+                "profiles": {
+                    name: {**_answer(answer), **picked(answer, "needs", "survives_without")}
+                    for name, answer in result.profiles.items()
+                },
             }
             for attacker, result in results
         },

@@ -174,7 +174,8 @@ def _property(result: PropertyResult) -> dict[str, Any]:
 
 def _answer(answer: ProfileResult) -> dict[str, Any]:
     counterexample = told(answer.counterexample)
-    return {**picked(answer, "status", "engines"), "counterexample": counterexample, "needs": answer.needs}
+    said = {"counterexample": counterexample, **picked(answer, "needs", "survives_without")}
+    return {**picked(answer, "status", "engines"), **said}
 
 
 def _finding(finding: Finding, keystore: str) -> dict[str, Any]:

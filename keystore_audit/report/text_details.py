@@ -109,19 +109,24 @@ def _properties(page: Page, results: Sequence[PropertyResult]) -> None:
     _title(page, "Properties")
     column = 14 + max(len(result.prop.id) for result in results)
     for result in results:
-        groups = worst_first(result.profiles, _engines)
+        groups = worst_first(result.profiles, lambda each: _engines(each) + _needs(each))
         for answer, names in groups:
             status = answer.status
             holds = status is Status.HOLDS
             label = f"{status.value if holds else status.value.upper():<10}{result.prop.id}"
             whose = ", all profiles" if len(groups) == 1 else ", all others" if names is groups[-1][1] else ""
-            under = ", ".join(each.value for each in result.needs) if holds else ""
-            told = f"{_engines(answer)}{whose}{under and f'; if {under}'}"
+            told = f"{_engines(answer)}{whose}{_needs(answer)}"
             page.labelled(label, told, indent=2, column=column, style=_STATUS_STYLE[status])
             if not whose:
                 page.put(f"under {', '.join(names)}", indent=12)
         if result.beside:
             page.put(result.beside, indent=12)
+
+
+def _needs(answer: ProfileResult) -> str:
+    """What it needs to hold, and what not."""
+    sets = (("if", answer.needs), ("survives without", answer.survives_without))
+    return "".join(f"; {word} {', '.join(each.value for each in names)}" for word, names in sets if names)
 
 
 def _engines(answer: ProfileResult) -> str:

@@ -45,13 +45,18 @@ def test_who_needs_it_is_told() -> None:
         "truthful-announcements",
         "nothing-else-certified",
         "robots-enforce",
-        "no-other-documents",
         "authorities-as-found",
+        "no-other-documents",
     ]
     needing = assumptions["truthful-announcements"]["needed_by"]
     assert needing == ["nobody-writes-without-a-grant", "nobody-reads-without-a-grant"]
-    holding = [name for name, status in statuses.items() if status == "holds"]
-    assert assumptions["robots-enforce"]["needed_by"] == holding
+    assert assumptions["no-other-documents"]["needed_by"] == [
+        "no-subject-serves-two-enclaves",
+        *needing,
+        "relays-cannot-read",
+    ]
+    assert statuses["documents-signed-by-the-permissions-ca"] == "holds"
+    assert not any("documents-signed-by-the-permissions-ca" in each["needed_by"] for each in assumptions.values())
     _code, pinned, _statuses = report("--profile", "spec")
     assert "truthful-announcements" not in pinned
 

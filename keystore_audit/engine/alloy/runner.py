@@ -8,7 +8,7 @@ where there is no such instance, each question is asked by a command of its own.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Final
@@ -66,18 +66,23 @@ def examine(
     timeout: float,
     memory_mb: int = MEMORY_MB,
     expected: Expected | None = None,
+    names: Sequence[Collection[str]] | None = None,
 ) -> tuple[Decision, ...]:
     """Ask the Analyzer about each system, merged (`merging`), by a question each.
 
-    `expected`: what is expected to be so is asked together. More questions are about claims at later moments, and what
+    `expected`: what is expected to be so is asked together. `names`: by system, what alone is asked about, at the audit
+    instant; None: everything. More questions are about claims at later moments, and what
     is not as expected. `timeout`: seconds for each question; `memory_mb`: MiB of Java heap of each JVM. All or nothing:
     raises EngineOutOfScale before anything is started if a system is too large, EngineTimeout, EngineMissing (no Java
     at `java`) or EngineFailed if one of them was not answered completely. Nothing is left running, or on disk, when
     the run ends (`kept`).
     """
     analyzer = Analyzer(java=java, jar=jar, timeout=timeout, memory_mb=memory_mb)
-    cases = [_Case.of(number, system, moment=None) for number, system in enumerate(systems)]
-    cases += [case for number, system in enumerate(systems) for case in _later(number, system)]
+    if names is not None:
+        cases = [_Case.of(n, system, None, those) for n, (system, those) in enumerate(zip(systems, names, strict=True))]
+    else:
+        cases = [_Case.of(number, system, None) for number, system in enumerate(systems)]
+        cases += [case for number, system in enumerate(systems) for case in _later(number, system)]
     with kept():
         told = _answers(cases, expected, analyzer)
         found = [_over_time(number, cases, told) for number in range(len(systems))]
@@ -112,7 +117,7 @@ def make_archive(java: Path, jar: Path) -> Path | None:
         grants=(),
         rules=(),
     )
-    case = _Case.of(0, nobody, moment=None)
+    case = _Case.of(0, nobody, None)
     analyzer = Analyzer(java=java, jar=jar, timeout=120, memory_mb=MEMORY_MB)
     return record_classes(case.job(case.questions(), []), analyzer)
 
@@ -121,7 +126,8 @@ class _Case(Struct, frozen=True, kw_only=True):
     """One state of the system of this number, merged.
 
     `moment`: twice the index of the audit instant, or a later one (`moments.later`), at which only claims are asked
-    about that must hold until then. `atoms`: before merging and after it.
+    about that must hold until then. `names`: what alone is asked about, None: everything. `atoms`: before merging and
+    after it.
     """
 
     number: int
@@ -129,9 +135,10 @@ class _Case(Struct, frozen=True, kw_only=True):
     atoms: tuple[int, int]
     moment: int
     is_later: bool
+    names: Collection[str] | None
 
     @classmethod
-    def of(cls, number: int, system: System, moment: int | None) -> _Case:
+    def of(cls, number: int, system: System, moment: int | None, names: Collection[str] | None = None) -> _Case:
         """The case of a system as it is at `moment` (None: the audit instant).
 
         Raises EngineOutOfScale if it is too large.
@@ -145,12 +152,13 @@ class _Case(Struct, frozen=True, kw_only=True):
                 atoms=atoms,
             )
         now = 2 * system.now if moment is None else moment
-        return cls(number=number, merged=merged, atoms=atoms, moment=now, is_later=moment is not None)
+        later = moment is not None
+        return cls(number=number, merged=merged, atoms=atoms, moment=now, is_later=later, names=names)
 
     def questions(self) -> list[Question]:
         """What is asked."""
-        properties = () if self.is_later else PROPERTIES
-        return [*questions(self.merged.system, properties)]
+        every = questions(self.merged.system, () if self.is_later else PROPERTIES)
+        return [each for each in every if self.names is None or not each.id or each.id in self.names]
 
     def job(self, together: Sequence[Question], alone: Sequence[Question]) -> Job:
         """The run that asks it."""
