@@ -28,6 +28,7 @@ from keystore_audit.model.stolen_key import holding, holding_both, radius, radiu
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.properties.result import (
     AssertedResult,
+    Change,
     CompromiseAnswer,
     EngineRun,
     EngineStatus,
@@ -44,7 +45,7 @@ class FlowQuestion(Struct, frozen=True, kw_only=True):
     """From where to where, as places are written in settings; `through`: globs on enclaves that do not count.
 
     `attackers`: None for each under whom there can be a flow at all. `compromised`: instead of them, that so many
-    enclaves attack at most, whichever they are.
+    enclaves attack at most, whichever they are; then `able` are claims that a change of rights must keep.
     """
 
     source: str
@@ -53,13 +54,15 @@ class FlowQuestion(Struct, frozen=True, kw_only=True):
     through: tuple[str, ...] = ()
     include_ambient: bool = False
     compromised: int | None = None
+    able: tuple[Claim, ...] = ()
 
 
 class FlowAnswer(Struct, frozen=True, kw_only=True):
     """Whether there is a flow, by attacker: a result is VIOLATED where there is one for certain.
 
-    Where it is asked who may fall: `falls` instead, of each smallest set of compromised participants. `doubts`: places
-    of what could not be read, which an unknown answer depends on; none where no answer is unknown.
+    Where it is asked who may fall: `falls` instead, of each smallest set of compromised participants, and where some
+    break it, the smallest `change` of rights. `doubts`: places of what could not be read, which an unknown answer
+    depends on; none where no answer is unknown.
     """
 
     question: FlowQuestion
@@ -69,6 +72,7 @@ class FlowAnswer(Struct, frozen=True, kw_only=True):
     falls: tuple[FallResult, ...]
     engines: tuple[EngineRun, ...]
     doubts: tuple[Location, ...]
+    change: Change | None = None
 
     @property
     def status(self) -> Status:
@@ -111,6 +115,11 @@ def find_flow(
         runs, told = run_falls(native.systems, question.compromised, engines)
         falls = combine_falls(claims[0], native.systems, told, given.names)
     every = (*results, *(result for _fallen, result in falls))
+    change = None
+    if question.compromised is not None and {each.status for each in every} == {Status.VIOLATED}:
+        from keystore_audit.fewer_rights import smallest_change  # most flows are not asked that
+
+        change = smallest_change(keystore, claims[0], question.compromised, question.able, given, engines)
     asked = profiles if any(result.status is Status.UNKNOWN for result in every) else ()
     doubts = (doubt.location for profile in asked for doubt in keystore_doubts(keystore, profile, accesses))
     return FlowAnswer(
@@ -121,6 +130,7 @@ def find_flow(
         falls=falls,
         engines=runs[-1:] if engines.choice == "native" else runs,
         doubts=tuple(dict.fromkeys(doubts)),
+        change=change,
     )
 
 

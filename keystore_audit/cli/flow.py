@@ -85,8 +85,9 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         raise click.UsageError("--compromised says who attacks: give no --attacker.")
     from keystore_audit.engine.engines import Engines
     from keystore_audit.flow import FlowQuestion, find_flow
-    from keystore_audit.model.formal.asked import Attacker
+    from keystore_audit.model.formal.asked import Attacker, ClaimKind
 
+    settings = opt.named_settings(given, keystore)
     question = FlowQuestion(
         source=source,
         target=target,
@@ -94,11 +95,12 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         through=given["through"],
         include_ambient=given["include_ambient"],
         compromised=given["fallen"],
+        able=tuple(each for each in settings.claims if each.kind is ClaimKind.ABLE) if settings else (),
     )
     answer = find_flow(
         keystore,
         question,
-        opt.reading(given, opt.named_settings(given, keystore)),
+        opt.reading(given, settings),
         engines=Engines(
             choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"]
         ),
@@ -153,7 +155,7 @@ def _rendered(answer: FlowAnswer, kind: str) -> str:
             "flow": flow.FOUND[answer.status],
         }
         if most is not None:
-            return flow.falls_json(asked, most, answer.profiles, answer.falls, answer.engines)
+            return flow.falls_json(asked, most, answer.profiles, answer.falls, answer.engines, answer.change)
         return flow.json(asked, answer.results, answer.engines)
     besides = f", except through {', '.join(question.through)}" if question.through else ""
     title = f"Can anything get from {question.source} to {question.target}{besides}"
@@ -161,6 +163,6 @@ def _rendered(answer: FlowAnswer, kind: str) -> str:
         told = flow.by_attacker(f"{title}?", answer.results)
     else:
         with_ = f", with up to {counted(most, 'compromised enclave')}?"
-        told = flow.by_fall(f"{title}{with_}", most, answer.profiles, answer.falls)
+        told = flow.by_fall(f"{title}{with_}", most, answer.profiles, answer.falls, answer.change)
     at, ambient = instant(answer.at), question.include_ambient
     return flow.text(told, answer.engines, answer.doubts, at=at, ambient=ambient)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import datetime
 from enum import Enum
-from typing import Final
+from typing import Final, NamedTuple
 
 from msgspec import Struct
 
@@ -310,6 +310,22 @@ class AssertedResult(UserResult, frozen=True, kw_only=True):
 
 FallResult = tuple[tuple[str, ...], AssertedResult]
 """Of a smallest set of participants, by their labels in order: that nothing gets through if they are compromised."""
+
+
+class Right(NamedTuple):
+    """An expression of allow rules of the document at `path`. `enclave`: who passes something on by it, by its path."""
+
+    path: str
+    line: int
+    expression: str
+    enclave: str
+
+
+class Change(NamedTuple):
+    """The rights to `take`, None where no such change was found. `keeps`: how many claims `able` hold as before."""
+
+    take: tuple[Right, ...] | None
+    keeps: int
 
 
 class AlloyResult(UserResult, frozen=True, kw_only=True):

@@ -14,6 +14,7 @@ from keystore_audit.model.names import PARAMETER_SERVICES, RosKind, parse_dds_na
 from keystore_audit.model.tables.access_table import Named
 from keystore_audit.properties.result import (
     AssertedResult,
+    Change,
     CompromiseAnswer,
     Counterexample,
     EngineRun,
@@ -71,15 +72,28 @@ MAX_SHOWN: Final = 3
 """Sets of compromised enclaves that are shown, each with its flow: as many as there are attackers."""
 
 
-def by_fall(title: str, most: int, every: Sequence[str], falls: Sequence[FallResult]) -> Told:
+def by_fall(title: str, most: int, every: Sequence[str], falls: Sequence[FallResult], change: Change | None) -> Told:
     """By who is compromised. `most`: how many at most; `every`: the profiles asked about."""
     survived = _survived(most, every, falls)
     first = []
     for number, names in grouped(survived, survived.__getitem__).items():
         whom = f"any {counted(number, 'compromised enclave')}" if number else "while no enclave is compromised"
         first.append(f"Survives {whom}: {profiles(names, every)}.")
+    first += _restoring(change)
     sections = [(_together(fallen, result), result) for fallen, result in falls]
     return Told(title, answered_if(survived) if survived else (), first, sections, every)
+
+
+def _restoring(change: Change | None) -> Iterator[str]:
+    """What to take from whom, so that it survives."""
+    if change is None:
+        return
+    if change.take is None:
+        yield "No small change of rights restores it."
+        return
+    took = (f"`{each.expression}` ({each.path}:{each.line}) from {each.enclave}" for each in change.take)
+    keeps = f" It keeps what {counted(change.keeps, 'claim')} `able` of the settings held." if change.keeps else ""
+    yield f"The smallest change of rights that restores it: take {', and '.join(took)}.{keeps}"
 
 
 def _survived(most: int, every: Sequence[str], falls: Sequence[FallResult]) -> dict[str, int]:
@@ -270,6 +284,7 @@ def falls_json(
     every: Sequence[str],
     falls: Sequence[FallResult],
     engines: Iterable[EngineRun],
+    change: Change | None,
 ) -> str:
     """By profile, which smallest sets of compromised enclaves break it: one line."""
     survived = _survived(most, every, falls)
@@ -289,6 +304,7 @@ def falls_json(
             }
             for name in every
         },
+        "take": [each._asdict() for each in change.take] if change is not None and change.take is not None else None,
         "assumptions": [each.described for each in (answered_if(survived) if survived else ())],
     }
     return encoded(document) + "\n"

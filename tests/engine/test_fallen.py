@@ -10,13 +10,16 @@ import pytest
 from msgspec.structs import replace
 
 from keystore_audit.engine import native_claims
+from keystore_audit.engine.engines import combine_falls
 from keystore_audit.errors import BudgetExceeded
+from keystore_audit.flow import FlowQuestion, questions
 from keystore_audit.keystore.typed import ProtectionKind
 from keystore_audit.model.formal import fallen
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind
 from keystore_audit.model.formal.attacker import trust_domain_views
 from keystore_audit.model.formal.flow import Flows, search_of
 from keystore_audit.model.formal.system import System
+from keystore_audit.properties import Status
 from tests.amount import tried
 from tests.engine.alloy.flow_builders import (
     FOURTH,
@@ -167,3 +170,19 @@ def test_too_much_to_try_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fallen, "MAX_WORK", 4 * 4 - 1)
     with pytest.raises(BudgetExceeded, match="too many to try: ask for fewer"):
         told(builder.system(), claim_, 1)
+
+
+def test_what_one_engine_alone_finds_is_unknown() -> None:
+    """A set that only one finds, and a smaller one of the other: neither is decided."""
+    system = replace(chain().system(), claims=(claim(at(TALKER), at(THIRD), HONEST),), profiles=("spec",))
+    [by_right] = told(system, system.claims[0])
+    other = fallen.Fall(frozenset({LISTENER}), by_right.legs)
+    [stated] = questions(FlowQuestion(source="/talker", target="/third", compromised=1))
+    system = replace(system, claims=(replace(system.claims[0], id=stated.id),))
+    for engines, expected in (
+        ({"native": [[by_right]], "alloy": [[by_right]]}, {(): Status.VIOLATED}),
+        ({"native": [[by_right]], "alloy": [[]]}, {(): Status.UNKNOWN}),
+        ({"native": [[]], "alloy": [[other]]}, {("/listener",): Status.UNKNOWN}),
+    ):
+        found = combine_falls(stated, [system], engines, ["spec"])
+        assert {names: result.status for names, result in found} == expected

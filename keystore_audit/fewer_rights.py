@@ -1,0 +1,170 @@
+"""The smallest change of rights after which nothing gets through: what to take from whom.
+
+Whatever lets something through rests on the lines that its example names. Each change that is enough takes at least one
+of these away; so these are tried, one, then two together, and each time the keystore so changed is read anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from msgspec.structs import replace
+
+from keystore_audit.circumstances import Circumstances
+from keystore_audit.engine.counterexample_claims import describe_claim
+from keystore_audit.engine.engines import Engines, run_engines, run_falls
+from keystore_audit.engine.native import NativeEngine
+from keystore_audit.engine.native_claims import fallen
+from keystore_audit.keystore.keystore import Enclave, Keystore
+from keystore_audit.keystore.typed import Criterion, Grant, Permissions, PermissionsFile, Rule
+from keystore_audit.model.claims.claims import with_claims
+from keystore_audit.model.claims.stated import Claim
+from keystore_audit.model.formal.asked import Attacker
+from keystore_audit.model.formal.system import System
+from keystore_audit.model.interpret import usability_by_profile
+from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.properties.result import Answer, Change, Right, Status
+
+MAX_TAKEN: Final = 3
+"""Rights that a change takes at most."""
+
+MAX_TRIED: Final = 100
+"""Changes that are tried: 100 times what one answer takes."""
+
+
+def smallest_change(
+    keystore: Keystore, claim: Claim, most: int, able: Sequence[Claim], given: Circumstances, engines: Engines
+) -> Change:
+    """What restores that nothing gets through with `most` compromised participants, and keeps what `able` holds.
+
+    Raises errors.BudgetExceeded as whoever asks about the keystore as it is.
+    """
+    asked = (claim, *able)
+    kept = _holding(_systems(keystore, asked, given), able, Engines())
+    edge, tried = [frozenset[Right]()], 0
+    for size in range(MAX_TAKEN + 1):
+        wider: set[frozenset[Right]] = set()
+        for taken in edge:
+            tried += 1
+            if tried > MAX_TRIED:
+                return Change(None, len(able))
+            changed = _systems(_without(keystore, taken), asked, given)
+            if taken and not kept <= _holding(changed, able, Engines()):
+                continue
+            rights = _rights_of_a_flow(changed, most, keystore)
+            if rights is None:
+                if _confirmed(changed, most, able, kept, engines):
+                    return Change(tuple(sorted(taken)), len(able))
+            elif size < MAX_TAKEN:
+                wider.update(taken | {right} for right in rights)
+        edge = sorted(wider, key=sorted)
+    return Change(None, len(able))
+
+
+def _systems(keystore: Keystore, claims: tuple[Claim, ...], given: Circumstances) -> tuple[System, ...]:
+    builder, accesses = given.accesses(keystore).within_budget(
+        lambda views: SystemBuilder(keystore, given.profiles, given.at, views, claims=claims)
+    )
+    usabilities = Usabilities(given.domain, accesses)
+    usability = usability_by_profile(keystore.enclaves, given.profiles, given.at, usabilities)
+    return with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities)
+
+
+def _about(systems: Sequence[System], claims: slice) -> list[System]:
+    return [replace(system, claims=system.claims[claims]) for system in systems]
+
+
+def _holding(systems: Sequence[System], able: Sequence[Claim], engines: Engines) -> frozenset[tuple[str, str]]:
+    """By profile which of the claims hold in both readings, for each engine that is asked."""
+    if not able:
+        return frozenset()
+    asked = _about(systems, slice(1, None))
+    _runs, told = run_engines(NativeEngine(asked), engines, None, claims=True)
+    every = {(profile, claim.id) for system in asked for profile in system.profiles for claim in able}
+    failed = {
+        (profile, name)
+        for answers in told.values()
+        for system, answered in zip(asked, answers, strict=True)
+        for name, answer in answered.items()
+        for profile in system.profiles
+        if answer.status is not Status.HOLDS
+    }
+    return frozenset(every - failed) if told else frozenset()
+
+
+def _rights_of_a_flow(systems: Sequence[System], most: int, keystore: Keystore) -> list[Right] | None:
+    """The rights that a flow rests on which some set of compromised participants makes; None where there is none."""
+    places = {file.signed.file.place for file in _permissions(keystore)}
+    for system in _about(systems, slice(1)):
+        for fall in fallen(system, most):
+            told = Answer(status=Status.VIOLATED, witnesses=({},), path=fall.legs)
+            example = describe_claim(system, replace(system.claims[0], attacker=Attacker.RELAYS), told)
+            return [
+                Right(step.path, step.line, step.expression or step.witness, step.enclave or "")
+                for step in example.steps
+                if step.path is not None and step.line is not None and step.path in places
+            ]
+    return None
+
+
+def _confirmed(
+    systems: Sequence[System], most: int, able: Sequence[Claim], kept: Collection[tuple[str, str]], engines: Engines
+) -> bool:
+    """Whether all engines that are asked say so of the changed keystore."""
+    _runs, told = run_falls(_about(systems, slice(1)), most, engines)
+    survives = bool(told) and not any(falls for answers in told.values() for falls in answers)
+    return survives and (not able or _holding(systems, able, engines) >= frozenset(kept))
+
+
+# The keystore without some rights, as if its documents had been signed anew.
+
+
+def _permissions(keystore: Keystore) -> Iterator[PermissionsFile]:
+    carried = (enclave.permissions for enclave in keystore.enclaves)
+    found = (*carried, *(each.document for each in keystore.unmanaged))
+    return (file for file in found if isinstance(file, PermissionsFile))
+
+
+def _without(keystore: Keystore, taken: Collection[Right]) -> Keystore:
+    by_place: dict[str, set[tuple[int, str]]] = {}
+    for right in taken:
+        by_place.setdefault(right.path, set()).add((right.line, right.expression))
+    files = {id(file): _changed(file, by_place) for file in _permissions(keystore)}
+
+    def enclave(each: Enclave) -> Enclave:
+        return replace(each, permissions=files.get(id(each.permissions)))
+
+    return replace(
+        keystore,
+        enclaves=tuple(map(enclave, keystore.enclaves)),
+        unmanaged=tuple(
+            replace(each, document=files.get(id(each.document), each.document)) for each in keystore.unmanaged
+        ),
+    )
+
+
+def _changed(file: PermissionsFile, by_place: Mapping[str, Collection[tuple[int, str]]]) -> PermissionsFile:
+    """The file without them; itself where none stands in it, since files are compared by identity."""
+    gone = by_place.get(file.signed.file.place)
+    if gone is None:
+        return file
+
+    def criterion(each: Criterion) -> Criterion:
+        return replace(each, topics=tuple(text for text in each.topics if (text.line, text.text) not in gone))
+
+    def rule(each: Rule) -> Rule:
+        left = (found for found in map(criterion, each.criteria) if found.topics)
+        return replace(each, criteria=tuple(left)) if each.allow else each
+
+    def grant(each: Grant) -> Grant:
+        return replace(each, rules=tuple(map(rule, each.rules)))
+
+    def read(each: Any) -> Any:
+        if not isinstance(each, Permissions):
+            return each
+        return replace(each, grants=tuple(map(grant, each.grants)))
+
+    changed = {syntax: read(each) for syntax, each in file.readings.by_syntax.items()}
+    return replace(file, readings=replace(file.readings, by_syntax=changed))
