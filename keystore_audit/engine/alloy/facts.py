@@ -7,7 +7,6 @@ as fields of sigs, equated in facts, the same keystore costs some hundred times 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
@@ -58,14 +57,6 @@ _CLOCK: Final = """\
 var one sig Clock in Instant {}
 fun audit_instant: one Instant { Clock }"""
 """What stands for the audit instant where it moves."""
-
-_DEPENDENT: Final = re.compile(
-    r"^fun (?P<name>\w+)\[(?P<trust_domains>trust_domain|sending, receiving): TrustDomain\]: "
-    r"(?P<declared>[^{]+) \{(?P<body>.*?)\}$"
-    r"(?=\s*(?:^(?:/\*\*|--|fun|pred|assert)|\Z))",
-    re.MULTILINE | re.DOTALL,
-)
-"""A function of trust domains and nothing else, as our modules write it."""
 
 CHILDREN: Final = {
     "domain_rules": ("domain_rule", "document", "documents"),
@@ -182,26 +173,6 @@ def module_texts(names: Sequence[str]) -> dict[str, str]:
         return {name: (folder / name).read_text(encoding="ascii") for name in names}
     except (OSError, UnicodeDecodeError) as error:
         raise EngineFailed(f"This installation is incomplete: an Alloy module cannot be read ({error}).") from error
-
-
-def with_one_trust_domain(modules: Mapping[str, str]) -> dict[str, str]:
-    """Return the same modules for systems with exactly one trust domain, so that what depends on it is worked out once.
-
-    The translator works out a function without arguments once, and one with arguments anew wherever it is called.
-    Rights have the trust domain of a peer as their argument, since a relation of trust domains, enclaves and
-    channels would have a place for each three atoms. Where there is one trust domain only, `TrustDomain` is that one:
-    then each such function calls one without arguments, of which it is the name for others. No other text changes.
-    """
-    return {name: _DEPENDENT.sub(_named, module) for name, module in modules.items()}
-
-
-def _named(function: re.Match[str]) -> str:
-    name, trust_domains, declared, body = function.group("name", "trust_domains", "declared", "body")
-    only = ", ".join(f"{trust_domain} = TrustDomain" for trust_domain in trust_domains.split(", "))
-    return (
-        f"fun {name}[{trust_domains}: TrustDomain]: {declared} {{ only_{name} }}\n"
-        f"fun only_{name}: {declared} {{\n\tlet {only} | {{{body}}}\n}}"
-    )
 
 
 def _header(system: System) -> str:

@@ -27,7 +27,6 @@ from keystore_audit.engine.alloy.facts import (
     count_atoms,
     fact_modules,
     module_texts,
-    with_one_trust_domain,
 )
 from keystore_audit.engine.alloy.kept import kept
 from keystore_audit.engine.alloy.merging import Merged, merge
@@ -163,11 +162,10 @@ class _Case(Struct, frozen=True, kw_only=True):
     def job(self, together: Sequence[Question], alone: Sequence[Question]) -> Job:
         """The run that asks it."""
         system = self.merged.system
-        modules = module_texts((*MODULES, *claims.MODULES) if system.claims else MODULES)
         text, commands = main_file(system, together, alone)
         return Job(
             files={
-                **(with_one_trust_domain(modules) if len(system.trust_domains) == 1 else modules),
+                **module_texts((*MODULES, *claims.MODULES) if system.claims else MODULES),
                 **fact_modules(system),
                 MAIN: text,
             },

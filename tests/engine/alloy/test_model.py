@@ -54,11 +54,33 @@ def test_every_property_is_broken_by_some_change_of_something_that_was_read() ->
     assert set().union(*read) == {prop.id for prop in PROPERTIES}
 
 
+def any_keystore() -> dict[str, str]:
+    return shipped() | {path.name: path.read_text() for path in (HERE / "any_keystore").glob("*.als")}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("theorems", ["theorems.als", "flow_theorems.als", "fallen_theorems.als"])
 def test_theorems_hold_of_any_keystore_and_every_property_can_fail_and_hold(theorems: str, tmp_path: Path) -> None:
-    modules = shipped() | {path.name: path.read_text() for path in (HERE / "any_keystore").glob("*.als")}
-    assert unexpected(tmp_path, modules, theorems) == []
+    assert unexpected(tmp_path, any_keystore(), theorems) == []
+
+
+PERMISSION_MUTANTS = {
+    "DatesChooseGrants": ("Grant - (skipped_out_of_date - in_force), c", "Grant, c"),
+    "RulesStayInTheirDomains": ("{ r: Rule, c: r.criteria | c.in_domain in r.domains }", "criteria"),
+    "DenyRulesLetNobodyJoin": ("d: (g.rule & allow_rule).domains", "d: g.rule.domains"),
+    "LessAllowedIsNoMore": ("Channel - g.rule.matches", "Channel - (g.rule & allow_rule).matches"),
+}
+"""By theorem about permissions a change of the module that no other of the theorems finds (old text, new text)."""
+
+
+@pytest.mark.parametrize("broken", [None, *PERMISSION_MUTANTS])
+def test_each_theorem_about_permissions_finds_a_mutant_that_no_other_does(broken: str | None, tmp_path: Path) -> None:
+    modules = any_keystore()
+    if broken is not None:
+        old, new = PERMISSION_MUTANTS[broken]
+        assert old in modules["permissions.als"]
+        modules["permissions.als"] = modules["permissions.als"].replace(old, new)
+    assert unexpected(tmp_path, modules, "permission_theorems.als") == ([] if broken is None else [broken])
 
 
 def execute(analyzer: Engine, folder: Path, main: str, *options: str) -> subprocess.CompletedProcess[str]:
