@@ -6,7 +6,7 @@
  *   dds_security, keystore, precedence, authentication, documents, governance, permissions   what is written and obeyed
  *   capabilities, outsiders, enforcement, properties, vacuity, audit                         what follows, and is asked
  *   information_flow (opens vacuity), claims                                                 where data can go
- *   propagation, scenarios; expiry (opens claims); application (opens claims and nodes)      time, and ROS 2 nodes
+ *   propagation, scenarios; application (opens claims and nodes)                            hops, and ROS 2 nodes
  *   determinism (opens nothing), forwarding (opens information_flow)                         what is declared of nodes
  *
  * Words, for who knows Alloy and not robots. Numbers such as 9.4.1.2 are clauses of DDS-Security 1.1.

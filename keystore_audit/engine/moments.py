@@ -2,8 +2,7 @@
 
 Of what a claim speaks of, dates change nothing but which grants are in force, who is refused, and what implementations
 make of enclaves by themselves. So each choice is asked about once, with static facts: a start of the Analyzer for each,
-but each as exact and as fast as the audit itself. (A moving clock in one temporal model costs a translation for each
-state of each trace that is tried.)
+but each as exact and as fast as the audit itself.
 """
 
 from __future__ import annotations
@@ -71,17 +70,6 @@ def at(system: System, moment: int) -> System:
 def redated(dated: Iterable[Dated], of: Callable[[int], int]) -> tuple[Dated, ...]:
     """Return the same with other instants."""
     return tuple(replace(each, not_before=of(each.not_before), not_after=of(each.not_after)) for each in dated)
-
-
-def every(system: System) -> System:
-    """Return the same system with an instant of its own between each two from the audit on, and after the last.
-
-    Who is revoked or refused, and what implementations make, stays as it is at the audit.
-    """
-    system = system.at(2 * system.now)
-    for index in reversed(range(system.now, len(system.instants))):
-        system = replace(at(system, 2 * index + 1), now=system.now)
-    return system
 
 
 def _in_force(system: System, moment: int) -> tuple[object, ...]:

@@ -1,7 +1,6 @@
 """The model of a keystore for the Alloy Analyzer's window: modules, facts, commands, theme and a README.
 
-What the audit itself never asks stands here: paths of flows, a moving clock (it asks about each later moment with
-static facts, which is cheaper), and whether nodes may do what they are there for.
+What the audit itself never asks stands here: paths of flows, and whether nodes may do what they are there for.
 """
 
 from __future__ import annotations
@@ -11,10 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from msgspec.structs import replace
-
 from keystore_audit import resources, text
-from keystore_audit.engine import moments
 from keystore_audit.engine.alloy import claims
 from keystore_audit.engine.alloy.atoms import Atom, Relations, Sort, declare, make_sort, name_atoms
 from keystore_audit.engine.alloy.claims import check, write_places
@@ -30,9 +26,6 @@ THEME: Final = "keystore_audit.thm"
 
 SCENARIOS: Final = "scenarios.als"  # for what is meant to happen, with commands that its reader writes
 
-TIME: Final = "expiry"
-"""The folder of the model with a moving clock."""
-
 README: Final = "README.md"
 
 EXERCISED: Final = ("AuthenticationIsExercised", "EncryptionIsExercised", "AccessControlIsExercised")
@@ -40,21 +33,6 @@ EXERCISED: Final = ("AuthenticationIsExercised", "EncryptionIsExercised", "Acces
 
 PATHS: Final = "paths.als"
 """The generated main file that asks for the way that data takes where a claim says that none flows."""
-
-EXPIRY: Final = "expiry_audit.als"
-"""The generated main file about time: what ends and begins with the dates, and which claims hold always."""
-
-TIME_EXERCISED: Final = "TimeIsExercised"
-"""The run that must have an instance: with too few steps there is no trace, and every check holds."""
-
-TIMED: Final = (
-    "AuthoritiesOutliveIdentities",
-    "IdentitiesStayVouchedFor",
-    "SignersStayInForce",
-    "NoRightBegins",
-    "NoRightEnds",
-)
-"""The assertions of `expiry.als`, in its order."""
 
 APPLICATION: Final = "application_audit.als"
 """The generated main file about nodes."""
@@ -138,7 +116,6 @@ def write_model(systems: Sequence[System], directory: Path, beside: Mapping[str,
             for user, content in (beside or {}).items():
                 (folder / f"{VOCABULARY}.als").write_text(write_vocabulary(system), encoding="ascii")
                 (folder / user).write_text(content, encoding="ascii")
-            _write_time(system, folder / TIME)
             (folder / README).write_text(describe_system(system), encoding="utf-8")
         if len(systems) > 1:
             (directory / README).write_text(describe_folders(systems, names), encoding="utf-8")
@@ -159,16 +136,6 @@ def _write_folder(system: System, folder: Path) -> None:
         (folder / APPLICATION).write_text(write_wiring_commands(), encoding="ascii")
 
 
-def _write_time(system: System, folder: Path) -> None:
-    """Write the model with a moving clock: its facts differ, so it stands in a folder of its own."""
-    folder.mkdir()
-    for module in (*MODULES, *claims.MODULES, "expiry.als"):
-        shutil.copyfile(resources.alloy() / module, folder / module)
-    clock = timed(system)
-    (folder / KEYSTORE).write_text(facts(clock, moving=True), encoding="ascii")
-    (folder / EXPIRY).write_text(write_expiry(clock), encoding="ascii")
-
-
 def write_paths(system: System, numbers: Sequence[int]) -> str:
     """Return the main file that asks for a path for each of the claims of these indices.
 
@@ -186,25 +153,6 @@ def write_paths(system: System, numbers: Sequence[int]) -> str:
         walk = f"walk[{claims.flow(system.claims[number], number)}]"
         lines.append(f"run Path{number} {{\n\t{walk}\n}} for 0 but 1..{steps} steps")
     return "\n".join(lines) + "\n"
-
-
-def timed(system: System) -> System:
-    """Return what the clock goes through: the system with all moments from the audit on, and its claims about flows."""
-    flows = tuple(claim for claim in system.claims if claim.kind is ClaimKind.NO_FLOW)
-    return replace(moments.every(system), claims=flows)
-
-
-def write_expiry(system: System) -> str:
-    """Return the main file for a system as `timed` gives it; its facts are written with a moving audit instant."""
-    steps = len(system.instants) - system.now
-    lines = ["/** What time makes of the keystore. */", "module expiry_audit", "open expiry", ""]
-    lines += [f"run {TIME_EXERCISED} for 0 but {steps}..{steps} steps", ""]
-    lines += [f"check {name} for 0 but {steps}..{steps} steps" for name in TIMED]
-    lines += ["", claims.write_places(system, range(len(system.claims)))]
-    for number, claim in enumerate(system.claims):
-        condition = claims.compartment(claim, number, "Compartment.inside")
-        lines.append(f"run Claim{number}Always {{\n\talways {condition}\n}} for 0 but {steps}..{steps} steps")
-    return "\n".join(lines).rstrip("\n") + "\n"
 
 
 def write_wiring_commands() -> str:
@@ -233,10 +181,9 @@ keystore. To read them, begin with `dds_security.als`: it explains the words of 
 function of `keystore.als` means, and the order in which to read on. Claims of
 `keystore-audit.toml` stand at the end of `audit.als`, `Claim0` and so on: of a claim about flows an instance is a
 compartment that nothing leaves, so that the claim holds where there is one (of "able": is violated). `paths.als`, where
-it is there, looks for a shortest path of each. The folder `expiry` holds the same model with a clock that moves over
-all dates from the audit on: execute `expiry_audit.als` there. `scenarios.als` has words for what is meant to happen:
-open it in a file of your own, say what is wired, and run `can_arrive` or check `arrives_fairly`, for as many steps as
-there are enclaves, and two.
+it is there, looks for a shortest path of each. `scenarios.als` has words for what is meant to happen: open it in a file
+of your own, say what is wired, and run `can_arrive` or check `arrives_fairly`, for as many steps as there are enclaves,
+and two.
 """
 
 _APPLICATION: Final = """\

@@ -53,11 +53,6 @@ MODULE_GROUPS: Final = 2  # of up to `atoms.GROUP` atoms in one module, where th
 
 _HEADER: Final = "module keystore\nopen dds_security"
 
-_CLOCK: Final = """\
-var one sig Clock in Instant {}
-fun audit_instant: one Instant { Clock }"""
-"""What stands for the audit instant where it moves."""
-
 CHILDREN: Final = {
     "domain_rules": ("domain_rule", "document", "documents"),
     "topic_rules": ("topic_rule", "domain_rule", "domain_rules"),
@@ -124,13 +119,10 @@ CONSISTENCY: Final = "FactsAreConsistent"
 """The run that must have an instance: no check means anything without it."""
 
 
-def facts(system: System, *, moving: bool = False) -> str:
-    """Return the module `keystore` for `system`. Names of the keystore stand in comments only.
-
-    `moving`: the audit instant is where a variable clock stands, for the module `expiry`.
-    """
+def facts(system: System) -> str:
+    """Return the module `keystore` for `system`. Names of the keystore stand in comments only."""
     sorts = name_atoms(system).values()
-    sections = _Facts(system, moving=moving).sections()
+    sections = _Facts(system).sections()
     return "\n\n".join([_header(system), *filter(None, map(declare, sorts)), *sections]) + "\n"
 
 
@@ -146,7 +138,7 @@ def fact_modules(system: System) -> dict[str, str]:
     sorts = name_atoms(system).values()
     if sum(len(sort.atoms) for sort in sorts) <= SPLIT_ATOMS:
         declared = filter(None, (declare(sort, commented=False) for sort in sorts))
-        return {KEYSTORE: "\n\n".join([_HEADER, *declared, *_Facts(system, moving=False).sections()]) + "\n"}
+        return {KEYSTORE: "\n\n".join([_HEADER, *declared, *_Facts(system).sections()]) + "\n"}
     groups = [group for sort in sorts for group in declare_apart(sort)]
     opened, modules = [], {}
     for number, start in enumerate(range(0, len(groups), MODULE_GROUPS)):
@@ -156,7 +148,7 @@ def fact_modules(system: System) -> dict[str, str]:
         modules[f"names_{number}.als"] = "\n".join([head, *names]) + "\n"
         opened.append(f"open names_{number}")
     header = "\n".join([_HEADER, *opened])
-    modules[KEYSTORE] = "\n\n".join([header, *_Facts(system, moving=False).sections()]) + "\n"
+    modules[KEYSTORE] = "\n\n".join([header, *_Facts(system).sections()]) + "\n"
     return modules
 
 
@@ -197,9 +189,8 @@ def _header(system: System) -> str:
 class _Facts:
     """Writes the relations of one system, section by section. Sorts are called as in `System`."""
 
-    def __init__(self, system: System, *, moving: bool) -> None:
+    def __init__(self, system: System) -> None:
         self._system = system
-        self._moving = moving
         self._atoms = name_atoms(system)
         self._relations = Relations()
 
@@ -237,10 +228,7 @@ class _Facts:
         keys = {key: number for number, key in enumerate(keys_of(system))}
         yield self._map("public_key", "certificates", "keys", [{keys[c.key]} for c in system.certificates])
         yield self._map("following", "instants", "instants", [{n + 1} for n in range(len(system.instants) - 1)])
-        if self._moving:
-            yield _CLOCK
-        now = self._atoms["instants"].name(system.now)
-        yield function("Beginning" if self._moving else "audit_instant", "one Instant", now)
+        yield function("audit_instant", "one Instant", self._atoms["instants"].name(system.now))
         for name in ("not_before", "not_after"):
             rows = [*self._rows("certificates", name, "instants"), *self._rows("grants", name, "instants")]
             yield self._relations.relation(name, "(Certificate + Grant) -> Instant", rows)

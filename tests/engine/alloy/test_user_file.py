@@ -89,7 +89,6 @@ REFUSED = {
     "fun acts_as: Enclave { Enclave }": "3 'acts_as' has a meaning",
     f"pred {CONSISTENT} {{}}": f"3 '{CONSISTENT}' has a meaning",
     "open keystore": "3 expected one of the modules",
-    "open expiry": "3 expected one of the modules",
     "open propagation": "3 expected one of the modules",
     "open util/ordering": "3 expected one of the modules",
     "open util/integer": "3 expected one of the modules",
