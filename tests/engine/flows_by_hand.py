@@ -230,6 +230,12 @@ class Flow:
             for trust_domain in self.trust_domains:
                 yield from self._intercepted(trust_domain)
 
+    @cached_property
+    def rightful(self) -> set[tuple[int, int]]:
+        """Sender and receiver of hops by right."""
+        left_out = self.claim.left_out
+        return {(e, f) for g in self.hand.enclaves for e, c, f in self._by_right(g) if e != f and c not in left_out}
+
     def _by_right(self, f: int) -> Iterator[tuple[int, int, int]]:
         home = self.member(f)
         for e in self.hand.enclaves:

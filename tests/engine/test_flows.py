@@ -49,6 +49,7 @@ def test_claims_against_their_definitions(start: int) -> None:
                 flow = Flow(hand, claim)
                 assert len(answer.path) == (flow.shortest() or 0), claim
                 _check_path(flow, answer.path)
+                _check_attacks(flow, answer.path)
             assert (answer.status is Status.VIOLATED) == bad, claim
             if claim.kind is not ClaimKind.ABLE:
                 assert bool(answer.witnesses) == bad
@@ -77,6 +78,25 @@ def _check_path(flow: Flow, path: Sequence[Leg]) -> None:
             assert (sender, hop.channel, receiver) in flow.hops
             if number:
                 assert sender not in claim.through - claim.source.enclaves
+
+
+def _check_attacks(flow: Flow, path: Sequence[Leg]) -> None:
+    """Of the flows as short as this one between participants, none has fewer hops that are attacks."""
+    claim = flow.claim
+    if not path or claim.source.channels or claim.target.channels:
+        return
+    rightful = Flow(flow.hand, replace(claim, attacker=Attacker.HONEST)).rightful
+    fewest = dict.fromkeys(flow.source, 0)
+    for last in (*[False] * (len(path) - 1), True):
+        passing = {
+            (e, f): e_attacks + ((e, f) not in rightful)
+            for e, e_attacks in fewest.items()
+            for sender, _channel, f in flow.hops
+            if sender == e and (f in flow.target if last else f not in claim.through)
+        }
+        fewest = {f: min(n for (_e, to), n in passing.items() if to == f) for _, f in passing}
+    attacks = sum((OUTSIDER if hop.sender is None else hop.sender, hop.receiver) not in rightful for hop in path)
+    assert attacks == min(fewest.values()), (claim, path)
 
 
 def _claim(kind: ClaimKind, attacker: Attacker, **fields: object) -> ClaimAtom:

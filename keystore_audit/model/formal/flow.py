@@ -8,8 +8,9 @@ enclave.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
 from functools import cache, cached_property, lru_cache
+from operator import itemgetter
 from typing import Final, NamedTuple
 
 from msgspec import Struct
@@ -132,14 +133,18 @@ class Flows:
     def lanes(self, search: Search) -> list[Lane]:
         """The ways in which hops are possible under the attacker."""
         if search.own:
-            return self._rightful(own=True)
+            return self.by_rights(search)
         if search.attacker is Attacker.RELAYS:
             everybody = frozenset(range(self.outsider + 1))
             return self._attacked(everybody, everybody)
         forging = search.compromised
         if search.attacker is Attacker.SOURCE:
             forging = frozenset(self.nodes(search.source))
-        return [*self._rightful(), *self._attacked(forging, search.compromised | {self.outsider})]
+        return [*self.by_rights(search), *self._attacked(forging, search.compromised | {self.outsider})]
+
+    def by_rights(self, search: Search) -> list[Lane]:
+        """Those of them in which nobody attacks."""
+        return self._rightful(own=True) if search.own else self._rightful()
 
     def by_right(self, *, own: bool = False) -> list[Lane]:
         """By trust domain of sender and receiver: what may be written and read by right, on both sides."""
@@ -322,14 +327,15 @@ class _Walk:
         layer = first
         while layer:
             self._layers.append(layer)
-            for node in layer if asked else ():
-                if put[node] & asked:
-                    return (*self._back(node), Leg(self._name(node), self._one(put[node] & asked), None))
+            putting = [node for node in layer if put[node] & asked] if asked else []
+            if putting:
+                node, legs = self._back(putting)
+                return (*legs, Leg(self._name(node), self._one(put[node] & asked), None))
             arrived, looped = self._next(layer, looping)
-            ends = sorted((self._ends & arrived) - active) or sorted(looped)
+            ends = sorted((self._ends & arrived) - active | looped)
             if ends:
                 self._layers.append(ends)
-                return self._back(ends[0])
+                return self._back(ends)[1]
             layer = sorted(arrived - active - self._search.through)
             active.update(layer)
         return None
@@ -355,25 +361,32 @@ class _Walk:
             self._seen[number] |= once
         return arrived, looped
 
-    def _back(self, end: int) -> tuple[Leg, ...]:
-        """The hops to `end`, which stands in the last layer."""
-        legs: list[Leg] = []
-        node = end
+    def _back(self, ends: Iterable[int]) -> tuple[int, tuple[Leg, ...]]:
+        """One of them, who stand in the last layer, and the hops to it: of all as short, with the fewest attacks."""
+        ways = [set(ends)]
         for layer in reversed(self._layers[:-1]):
-            sender, channel = self._before(layer, node)
-            legs.append(Leg(self._name(sender), channel, self._name(node)))
-            node = sender
-        return tuple(reversed(legs))
+            ways.append({sender for sender in layer if any(self._hop(sender, node) for node in ways[-1])})
+        best: dict[int, tuple[int, tuple[Leg, ...]]] = dict.fromkeys(sorted(ways[-1]), (0, ()))
+        for receivers in reversed(ways[:-1]):
+            best = {node: self._best(best, node) for node in sorted(receivers)}
+        end = min(best, key=lambda node: best[node][0])
+        return end, best[end][1]
 
-    def _before(self, layer: Sequence[int], node: int) -> tuple[int, int]:
-        """A participant of the layer that hands a sample to `node`, and on which channel."""
-        for sender in layer:
-            if sender != node:
-                for lane in self._lanes:
-                    common = lane.puts[sender] & lane.gets[node] & ~self._left_out
-                    if common:
-                        return sender, self._one(common)
-        raise AssertionError("a participant was reached from nowhere")
+    def _best(self, best: Mapping[int, tuple[int, tuple[Leg, ...]]], node: int) -> tuple[int, tuple[Leg, ...]]:
+        """The hops to `node`, and how many are attacks, by those to each before it."""
+        hops = ((attacks, legs, sender, self._hop(sender, node)) for sender, (attacks, legs) in best.items())
+        found = [(attacks + hop[0], legs, sender, hop[1]) for attacks, legs, sender, hop in hops if hop]
+        attacks, legs, sender, channel = min(found, key=itemgetter(0))
+        return attacks, (*legs, Leg(self._name(sender), channel, self._name(node)))
+
+    def _hop(self, sender: int, node: int) -> tuple[int, int] | None:
+        """Whether it is an attack that one hands a sample to the other, and on which channel; None: there is no hop."""
+        if sender != node:
+            for attack, lanes in enumerate((self._flows.by_rights(self._search), self._lanes)):
+                common = union(lane.puts[sender] & lane.gets[node] for lane in lanes) & ~self._left_out
+                if common:
+                    return attack, self._one(common)
+        return None
 
     def _one(self, channels: int) -> int:
         return easiest(self._channels, members(channels))
