@@ -53,12 +53,13 @@
  *                        and a certificate that stands for whatever is in CA files that could not be read
  *   assumed              what is taken for granted of the world and of peers
  *   asks_announced_only  trust domains that ask permissions only of an endpoint that is announced as under access
- *                        control: all or none, by implementation
- *   pins_signer          trust domains that want the permissions CA itself as signer: all or none, by implementation
- *   requires_grant       trust domains that want some grant even where they do not control who joins: all or none,
- 	the same
- *   skipped_out_of_date  grants that are passed over where they are not in force: all or none, the same
- *   joins_out_of_date    grants by which an enclave joins whether or not they are in force: all or none, the same
+ *                        control
+ *   pins_signer          trust domains that want the permissions CA itself as signer
+ *   requires_grant       trust domains that want some grant even where they do not control who joins
+ *   skipped_out_of_date  grants that are passed over where they are not in force
+ *   joins_out_of_date    grants by which an enclave joins whether or not they are in force
+ *   reading              documents as the implementations of a trust domain read them: all, unless enclaves of a fleet
+ 	run different ones; then a message is a document for each way in which it is read
  *   identity_ca          whom a trust domain believes about identities
  *   permissions_ca       whom a trust domain believes about documents
  *   governance           the governance document of a trust domain
@@ -68,7 +69,7 @@
  	where that is compared
  *   in_trust_domain             the trust domain of an enclave
  *   identity             the certificate of an enclave
- *   permissions          the permissions document that an enclave carries
+ *   permissions          the permissions document that an enclave carries, in each way in which it is read
  *   reads_alone          channels that its own implementation lets an enclave read, where peers may concede it less
  *   writes_alone         the same of channels that it lets the enclave write
  *   refused_writes, refused_reads   channels on which it refuses the enclave a writer, a reader, that peers would take

@@ -13,7 +13,7 @@ open authentication
 
 /** Documents that the permissions CA of a trust domain itself has signed, and nobody else. */
 fun genuine: TrustDomain -> Document {
-	{ trust_domain: TrustDomain, document: intact - opaque |
+	reading & { trust_domain: TrustDomain, document: intact - opaque |
 		some document.signer and document.signer in trust_domain.permissions_ca }
 }
 
@@ -36,9 +36,9 @@ fun trusted_signer: TrustDomain -> Certificate {
 
 /** Documents that a trust domain obeys. An unreadable one may be any document, so it counts. */
 fun accepted: TrustDomain -> Document {
-	{ trust_domain: TrustDomain, document: intact | some document.signer
+	reading & ({ trust_domain: TrustDomain, document: intact | some document.signer
 		and document.signer in trust_domain.trusted_signer }
-	+ TrustDomain -> (opaque & Document)
+	+ TrustDomain -> (opaque & Document))
 }
 
 /**

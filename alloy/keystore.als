@@ -120,6 +120,7 @@ fun governance: TrustDomain -> Document { R0 -> P0_governance_p7s }
 fun revoked: TrustDomain -> Certificate { none -> none }
 fun refuses: TrustDomain -> Certificate { none -> none }
 fun refuses_trust_domain: TrustDomain -> TrustDomain { none -> none }
+fun reading: TrustDomain -> Document { R0 -> Document }
 
 -- enclaves
 fun in_trust_domain: Enclave -> TrustDomain { Enclave -> R0 }

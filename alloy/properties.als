@@ -26,7 +26,8 @@ pred IdentitiesChainToTheIdentityCa {
 
 /** Every governance and permissions document is signed by the permissions CA itself, in force. */
 pred DocumentsSignedByThePermissionsCa {
-	all enclave: Enclave - Unmanaged, document: enclave.permissions + enclave.in_trust_domain.governance |
+	all enclave: Enclave - Unmanaged,
+		document: enclave.permissions & enclave.in_trust_domain.reading + enclave.in_trust_domain.governance |
 		document in enclave.in_trust_domain.genuine and document.signer in in_force
 }
 

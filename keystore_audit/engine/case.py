@@ -110,7 +110,7 @@ class Case:
     def rights_by(self, identity: int | None, operation: Operation) -> list[Right]:
         """As `rights`, of whoever has the certificate."""
         grants = self.system.grants
-        chosen = self.permissions.chosen(identity, frozenset(range(len(self.system.documents))))
+        chosen = self.permissions.chosen(identity, frozenset(self.view.documents))
         found = []
         for grant in sorted(chosen, key=lambda number: grants[number].document):
             allowed = self.permissions.allowed(grant, operation)
@@ -185,14 +185,14 @@ class Case:
         alone = {Operation.PUBLISH: atom.writes_alone, Operation.SUBSCRIBE: atom.reads_alone}.get(operation, ())
         if self.number not in alone:
             return ()
-        document = atom.location if atom.permissions is None else self.system.documents[atom.permissions].location
+        document = atom.location if atom.document is None else self.system.documents[atom.document].location
         return (self.step(next(self._own_lines(atom, operation), document), atom.label),)
 
     def _own_lines(self, enclave: Participant, operation: Operation) -> Iterator[Location]:
         """The lines of its own document that allow the channel, whatever its domain and whatever stands before."""
         for channel in self._here_and_meeting:
             for rule in self.system.rules:
-                mine = self.system.grants[rule.grant].document == enclave.permissions
+                mine = self.system.grants[rule.grant].document in enclave.permissions
                 if mine and rule.allow and channel in rule.named(operation):
                     yield self.system.place(rule, operation, channel)
 
@@ -342,7 +342,7 @@ def _shown(case: Case, enclave: int, found: Told) -> Told:
 def _by_keys(case: Case, enclave: int) -> Told:
     """By the keys that an enclave holds as a participant, reader or relay; or by what it says of its endpoints."""
     why = f"with the keys that it holds, since {case.kinds()}"
-    trusted = case.system.announcements_trusted  # hardly ever
+    trusted = case.view.announcements_trusted  # hardly ever
     if trusted and case.view.abilities(enclave).unannounced >> case.number & 1:
         why = "by announcing its endpoint as free of access control: peers believe it, and no file here changes that"
     return _shown(case, enclave, (why, case.governance_steps()))

@@ -93,8 +93,8 @@ def _grants_itself(case: Case) -> Told:
     if enclave.identity is not None and case.view.self_granting(case.witness[Role.ENCLAVE]):
         return _signs(case, enclave.identity)
     what = who
-    if enclave.permissions is not None:
-        document = case.system.documents[enclave.permissions]
+    if enclave.document is not None:
+        document = case.system.documents[enclave.document]
         what, steps = document.label, (step_at(document.location, document.label, enclave=who),)
     return f"{who} has permissions that the permissions CA did not sign and peers accept: {what}.", steps
 

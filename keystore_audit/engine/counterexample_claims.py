@@ -131,7 +131,7 @@ def _somebody(case: Case, claim: ClaimAtom) -> Told:
 def _known(case: Case, does: str, joining: str) -> Told:
     """What whoever has an identity of the CA does: by permissions that it signs itself, or since it joins at all."""
     if not case.view.granted_by_known >> case.number & 1:
-        grant = " and some grant of the permissions CA" if case.system.requires_grant else ""
+        grant = " and some grant of the permissions CA" if case.view.reading.requires_grant else ""
         why = f"robots elsewhere too, since enable_join_access_control is false, and {joining}"
         return f"Whoever has an identity of the CA{grant} {does} without a grant to, {why}", case.governance_steps()
     authority = case.system.certificates[min(case.view.issuing_signers)]

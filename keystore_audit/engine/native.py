@@ -190,9 +190,8 @@ class _Questions:
         """Documents in use that the permissions CA did not sign, or is not in force to."""
         for enclave, atom in enumerate(self.system.enclaves):
             view = self._trust_domains[atom.trust_domain]
-            used = {atom.permissions, self.system.trust_domains[atom.trust_domain].governance}
-            used = set() if atom.unmanaged else used
-            for document in sorted(number for number in used if number is not None):
+            used = view.documents.keys() & {*atom.permissions, self.system.trust_domains[atom.trust_domain].governance}
+            for document in () if atom.unmanaged else sorted(used):
                 signers = [self.system.certificates[s] for s in self.system.documents[document].signers]
                 if document not in view.genuine or not all(
                     self._permissions.in_force(s.not_before, s.not_after) for s in signers
@@ -204,7 +203,7 @@ class _Questions:
         for trust_domain, view in self.used:
             foreign = view.accepted - view.genuine
             for enclave, atom in enumerate(self.system.enclaves):
-                if atom.permissions in foreign or view.self_granting(enclave):
+                if atom.permissions & foreign or view.self_granting(enclave):
                     yield {Role.TRUST_DOMAIN: trust_domain, Role.ENCLAVE: enclave}
 
     def double_authorities(self) -> Iterator[Witness]:

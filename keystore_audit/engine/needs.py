@@ -156,7 +156,7 @@ class _Asked:
 
     def __init__(self, native: NativeEngine, systems: Sequence[System], made: frozenset[Assumption]) -> None:
         self._native = native
-        self._systems = [replace(each, asks_announced_only=True) for each in systems]
+        self._systems = [_asking_announced(each) for each in systems]
         self._known = systems[0].assumed.difference(made)
         claims = (claim.id for each in systems for claim in each.claims if claim.until is None)
         self._answered = frozenset((*BY_ID, *claims))
@@ -199,6 +199,10 @@ class _Asked:
         known = self._known | assumed
         for each in self._systems:
             yield replace(each, assumed=known if each.may else known | WORLD)
+
+
+def _asking_announced(system: System) -> System:
+    return replace(system, readings=tuple(replace(each, asks_announced_only=True) for each in system.readings))
 
 
 def _of(system: System, names: Collection[str]) -> System:

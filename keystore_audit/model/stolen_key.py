@@ -146,7 +146,9 @@ def _added(
         for issuers, _grants in made
     )
     enclaves = (
-        Participant(label=HOLDER, location=Location(path=""), trust_domain=0, identity=identity, permissions=None)
+        Participant(
+            label=HOLDER, location=Location(path=""), trust_domain=0, identity=identity, permissions=frozenset()
+        )
         for identity in numbers
     )
     grants = (

@@ -30,6 +30,7 @@ from keystore_audit.model.formal.system import (
     DocumentAtom,
     Participant,
     ParticipantKind,
+    Reading,
     System,
     TrustDomainAtom,
     together,
@@ -157,13 +158,18 @@ class SystemBuilder:
         enclaves, trust_domains = self._participants(kind, documents, atoms, may=may)
         domain_rules, topic_rules, grants, rules = self._typed_atoms(documents, kind)
         return System(
-            matcher=kind.access.matcher,
             profiles=profiles,
-            pins_signer=kind.trust.pins_signer,
-            skips_grants_out_of_date=kind.access.skips_grants_out_of_date,
-            requires_grant=kind.access.requires_grant,
-            joins_out_of_date=kind.access.joins_out_of_date,
-            asks_announced_only=kind.trust.trusts_declarations and Assumption.TRUTHFUL_ANNOUNCEMENTS not in assumed,
+            readings=(
+                Reading(
+                    pins_signer=kind.trust.pins_signer,
+                    skips_grants_out_of_date=kind.access.skips_grants_out_of_date,
+                    requires_grant=kind.access.requires_grant,
+                    joins_out_of_date=kind.access.joins_out_of_date,
+                    asks_announced_only=kind.trust.trusts_declarations
+                    and Assumption.TRUTHFUL_ANNOUNCEMENTS not in assumed,
+                    matcher=kind.access.matcher,
+                ),
+            ),
             assumed=assumed if may else assumed | WORLD,
             may=may,
             instants=self.instants,
@@ -240,12 +246,14 @@ class SystemBuilder:
             else:
                 made = self._trust_domain(enclave, number, kind, may=may)
                 trust_domain = trust_domains.known[files] = trust_domains.number(made)
-            permissions = number.get(enclave.files.files[Role.PERMISSIONS].place)  # it may be unread (MAY)
-            own = self._enclave(enclave, trust_domain, permissions, unknown=unknown)
+            place = enclave.files.files[Role.PERMISSIONS].place  # it may be unread (MAY)
+            own = self._enclave(
+                enclave, trust_domain, frozenset({number[place]} if place in number else ()), unknown=unknown
+            )
             yield made_alone(own, lone.possible if may else lone.certain, lone.refused)
 
     def _enclave(
-        self, enclave: Enclave, trust_domain: int, permissions: int | None = None, *, unknown: bool
+        self, enclave: Enclave, trust_domain: int, permissions: frozenset[int] = frozenset(), *, unknown: bool
     ) -> Participant:
         return Participant(
             label=enclave.path,
@@ -387,7 +395,7 @@ def _behind(place: str, trust_domain: int) -> Participant:
         location=Location(path=place),
         trust_domain=trust_domain,
         identity=None,
-        permissions=None,
+        permissions=frozenset(),
         kind=ParticipantKind.UNREAD,
     )
 

@@ -273,8 +273,7 @@ def _gaining(use: PermissionsUse, paths: Sequence[str], context: Context) -> dic
             enclave = atoms.get(path)
             if enclave is None:
                 continue
-            own = frozenset(() if enclave.permissions is None else (enclave.permissions,))
-            had = permissions.chosen(enclave.identity, own)
+            had = permissions.chosen(enclave.identity, enclave.permissions)
             if _gains(permissions, permissions.chosen(enclave.identity, here), had):
                 found.setdefault(path, []).extend(system.grants[grant].location for grant in had)
     return found

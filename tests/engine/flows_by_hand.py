@@ -87,7 +87,7 @@ class ByHand:
         if atom.opaque or any(document.opaque for document in s.documents):
             return frozenset(range(len(s.channels)))
         admitting = self.permissions.admitting(atom.identity, view.accepted)
-        let_in = admitting or not s.requires_grant
+        let_in = admitting or not view.reading.requires_grant
         controlled = p.write_controlled if operation is Operation.PUBLISH else p.read_controlled
         allowed = {
             met
@@ -108,9 +108,9 @@ class ByHand:
     def own_powers(self, enclave: int, trust_domain: int) -> tuple[frozenset[int], frozenset[int]]:
         """What it writes and reads by its own document alone, as peers of the trust domain see it."""
         view, atom, s = self.views[trust_domain], self.system.enclaves[enclave], self.system
-        own = frozenset() if atom.permissions is None else frozenset({atom.permissions}) & view.accepted
+        own = atom.permissions & view.accepted
         grants = self.permissions.chosen(atom.identity, own)
-        unread = atom.opaque or (atom.permissions is not None and s.documents[atom.permissions].opaque)
+        unread = atom.opaque or any(s.documents[each].opaque for each in atom.permissions)
         p = view.protection
         joined = 0
         if atom.identity in s.trust_domains[trust_domain].refuses:
@@ -122,8 +122,8 @@ class ByHand:
                 joined = p.ruled
             else:
                 named = [n for n, each in enumerate(s.grants) if each.document in own and atom.identity in each.names]
-                admitting = {*grants, *(named[:1] if s.joins_out_of_date else ())}
-                if admitting or not s.requires_grant:
+                admitting = {*grants, *(named[:1] if view.reading.joins_out_of_date else ())}
+                if admitting or not view.reading.requires_grant:
                     joined = p.ruled & ~p.join_controlled
                 for grant in admitting:
                     joined |= p.ruled & self.permissions.joins(grant)

@@ -29,8 +29,12 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "a validity begins after its first instant": (Permissions, "in_force", "2 * not_before <=", "2 * not_before <"),
     "no validity ends": (Permissions, "in_force", "<= self.moment <= 2 * not_after", "<= self.moment"),
     "no validity begins": (Permissions, "in_force", "2 * not_before <= self.moment", "self.moment"),
-    "grants out of date are always skipped": (Permissions, "_chosen", "self._system.skips_grants_out_of_date", "True"),
-    "grants out of date are never skipped": (Permissions, "_chosen", "self._system.skips_grants_out_of_date", "False"),
+    "grants out of date are always skipped": (
+        *(Permissions, "_chosen", "self._system.reading_of(grant).skips_grants_out_of_date", "True"),
+    ),
+    "grants out of date are never skipped": (
+        *(Permissions, "_chosen", "self._system.reading_of(grant).skips_grants_out_of_date", "False"),
+    ),
     "grants out of date count": (Permissions, "_chosen", "if in_force:", "if True:"),
     "every grant of a document counts": (Permissions, "_chosen", "not in seen", "is not None"),
     "the last domain rule decides": (
@@ -48,8 +52,8 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "every topic rule counts": (permission, "protection", "result, hit,", "result, each.channels,"),
     "any certificate issues": (TrustDomainView, "vouched", "issuer.authority and", "True and"),
     "the revoked are authentic": (TrustDomainView, "_known", "certificate not in self._trust_domain.revoked", "True"),
-    "no trust domain pins the signer": (TrustDomainView, "_may_sign", "self._system.pins_signer", "False"),
-    "every trust domain pins the signer": (TrustDomainView, "_may_sign", "self._system.pins_signer", "True"),
+    "no trust domain pins the signer": (TrustDomainView, "_may_sign", "self.reading.pins_signer", "False"),
+    "every trust domain pins the signer": (TrustDomainView, "_may_sign", "self.reading.pins_signer", "True"),
     "one good signer is enough": (TrustDomainView, "accepted", "all(self._may_sign", "any(self._may_sign"),
     "a message without a signer is genuine": (TrustDomainView, "genuine", "and d.signers and", "and"),
     "chains have one step": (TrustDomainView, "_chained", "pending = issued - found", "pending = issued - issued"),
@@ -63,8 +67,12 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
         "False",
     ),
     "documents that were not read grant nothing": (TrustDomainView, "may_be_granted", "self._any_opaque", "False"),
-    "announcements are truthful": (System, "announcements_trusted", "self.asks_announced_only and", "False and"),
-    "everybody believes announcements": (System, "announcements_trusted", "self.asks_announced_only and", "True and"),
+    "announcements are truthful": (
+        *(TrustDomainView, "announcements_trusted", "self.reading.asks_announced_only and", "False and"),
+    ),
+    "everybody believes announcements": (
+        *(TrustDomainView, "announcements_trusted", "self.reading.asks_announced_only and", "True and"),
+    ),
     "authorities certified nothing else": (System, "anybody", "not self.assumed >= IDENTITIES", "False"),
     "there are no other documents": (System, "anything_granted", "not self.assumed >= DOCUMENTS", "False"),
     "robots enforce": (TrustDomainView, "__init__", "Assumption.ROBOTS_ENFORCE not in system.assumed", "False"),

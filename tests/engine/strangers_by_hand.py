@@ -40,7 +40,7 @@ def signs_itself(s: System, trust_domain: int) -> bool:
         issuing = {number for number in trusted if s.certificates[number].authority}
         trusted = {number for number, each in enumerate(s.certificates) if each.issuers & issuing}
     shared = (s.certificates[number] for number in trust.identity_ca & below)
-    return not s.pins_signer and any(each.authority for each in shared)
+    return not s.readings[trust.reading].pins_signer and any(each.authority for each in shared)
 
 
 def published_elsewhere(

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator, Sequence
 from datetime import datetime, timedelta, timezone
 from itertools import product
 
-from msgspec import Struct, field
+from msgspec import Struct, field, structs
 from msgspec.structs import replace
 
 from keystore_audit.assumptions import EVERY, Assumption
@@ -28,6 +28,7 @@ from keystore_audit.model.formal.system import (
     GrantAtom,
     Participant,
     ParticipantKind,
+    Reading,
     RuleAtom,
     System,
     TopicRuleAtom,
@@ -154,7 +155,7 @@ class Builder(Struct):
                 location=Location(path=f"enclaves{label}"),
                 trust_domain=trust_domain,
                 identity=identity,
-                permissions=permissions,
+                permissions=frozenset(() if permissions is None else (permissions,)),
                 kind=ParticipantKind.UNREAD if opaque else ParticipantKind.ENCLAVE,
             )
         )
@@ -272,11 +273,15 @@ class Builder(Struct):
         start = datetime(2020, 1, 1, tzinfo=timezone.utc)
         return System(
             profiles=("spec",),
-            pins_signer=self.pins_signer,
-            skips_grants_out_of_date=self.skips_grants_out_of_date,
-            requires_grant=self.requires_grant,
-            joins_out_of_date=self.joins_out_of_date,
-            asks_announced_only=self.asks_announced_only,
+            readings=(
+                Reading(
+                    pins_signer=self.pins_signer,
+                    skips_grants_out_of_date=self.skips_grants_out_of_date,
+                    requires_grant=self.requires_grant,
+                    joins_out_of_date=self.joins_out_of_date,
+                    asks_announced_only=self.asks_announced_only,
+                ),
+            ),
             assumed=self.assumed,
             may=self.may,
             instants=tuple(start + timedelta(days=365 * number) for number in range(INSTANTS)),
@@ -545,7 +550,7 @@ class _Chance:
     def permissions(self, document: int) -> None:
         """Grants of a document, and now and then of a governance document, where they must not matter."""
         b = self.b
-        holders = [e.identity for e in b.enclaves if e.permissions == document and e.identity is not None]
+        holders = [e.identity for e in b.enclaves if document in e.permissions and e.identity is not None]
         if not holders and not self.odd(0.3):
             return
         domains, channels = range(len(b.domains)), range(len(b.channels))
@@ -596,7 +601,66 @@ def with_claims(system: System, seed: int, count: int = 4) -> System:
     claims = tuple(_random_claim(system, chance, number) for number in range(count))
     enclaves = _alone(system, seed) if seed % 3 == 0 else system.enclaves
     enclaves = _refused(enclaves, system, seed) if seed % 10 == 7 else enclaves
-    return replace(system, claims=claims, enclaves=enclaves, joins_out_of_date=seed % 10 == 4)
+    return judging(replace(system, claims=claims, enclaves=enclaves), joins_out_of_date=seed % 10 == 4)
+
+
+def mixed(system: System, seed: int) -> System:
+    """A fleet of two implementations: the other one reads some of the documents otherwise, and some enclaves run it."""
+    chance = random.Random(f"mixed {seed}")
+    documents, domain_rules, topic_rules, grants, rules = (
+        getattr(system, sort) for sort in ("documents", "domain_rules", "topic_rules", "grants", "rules")
+    )
+    other = Reading(**{name: chance.random() < 0.5 for name in _FLAGS})
+
+    def lost() -> bool:
+        return chance.random() < 0.25
+
+    copies = [
+        replace(
+            each, reading=1, intact=each.intact and not lost(), signers=frozenset(s for s in each.signers if not lost())
+        )
+        for each in documents
+    ]
+    further = len(documents)
+    own = [{**trust, "reading": 1} for trust in map(structs.asdict, system.trust_domains)]
+    for each in own:
+        each["governance"] = None if each["governance"] is None else each["governance"] + further
+    count = len(system.trust_domains)
+    return replace(
+        system,
+        readings=(*system.readings, other),
+        documents=(*documents, *copies),
+        trust_domains=(*system.trust_domains, *(TrustDomainAtom(**each) for each in own)),
+        enclaves=tuple(
+            replace(
+                each,
+                trust_domain=each.trust_domain + count * (chance.random() < 0.5),
+                permissions=each.permissions | {n + further for n in each.permissions},
+            )
+            for each in system.enclaves
+        ),
+        domain_rules=(*domain_rules, *(replace(each, document=each.document + further) for each in domain_rules)),
+        topic_rules=(
+            *topic_rules,
+            *(replace(each, domain_rule=each.domain_rule + len(domain_rules)) for each in topic_rules),
+        ),
+        grants=(
+            *grants,
+            *(
+                replace(each, document=each.document + further, default_allow=each.default_allow ^ lost())
+                for each in grants
+            ),
+        ),
+        rules=(*rules, *(replace(each, grant=each.grant + len(grants), allow=each.allow ^ lost()) for each in rules)),
+    )
+
+
+_FLAGS = ("pins_signer", "skips_grants_out_of_date", "requires_grant", "joins_out_of_date", "asks_announced_only")
+
+
+def judging(system: System, **flags: bool) -> System:
+    """The same system, with implementations of which this is true."""
+    return replace(system, readings=tuple(replace(each, **flags) for each in system.readings))
 
 
 def _some(system: System, chance: random.Random, share: float) -> frozenset[int]:

@@ -19,7 +19,7 @@ from keystore_audit.properties import BY_ID, PROPERTIES, Status
 from keystore_audit.properties.result import EngineRun, EngineStatus, ProfileResult, PropertyResult
 from tests.amount import tried
 from tests.engine.alloy_batch import compare_batch, outcomes, shipped
-from tests.engine.systems import healthy
+from tests.engine.systems import healthy, judging
 from tests.engine.test_agreement import holding, some_system
 
 SEEDS = range(tried(60))
@@ -33,7 +33,7 @@ def less(seed: int) -> System:
     chance = random.Random(seed)
     left_out = chance.sample(sorted(EVERY), chance.randint(1, 2))
     system = some_system(seed)
-    return replace(system, assumed=EVERY.difference(left_out), asks_announced_only=chance.random() < 0.5)
+    return judging(replace(system, assumed=EVERY.difference(left_out)), asks_announced_only=chance.random() < 0.5)
 
 
 @pytest.mark.alloy
@@ -91,12 +91,13 @@ def made_for(profile: str, made: frozenset[Assumption]) -> frozenset[Assumption]
 
 
 def as_read(system: System, *, announced: bool) -> System:
-    return replace(system, profiles=(PROFILES[announced],), may=True, assumed=EVERY, asks_announced_only=False)
+    system = replace(system, profiles=(PROFILES[announced],), may=True, assumed=EVERY)
+    return judging(system, asks_announced_only=False)
 
 
 def holds(system: System, assumed: frozenset[Assumption], name: str) -> bool:
     announced = system.profiles == (PROFILES[True],)
-    less = replace(system, assumed=assumed, asks_announced_only=announced)
+    less = judging(replace(system, assumed=assumed), asks_announced_only=announced)
     return NativeEngine([less]).answers[0][name].status is Status.HOLDS
 
 

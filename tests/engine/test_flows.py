@@ -147,7 +147,7 @@ def test_able_rests_on_an_enclaves_own_document() -> None:
     b = healthy_builder()
     able = _claim(ClaimKind.ABLE, Attacker.HONEST)
     assert _now(b.system(), able).status is Status.HOLDS
-    b.enclaves[TALKER] = replace(b.enclaves[TALKER], permissions=None)
+    b.enclaves[TALKER] = replace(b.enclaves[TALKER], permissions=frozenset())
     other = _claim(ClaimKind.NO_FLOW, Attacker.HONEST)
     assert _now(b.system(), able).status is Status.VIOLATED
     assert _now(b.system(), other).status is Status.VIOLATED  # it may present the document all the same

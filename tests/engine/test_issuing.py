@@ -21,7 +21,7 @@ def granted_to(*, own: bool, issues: bool, asked: bool) -> System:
     """The third's document also grants somebody to join and to write: itself, or another."""
     b = shut_out()
     b.topic_rules[0] = replace(b.topic_rules[0], enable_write_access_control=asked)
-    document, identity = b.enclaves[THIRD].permissions, b.enclaves[THIRD].identity
+    document, identity = b.enclaves[THIRD].document, b.enclaves[THIRD].identity
     assert document is not None
     assert identity is not None
     b.rule(b.grant(document, [identity if own else b.certificate([IDENTITY_CA])]), [0], publish=[CHATTER])

@@ -35,11 +35,11 @@ def coming_and_going(chance: random.Random) -> System:
     b.domain_rule(GOVERNANCE, [0, 1])
     b.topic_rule(0, range(len(b.channels)))
     for enclave in b.enclaves:
-        assert enclave.permissions is not None
+        assert enclave.document is not None
         assert enclave.identity is not None
         for instant in range(INSTANTS) if not lists else (0,):
             end = min(instant + chance.randrange(2), INSTANTS - 1) if not lists else INSTANTS - 1
-            grant = b.grant(enclave.permissions, [enclave.identity], not_before=instant, not_after=end)
+            grant = b.grant(enclave.document, [enclave.identity], not_before=instant, not_after=end)
             publish, subscribe = ([c for c in range(len(b.channels)) if chance.random() < 0.12] for _ in range(2))
             b.rule(grant, [0, 1], publish=publish, subscribe=subscribe)
     system = b.system()

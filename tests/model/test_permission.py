@@ -12,7 +12,15 @@ from keystore_audit.findings import Location
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.bit_sets import bits, members
 from keystore_audit.model.formal.permission import Permissions
-from keystore_audit.model.formal.system import ChannelAtom, DomainAtom, GrantAtom, RuleAtom, System
+from keystore_audit.model.formal.system import (
+    ChannelAtom,
+    DocumentAtom,
+    DomainAtom,
+    GrantAtom,
+    Reading,
+    RuleAtom,
+    System,
+)
 from tests.amount import tried
 
 START = datetime(2026, 1, 1, tzinfo=timezone.utc)
@@ -29,14 +37,15 @@ def small_system(seed: int) -> System:
     rules = sorted(source.randrange(4) for _ in range(source.randrange(10)))
     return System(
         profiles=("spec",),
-        pins_signer=True,
-        skips_grants_out_of_date=True,
-        requires_grant=False,
+        readings=(Reading(pins_signer=True, skips_grants_out_of_date=True, requires_grant=False),),
         may=True,
         instants=tuple(START + timedelta(days=n) for n in range(4)),
         now=source.randrange(4),
         certificates=(),
-        documents=(),
+        documents=tuple(
+            DocumentAtom(label="", location=Location(""), intact=True, signers=frozenset(), opaque=False)
+            for _ in range(4)
+        ),
         trust_domains=(),
         enclaves=(),
         domains=tuple(DomainAtom(label=str(n), intervals=((n, n),)) for n in range(2)),

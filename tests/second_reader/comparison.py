@@ -155,8 +155,8 @@ class _System(Struct):
                 given = None if atom.identity is None else self.held[atom.identity]
                 if given is not mine.identity:
                     yield f"{name} goes by {given}, and its file has {mine.identity}"
-                document = None if atom.permissions is None else self._content(atom.permissions)
-                if atom.permissions is not None and document != mine.permissions:
+                document = None if atom.document is None else self._content(atom.document)
+                if atom.document is not None and document != mine.permissions:
                     yield f"{name} has other permissions than its folder"
                 if atom.permissions is None and mine.permissions in self.listing.messages and not self._must:
                     yield f"{name} has permissions, and none are given"
@@ -297,7 +297,7 @@ class _System(Struct):
 
     def _trusted_signers(self, trust_domain: Any) -> set[int]:
         """As alloy/documents.als has it."""
-        if self.system.pins_signer:
+        if self.system.readings[trust_domain.reading].pins_signer:
             return set(trust_domain.permissions_ca)
         atoms = self.system.certificates
         chained = self._below(trust_domain)
@@ -317,7 +317,7 @@ class _System(Struct):
         atoms = self.system.certificates
         for trust_domain, mine in self._members():
             signing = self._trusted_signers(trust_domain) | set(trust_domain.permissions_ca)
-            if not self.system.pins_signer:
+            if not self.system.readings[trust_domain.reading].pins_signer:
                 signing |= {n for n in self._below(trust_domain) if atoms[n].authority}
             keys = {atoms[n].key for n in signing}
             for atom in self.system.enclaves:

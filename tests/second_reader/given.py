@@ -149,8 +149,8 @@ _PARENTS = {
     ("grant", "P", "G"): ("grants", "document"),
     ("rule", "G", "PR"): ("rules", "grant"),
 }
-_OF_ALL = {
-    # What a system says of each trust domain or of each grant.
+_BY_READING = {
+    # What the reading says of each trust domain or of each grant.
     "R": ("asks_announced_only", "pins_signer", "requires_grant"),
     "G": ("skips_grants_out_of_date", "joins_out_of_date"),
 }
@@ -181,10 +181,20 @@ def of_system(s: Any) -> Relations:
         parents = [getattr(each, field) for each in getattr(s, where)]
         put(name, ((f"{above}{parent}", f"{letter}{n}") for n, parent in enumerate(parents)))
         put("precedes", _following(letter, parents))
-    for letter, fields in _OF_ALL.items():
-        atoms = [(f"{letter}{n}",) for n, _each in enumerate(s.trust_domains if letter == "R" else s.grants)]
+    by_letter = {"R": list(s.trust_domains), "G": [s.documents[each.document] for each in s.grants]}
+    for letter, fields in _BY_READING.items():
+        numbered = [(f"{letter}{n}", s.readings[each.reading]) for n, each in enumerate(by_letter[letter])]
         for field in fields:
-            put(field, atoms if getattr(s, field) else ())
+            put(field, ((atom,) for atom, reading in numbered if getattr(reading, field)))
+    put(
+        "reading",
+        (
+            (f"R{n}", f"P{document}")
+            for n, each in enumerate(s.trust_domains)
+            for document, other in enumerate(s.documents)
+            if each.reading == other.reading
+        ),
+    )
     keys = {key: n for n, key in enumerate(sorted({c.key for c in s.certificates}))}
     put("public_key", ((f"C{n}", f"K{keys[c.key]}") for n, c in enumerate(s.certificates)))
     every = {each.value for each in type(next(iter(s.assumed)))} if s.assumed else set()

@@ -148,7 +148,7 @@ def _nothing(_system: System, _each: object) -> frozenset[int]:
 
 
 def _carried(system: System) -> list[int | None]:
-    return [*(e.permissions for e in system.enclaves), *(r.governance for r in system.trust_domains)]
+    return [*(e.document for e in system.enclaves), *(r.governance for r in system.trust_domains)]
 
 
 def _governed(system: System) -> int | None:
@@ -217,7 +217,7 @@ def test_each_changed_fact_is_a_difference(read: list[tuple[Listing, Asked]], ch
             except (StopIteration, ValueError, IndexError):
                 continue
             if changed != system and compare(listing, [changed], asked.certificates, AT, Counter()):
-                told.add(system.pins_signer)
+                told.add(system.readings[0].pins_signer)
     assert told == {True, False}
 
 

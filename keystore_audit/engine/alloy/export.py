@@ -213,7 +213,7 @@ def folder_names(systems: Sequence[System]) -> tuple[str, ...]:
     doubtful = len({system.may for system in systems}) > 1
     names: list[str] = []
     for system in systems:
-        name = f"{'pinned' if system.pins_signer else 'unpinned'}-signer"
+        name = f"{_signers(system)}-signer"
         name += f"-{'may' if system.may else 'must'}" if doubtful else ""
         names.append(name if name not in names else f"{name}-{len(names) + 1}")
     return tuple(names)
@@ -256,12 +256,21 @@ def _told(sort: Sort, atom: Atom) -> tuple[str, str]:
     return atom.place, ""
 
 
+def _signers(system: System) -> str:
+    """Whose signatures count in the fleet."""
+    pinned = {reading.pins_signer for reading in system.readings}
+    return "mixed" if len(pinned) > 1 else "pinned" if True in pinned else "unpinned"
+
+
+_SIGNERS: Final = {
+    "pinned": "Documents must be signed by the permissions CA itself",
+    "unpinned": "Documents may be signed by any certificate that the permissions CA issued",
+    "mixed": "To some enclaves any certificate that the permissions CA issued may sign documents, to others it alone",
+}
+
+
 def _kind(system: System) -> str:
-    signer = (
-        "Documents must be signed by the permissions CA itself"
-        if system.pins_signer
-        else "Documents may be signed by any certificate that the permissions CA issued"
-    )
+    signer = _SIGNERS[_signers(system)]
     counted = "counts as anything" if system.may else "is left out"
     return f"{signer}; what could not be read {counted}; as {', '.join(system.profiles)} do"
 

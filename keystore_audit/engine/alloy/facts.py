@@ -23,6 +23,7 @@ from keystore_audit.engine.alloy.atoms import (
     name_atoms,
 )
 from keystore_audit.errors import EngineFailed
+from keystore_audit.grouped import gathered
 from keystore_audit.model.formal.system import System
 
 MODULES: Final = (
@@ -241,13 +242,17 @@ class _Facts:
         yield function("opaque", "set Document + Enclave + Certificate", opaque)
         assumed = " + ".join(sorted(each.atom for each in system.assumed)) or "none"
         yield function("assumed", "set Assumption", "Assumption" if system.assumed == EVERY else assumed)
+        read = [system.readings[each.reading] for each in system.trust_domains]
         for name in ("asks_announced_only", "pins_signer", "requires_grant"):
-            yield function(name, "set TrustDomain", "TrustDomain" if getattr(system, name) else "none")
+            yield self._flagged(name, "TrustDomain", [getattr(each, name) for each in read])
 
     def _refusals(self) -> Iterator[str]:
         trust_domains = self._system.trust_domains
         refused = [{n for n, other in enumerate(trust_domains) if not r.talks_to(other)} for r in trust_domains]
         yield self._map("refuses_trust_domain", "trust_domains", "trust_domains", refused)
+        documents = gathered((each.reading, number) for number, each in enumerate(self._system.documents))
+        taken = [documents.get(each.reading, ()) for each in trust_domains]
+        yield self._map("reading", "trust_domains", "documents", taken)
 
     def _order(self) -> Iterator[str]:
         """Where rules count; and siblings, which are entries of one sort with one parent, by their indices."""
@@ -266,11 +271,15 @@ class _Facts:
 
     def _out_of_date(self) -> Iterator[str]:
         system = self._system
-        for name, of_all in (
-            ("skipped_out_of_date", system.skips_grants_out_of_date),
-            ("joins_out_of_date", system.joins_out_of_date),
-        ):
-            yield function(name, "set Grant", "Grant" if of_all and system.grants else "none")
+        read = [system.reading_of(grant) for grant in system.grants]
+        yield self._flagged("skipped_out_of_date", "Grant", [each.skips_grants_out_of_date for each in read])
+        yield self._flagged("joins_out_of_date", "Grant", [each.joins_out_of_date for each in read])
+
+    def _flagged(self, name: str, sig: str, flags: Sequence[bool]) -> str:
+        """The atoms of which a flag is true; of all, by their sig."""
+        (sort,) = (each for each in self._atoms.values() if each.sig == sig)
+        some = self._relations.atoms(sort, (index for index, flag in enumerate(flags) if flag))
+        return function(name, f"set {sig}", sig if flags and all(flags) else some)
 
     def _those(self, sort: str, flag: str) -> Iterator[int]:
         """The atoms of which a flag is true."""

@@ -120,7 +120,7 @@ def _spare(system: System, *, twins: bool) -> tuple[dict[str, Collection[int]], 
     atoms = [system.enclaves[enclave] for enclave in enclaves]
     spare: dict[str, Collection[int]] = {
         "certificates": {atom.identity for atom in atoms if atom.identity is not None},
-        "documents": {atom.permissions for atom in atoms if atom.permissions is not None},
+        "documents": frozenset[int]().union(*(atom.permissions for atom in atoms)),
         "enclaves": set(enclaves),
         "channels": {channel for enclave in enclaves for channel in own_channels[enclave]},
     }
@@ -129,8 +129,8 @@ def _spare(system: System, *, twins: bool) -> tuple[dict[str, Collection[int]], 
 
 def _idle(system: System) -> frozenset[int]:
     """Documents that no enclave has, that govern nothing and grant nothing: copies of a governance document."""
-    used = {grant.document for grant in system.grants} | {enclave.permissions for enclave in system.enclaves}
-    used |= {trust_domain.governance for trust_domain in system.trust_domains}
+    used = {grant.document for grant in system.grants} | {each.governance for each in system.trust_domains}
+    used = used.union(*(enclave.permissions for enclave in system.enclaves))
     return frozenset(n for n, document in enumerate(system.documents) if n not in used and not document.opaque)
 
 

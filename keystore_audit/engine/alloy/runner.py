@@ -99,9 +99,7 @@ def make_archive(java: Path, jar: Path) -> Path | None:
     """
     nobody = System(
         profiles=(),
-        pins_signer=False,
-        skips_grants_out_of_date=False,
-        requires_grant=False,
+        readings=(),
         may=False,
         instants=(datetime(1970, 1, 1, tzinfo=timezone.utc),),
         now=0,

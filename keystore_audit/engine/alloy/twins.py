@@ -128,28 +128,26 @@ class _Twins:
         """Enclaves whose certificate, key and document serve nobody and nothing else, with the certificate."""
         system = self._system
         identities = Counter(enclave.identity for enclave in system.enclaves)
-        carried = Counter(enclave.permissions for enclave in system.enclaves)
+        carried = Counter(document for enclave in system.enclaves for document in enclave.permissions)
         keys = Counter(certificate.key for certificate in system.certificates)
         bound = {c for trust in system.trust_domains for c in (*trust.identity_ca, *trust.permissions_ca)}
         bound |= {c for document in system.documents for c in document.signers}
         bound |= {i for n, certificate in enumerate(system.certificates) for i in certificate.issuers if i != n}
         governing = {each.governance for each in system.trust_domains} | {each.document for each in system.domain_rules}
         for number, enclave in enumerate(system.enclaves):
-            identity, permissions = enclave.identity, enclave.permissions
+            identity = enclave.identity
             if identity is None or enclave.opaque or identity in bound or identities[identity] > 1:
                 continue
             if keys[system.certificates[identity].key] > 1:
                 continue
-            if permissions is not None and (
-                carried[permissions] > 1 or permissions in governing or system.documents[permissions].opaque
-            ):
+            if any(carried[n] > 1 or n in governing or system.documents[n].opaque for n in enclave.permissions):
                 continue
             yield number, identity
 
     def _granted(self, enclave: int) -> Sequence[int]:
-        """The grants of its document."""
-        permissions = self._system.enclaves[enclave].permissions
-        return () if permissions is None else self._grants.get(permissions, ())
+        """The grants of its document, reading by reading."""
+        carried = sorted(self._system.enclaves[enclave].permissions)
+        return [grant for document in carried for grant in self._grants.get(document, ())]
 
     def signature(self, enclave: int) -> Hashable:
         """All that is known of an enclave."""
@@ -180,19 +178,18 @@ class _Twins:
 
     def _documents(self, enclave: int) -> Hashable:
         """Its document and its grants, apart from what these say of channels."""
-        permissions = self._system.enclaves[enclave].permissions
-        if permissions is None:
-            return None
-        document, grants = self._system.documents[permissions], self._system.grants
+        grants = self._system.grants
+        carried = [self._system.documents[each] for each in sorted(self._system.enclaves[enclave].permissions)]
         told = tuple(
             (
+                self._system.documents[grants[n].document].reading,
                 self._but_own(grants[n].names, self.candidates[enclave]),
                 (grants[n].not_before, grants[n].not_after, grants[n].default_allow),
                 frozenset().union(*self._joined.get(n, ())),
             )
             for n in self._granted(enclave)
         )
-        return document.intact, document.signers, told
+        return tuple((each.reading, each.intact, each.signers) for each in carried), told
 
     @staticmethod
     def _but_own(certificates: Collection[int], identity: int) -> frozenset[int]:

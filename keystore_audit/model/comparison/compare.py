@@ -104,7 +104,7 @@ def _signed_again(sides: Sides, told: Set[str]) -> Iterator[Draft]:
         """Whether the enclave's governance or permissions, as these profiles read them, have the same meaning."""
         if word == "governance":
             return same_protection(pair, path)
-        documents = [(view, view.enclave(path).permissions) for view in (pair.old, pair.new)]
+        documents = [(view, view.enclave(path).document) for view in (pair.old, pair.new)]
         one, other = (said(view).get(each, []) if each is not None else None for view, each in documents)
         return one is not None and one == other
 

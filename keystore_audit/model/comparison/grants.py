@@ -253,8 +253,8 @@ def _naming(view: View, path: str) -> GrantAtom | None:
     if own is not None:
         return view.system.grants[own]
     enclave = view.enclave(path)
-    for grant in view.system.grants if enclave.permissions is not None else ():
-        if grant.document == enclave.permissions and enclave.identity in grant.names:
+    for grant in view.system.grants:
+        if grant.document in enclave.permissions and enclave.identity in grant.names:
             return grant
     return None
 
@@ -331,7 +331,7 @@ def _begin_later(view: View) -> list[int]:
     for number, grant in enumerate(system.grants):
         named = [(grant.document, certificate) for certificate in grant.names]
         earlier = [ends.get(each, grant.not_after) for each in named]
-        comes_up = system.skips_grants_out_of_date and any(end < grant.not_after for end in earlier)
+        comes_up = system.reading_of(grant).skips_grants_out_of_date and any(end < grant.not_after for end in earlier)
         if grant.not_before > system.now or (comes_up and grant.not_after > system.now):
             found.append(number)
         ends.update((each, min(end, grant.not_after)) for each, end in zip(named, earlier, strict=True))
@@ -346,7 +346,7 @@ def _beginning(sides: Sides, view: View, later: list[int], path: str) -> dict[tu
     found: dict[tuple[Dates, Given], Location] = {}
     for number in later:
         grant = view.system.grants[number]
-        theirs = grant.document == enclave.permissions or grant.document in view.taken
+        theirs = grant.document in enclave.permissions or grant.document in view.taken
         if theirs and enclave.identity in grant.names and grant.not_before <= grant.not_after:
             gives = Given(*(mine & counts for mine, counts in zip(given(view, number), counting, strict=True)))
             if any(gives):

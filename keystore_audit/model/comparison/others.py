@@ -192,16 +192,14 @@ def _granted(view: View, unguarded: int, skipped: frozenset[str]) -> dict[str, _
                 each.dates.add(dates_of(view, grant))
                 if in_force and text not in decided:  # by no grant before it in its document
                     each.now = either((each.now, gives))
-            if in_force or not system.skips_grants_out_of_date:
+            if in_force or not system.reading_of(grant).skips_grants_out_of_date:
                 decided.add(text)
     return found
 
 
 def _unguarded(view: View) -> int:
     """The domains that peers let everybody join whom some grant names, whatever it gives."""
-    protections = (
-        trust_domain.protection for trust_domain in (view.trust_domains if view.system.requires_grant else ())
-    )
+    protections = (each.protection for each in view.trust_domains if each.reading.requires_grant)
     return union(each.ruled & ~each.join_controlled for each in protections)
 
 

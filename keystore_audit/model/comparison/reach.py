@@ -232,7 +232,7 @@ def _granting(view: View, draft: Draft, channels: int) -> Location | None:
         return deciding(view, view.own_grant(path), operation, channels)
     for number in view.presented(path):
         common = given(view, number).channels(view, operation) & channels
-        if common and view.system.grants[number].document != view.enclave(path).permissions:
+        if common and view.system.grants[number].document not in view.enclave(path).permissions:
             return deciding(view, number, operation, common)
     return None
 

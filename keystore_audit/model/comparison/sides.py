@@ -123,9 +123,7 @@ class View(Peers):
     def own_grant(self, path: str) -> int | None:
         """The grant of the enclave's own document that counts."""
         enclave = self.enclave(path)
-        if enclave.permissions is None:
-            return None
-        return next(iter(self.permissions.chosen(enclave.identity, frozenset({enclave.permissions}))), None)
+        return next(iter(self.permissions.chosen(enclave.identity, enclave.permissions)), None)
 
     def presented(self, path: str) -> list[int]:
         """The grants that count of all documents that name the enclave and that some peer takes."""

@@ -12,7 +12,7 @@ from keystore_audit.assumptions import Assumption
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.permission import Permissions, Protection, open_protection, protection
-from keystore_audit.model.formal.system import System
+from keystore_audit.model.formal.system import DocumentAtom, System
 
 
 class TrustDomainView:
@@ -23,6 +23,7 @@ class TrustDomainView:
         self._number = trust_domain
         self._trust_domain = system.trust_domains[trust_domain].at(permissions.moment)
         self._permissions = permissions
+        self.reading = system.readings[self._trust_domain.reading]
         self.moment = permissions.moment
         self.refuses = self._trust_domain.refuses
         governance = self._trust_domain.governance
@@ -61,21 +62,27 @@ class TrustDomainView:
     @cached_property
     def genuine(self) -> frozenset[int]:
         """Documents that the permissions CA itself signed."""
-        documents, trusted = enumerate(self._system.documents), self._trust_domain.permissions_ca
+        documents, trusted = self.documents.items(), self._trust_domain.permissions_ca
         return frozenset(n for n, d in documents if d.intact and not d.opaque and d.signers and d.signers <= trusted)
+
+    @cached_property
+    def documents(self) -> Mapping[int, DocumentAtom]:
+        """By number, the documents as its implementations read them."""
+        numbered, reading = enumerate(self._system.documents), self._trust_domain.reading
+        return {number: document for number, document in numbered if document.reading == reading}
 
     @cached_property
     def accepted(self) -> frozenset[int]:
         """Documents that peers take, opaque ones among them."""
         return frozenset(
             number
-            for number, document in enumerate(self._system.documents)
+            for number, document in self.documents.items()
             if document.opaque
             or (document.intact and document.signers and all(self._may_sign(s) for s in document.signers))
         )
 
     def _may_sign(self, certificate: int) -> bool:
-        if self._system.pins_signer:
+        if self.reading.pins_signer:
             return certificate in self._trust_domain.permissions_ca
         fit = self._system.certificates[certificate].fit_to_sign
         return fit and (certificate in self._trust_domain.permissions_ca or certificate in self._chained)
@@ -115,7 +122,7 @@ class TrustDomainView:
     @cached_property
     def signing_below(self) -> frozenset[int]:
         """Certificates below the permissions CAs whose keys sign what peers take, or certify one that does."""
-        if self._system.pins_signer:
+        if self.reading.pins_signer:
             return frozenset()
         certificates = self._system.certificates
         return frozenset(n for n in self._chained if certificates[n].fit_to_sign or certificates[n].authority)
@@ -237,7 +244,7 @@ class TrustDomainView:
     def _joined_by(self, grants: Collection[int]) -> int:
         """Domains that somebody of a known identity joins with these grants."""
         p = self.protection
-        joined = ~p.join_controlled if grants or not self._system.requires_grant else 0
+        joined = ~p.join_controlled if grants or not self.reading.requires_grant else 0
         return p.ruled & (joined | union(map(self._permissions.joins, grants)))
 
     def abilities(self, enclave: int) -> Abilities:
@@ -328,7 +335,7 @@ class TrustDomainView:
     @cached_property
     def issuing_signers(self) -> frozenset[int]:
         """Identity CAs that are permissions CAs too, or chain to one, where signers are not pinned."""
-        if self._system.pins_signer:
+        if self.reading.pins_signer:
             return frozenset()
         shared = self._trust_domain.identity_ca & (self._trust_domain.permissions_ca | self._chained)
         return frozenset(number for number in shared if self._system.certificates[number].authority)
@@ -368,7 +375,12 @@ class TrustDomainView:
     @cached_property
     def _unasked(self) -> int:
         """All channels, where permissions are asked only for what is announced as under access control."""
-        return self._permissions.all_channels if self._system.announcements_trusted else 0
+        return self._permissions.all_channels if self.announcements_trusted else 0
+
+    @property
+    def announcements_trusted(self) -> bool:
+        """Whether an attacker gets past the permissions of endpoints by what it announces of them."""
+        return self.reading.asks_announced_only and Assumption.TRUTHFUL_ANNOUNCEMENTS not in self._system.assumed
 
     def _reach(self, joined: int) -> int:
         """The governed channels of these domains."""

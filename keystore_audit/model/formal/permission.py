@@ -130,7 +130,7 @@ class Permissions:
         seen: set[tuple[int, int]] = set()
         for number, grant in enumerate(self._system.grants):
             in_force = self.in_force(grant.not_before, grant.not_after)
-            if not in_force and self._system.skips_grants_out_of_date:
+            if not in_force and self._system.reading_of(grant).skips_grants_out_of_date:
                 continue
             for certificate in grant.names:
                 if (grant.document, certificate) not in seen:
@@ -141,10 +141,10 @@ class Permissions:
 
     @cached_property
     def _named(self) -> dict[int, dict[int, int]]:
-        """By certificate and document: the first grant that names it."""
+        """By certificate and document: the first grant that names it, where that lets join whatever its dates."""
         named: dict[int, dict[int, int]] = {}
         for number, grant in enumerate(self._system.grants):
-            for certificate in grant.names:
+            for certificate in grant.names if self._system.reading_of(grant).joins_out_of_date else ():
                 named.setdefault(certificate, {}).setdefault(grant.document, number)
         return named
 
@@ -161,9 +161,9 @@ class Permissions:
     def admitting(self, certificate: int | None, documents: frozenset[int]) -> list[int]:
         """The grants of these documents by which the certificate joins: dates may bind endpoints alone."""
         chosen = self.chosen(certificate, documents)
-        if certificate is None or not self._system.joins_out_of_date:
+        if certificate not in self._named:
             return chosen
-        first = self._named.get(certificate, {}).items()
+        first = self._named[certificate].items()
         return sorted({*chosen, *(grant for document, grant in first if document in documents)})
 
     def chosen(self, certificate: int | None, documents: frozenset[int]) -> list[int]:
@@ -174,11 +174,14 @@ class Permissions:
 
     def granting(self, documents: frozenset[int], *, admitting: bool = False) -> list[int]:
         """The grants of these documents that count for whomever they name; or (`admitting`) by which one joins."""
-        undated = admitting and self._system.joins_out_of_date
         return [
             number
             for number, grant in enumerate(self._system.grants)
-            if grant.document in documents and (undated or self.in_force(grant.not_before, grant.not_after))
+            if grant.document in documents
+            and (
+                self.in_force(grant.not_before, grant.not_after)
+                or (admitting and self._system.reading_of(grant).joins_out_of_date)
+            )
         ]
 
 

@@ -92,10 +92,8 @@ class OwnRights:
 
     def _able(self, enclave: int) -> Abilities:
         atom = self._system.enclaves[enclave].at(self._view.moment)
-        own = atom.permissions
-        anything = atom.opaque or (own is not None and self._system.documents[own].opaque)
-        documents = frozenset() if own is None else self._view.accepted & {own}
-        written, read = self._view.rights_with(enclave, documents, anything=anything)
+        anything = atom.opaque or any(self._system.documents[own].opaque for own in atom.permissions)
+        written, read = self._view.rights_with(enclave, self._view.accepted & atom.permissions, anything=anything)
         if atom.identity in self._refuses:
             written = read = 0
         written &= ~bits(atom.refused_writes)

@@ -48,8 +48,27 @@ class CertificateAtom(Struct, frozen=True, kw_only=True):
     elsewhere: bool = False
 
 
+class Reading(Struct, frozen=True, kw_only=True):
+    """How one kind of implementation judges its peers and what they present.
+
+    `pins_signer`: documents must be signed by a permissions CA certificate itself; otherwise by any certificate that
+    chains to one and is fit to sign (CVE-2023-24010). `skips_grants_out_of_date`: of a document the first grant in
+    force that names a certificate counts; otherwise the first that names it, if it is in force. `requires_grant`: where
+    join access control is off, it lets in whom some document grants something, not everybody. `joins_out_of_date`: the
+    first grant that names a certificate lets it join whatever its dates. `asks_announced_only`: it asks permissions of
+    an endpoint only where a peer announces it as under access control. `matcher`: how it reads expressions.
+    """
+
+    pins_signer: bool
+    skips_grants_out_of_date: bool
+    requires_grant: bool
+    joins_out_of_date: bool = False
+    asks_announced_only: bool = False
+    matcher: Matcher = Matcher.POSIX
+
+
 class DocumentAtom(Struct, frozen=True, kw_only=True):
-    """A signed document.
+    """A signed document, as one of the readings of the system has it: a message has one for each.
 
     `intact`: it is S/MIME as run times read it, every SignerInfo verifies under a known certificate that it
     names; `signers` are those certificates. `opaque`: (MAY only) some run time may accept it, and we do not
@@ -61,10 +80,12 @@ class DocumentAtom(Struct, frozen=True, kw_only=True):
     intact: bool
     signers: frozenset[int]
     opaque: bool
+    reading: int = 0
 
 
 class TrustDomainAtom(Struct, frozen=True, kw_only=True):
-    """Enclaves that trust alike: same identity CAs, permissions CAs and revocations, governances that say the same.
+    """Enclaves that trust alike: same identity CAs, permissions CAs and revocations, governances that say the same, and
+    implementations of one `reading`, which take documents of this reading alone.
 
     A peer's verdict depends on its trust domain only. `identity_ca`, `permissions_ca`: the certificates of those
     files; `governance`: the document of the first of them, None where it is missing or (MUST) unreadable; `revoked`:
@@ -86,6 +107,7 @@ class TrustDomainAtom(Struct, frozen=True, kw_only=True):
     refuses: frozenset[int] = frozenset()
     revoked_later: tuple[tuple[int, frozenset[int]], ...] = ()
     refuses_later: tuple[tuple[int, frozenset[int]], ...] = ()
+    reading: int = 0
 
     def at(self, moment: int) -> TrustDomainAtom:
         """The same as it is then."""
@@ -128,7 +150,8 @@ class ParticipantKind(Enum):
 
 
 class Participant(Struct, frozen=True, kw_only=True):
-    """Who takes part. `identity`: its certificate. `possible`: (MAY only) whether anybody has its key is unknown.
+    """Who takes part. `identity`: its certificate. `permissions`: the document that it carries, in each reading.
+    `possible`: (MAY only) whether anybody has its key is unknown.
 
     `reads_alone`, `writes_alone`: channels that its own implementation lets it read, and write, where that may be more
     than peers concede. `refused_writes`, `refused_reads`: those on which it refuses a writer, or a reader, that peers
@@ -140,7 +163,7 @@ class Participant(Struct, frozen=True, kw_only=True):
     location: Location
     trust_domain: int
     identity: int | None
-    permissions: int | None
+    permissions: frozenset[int]
     kind: ParticipantKind = ParticipantKind.ENCLAVE
     possible: bool = False
     reads_alone: frozenset[int] = frozenset()
@@ -153,6 +176,11 @@ class Participant(Struct, frozen=True, kw_only=True):
         """The same as it is then, and for good."""
         *_, found = self, *(each for begin, each in self.later if begin <= moment)
         return replace(found, later=()) if found.later else found
+
+    @property
+    def document(self) -> int | None:
+        """One of its permissions, all of which stand in one place; None where it carries none."""
+        return min(self.permissions, default=None)
 
     @property
     def unmanaged(self) -> bool:
@@ -280,28 +308,19 @@ class NodeAtom(Struct, frozen=True, kw_only=True):
 
 
 class System(Struct, frozen=True, kw_only=True):
-    """One keystore as one kind of implementation reads it, at one instant, in one of two readings: MAY and MUST.
+    """One keystore as a fleet reads it, at one instant, in one of two readings: MAY and MUST.
 
     `may`: what could not be read may do, grant and open anything; else it does, grants and opens nothing, and is left
     out: `left_out` are enclaves of which it is unknown who they are or whom they trust, of no trust domain.
-    `profiles`: the variants that read it so (all facts equal). `pins_signer`: documents must be signed by a permissions
-    CA certificate itself; otherwise by any certificate that chains to one and is fit to sign (CVE-2023-24010).
-    `skips_grants_out_of_date`: of a document the first grant in force that names a certificate counts; otherwise the
-    first that names it, if it is in force. `requires_grant`: where join access control is off, peers let in whom some
-    document grants something, not everybody. `joins_out_of_date`: the first grant that names a certificate lets it join
-    whatever its dates. `instants`: sorted; `now`: index of the audit instant among them.
+    `profiles`: the variants that read it so (all facts equal). `readings`: of the implementations in the fleet: one,
+    unless some enclaves are said to run another. `instants`: sorted; `now`: index of the audit instant among them.
     `meets`: by channel, the others in which an endpoint that is allowed in it is met too, because its partition may be
     a pattern; empty where no channel meets another. `assumed`: what is taken for granted; in MUST, whatever nobody can
-    see (`assumptions.WORLD`) is. `asks_announced_only`: these implementations ask permissions of an endpoint only where
-    a peer announces it as under access control.
+    see (`assumptions.WORLD`) is.
     """
 
     profiles: tuple[str, ...]
-    pins_signer: bool
-    skips_grants_out_of_date: bool
-    requires_grant: bool
-    joins_out_of_date: bool = False
-    asks_announced_only: bool = False
+    readings: tuple[Reading, ...]
     assumed: frozenset[Assumption] = EVERY
     may: bool
     instants: tuple[datetime, ...]
@@ -322,16 +341,19 @@ class System(Struct, frozen=True, kw_only=True):
     nodes: tuple[NodeAtom, ...] = ()
     meets: tuple[frozenset[int], ...] = ()
     left_out: tuple[Participant, ...] = ()
-    matcher: Matcher = Matcher.POSIX
-    """How these implementations read expressions."""
 
     def place(self, rule: RuleAtom, operation: Operation, channel: int) -> Location:
         """The line of the expression (its message, if not the name) that takes in the channel, else the rule's."""
         topic = self.channels[channel].topic
-        text = None if rule.source is None else naming(rule.source, operation, topic, self.matcher)
+        matcher = self.reading_of(self.grants[rule.grant]).matcher
+        text = None if rule.source is None else naming(rule.source, operation, topic, matcher)
         if text is None or text.line is None:
             return rule.location
         return replace(rule.location, line=text.line, message="" if text.text == topic else text.text)
+
+    def reading_of(self, grant: GrantAtom) -> Reading:
+        """How those judge who take the grant's document for what this atom of it says."""
+        return self.readings[self.documents[grant.document].reading]
 
     def at(self, moment: int) -> System:
         """The same with trust domains and enclaves as they are then, and for good; dates say what is in force."""
@@ -358,11 +380,6 @@ class System(Struct, frozen=True, kw_only=True):
     def anything_granted(self) -> bool:
         """Whether a document may grant anything: one could not be read, or is not here."""
         return any(document.opaque for document in self.documents) or not self.assumed >= DOCUMENTS
-
-    @property
-    def announcements_trusted(self) -> bool:
-        """Whether an attacker gets past the permissions of endpoints by what it announces of them."""
-        return self.asks_announced_only and Assumption.TRUTHFUL_ANNOUNCEMENTS not in self.assumed
 
     def trust_domains_of_enclaves(self) -> list[int]:
         """The trust domains that enclaves are of; in others are unmanaged identities alone, with files of their own."""

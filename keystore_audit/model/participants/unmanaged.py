@@ -200,7 +200,7 @@ class Unmanaged:
                     location=Location(path=each.certificate.path, line=each.certificate.line),
                     trust_domain=trust_domain,
                     identity=None if doubted else number,
-                    permissions=None,
+                    permissions=frozenset(),
                     kind=ParticipantKind.UNMANAGED,
                     possible=not each.held,
                 )
@@ -229,7 +229,7 @@ def unread_participants(places: Sequence[str], trust_domains: Sequence[TrustDoma
             location=Location(path=places[0]),
             trust_domain=trust_domain,
             identity=None,
-            permissions=None,
+            permissions=frozenset(),
             kind=ParticipantKind.UNMANAGED,
         )
 

@@ -246,8 +246,7 @@ class Holders:
         for trust_domain in trust_domains:
             if trust_domain.authenticated(number):
                 taken.update(dict.fromkeys(permissions.chosen(enclave.identity, trust_domain.accepted)))
-        carried = frozenset(() if enclave.permissions is None else (enclave.permissions,))
-        own = permissions.chosen(enclave.identity, carried)
+        own = permissions.chosen(enclave.identity, enclave.permissions)
         grants = tuple(each for each in (placed[grant] for grant in taken) if each is not None)
         mine = tuple(each for each in (placed[grant] for grant in own if grant in taken) if each is not None)
         key = (enclave.label, grants, mine)

@@ -38,7 +38,7 @@ def system_with_twins(seed: int) -> System:
     if chance.random() < 0.5:
         system = lively(system, seed)
     system = with_claims(system, seed)
-    able = [n for n, atom in enumerate(system.enclaves) if atom.identity is not None and atom.permissions is not None]
+    able = [n for n, atom in enumerate(system.enclaves) if atom.identity is not None and atom.permissions]
     for enclave in able:
         if chance.random() < 0.7:
             own = frozenset(c for c in _mentioned(system, enclave) if chance.random() < 0.6)
@@ -67,7 +67,7 @@ def _sound(chance: random.Random) -> System:
 
 def _mentioned(system: System, enclave: int) -> list[int]:
     """Channels about which its document has rules."""
-    document = system.enclaves[enclave].permissions
+    document = system.enclaves[enclave].document
     grants = {number for number, grant in enumerate(system.grants) if grant.document == document}
     rules = [rule for rule in system.rules if rule.grant in grants]
     return sorted({c for rule in rules for c in rule.publish | rule.subscribe | rule.relay})
@@ -76,7 +76,7 @@ def _mentioned(system: System, enclave: int) -> list[int]:
 def _with_copy(system: System, enclave: int, own: frozenset[int]) -> System:
     """The system with one more enclave like this one, with copies of the channels `own`."""
     atom = system.enclaves[enclave]
-    if atom.identity is None or atom.permissions is None:
+    if atom.identity is None or atom.document is None:
         return replace(system, enclaves=(*system.enclaves, atom))
     certificate, document = len(system.certificates), len(system.documents)
     theirs = system.certificates[atom.identity]
@@ -87,7 +87,7 @@ def _with_copy(system: System, enclave: int, own: frozenset[int]) -> System:
     def also(members: frozenset[int]) -> frozenset[int]:
         return members | {copies[channel] for channel in members if channel in copies}
 
-    grants = [number for number, grant in enumerate(system.grants) if grant.document == atom.permissions]
+    grants = [number for number, grant in enumerate(system.grants) if grant.document == atom.document]
     numbers = {old: len(system.grants) + place for place, old in enumerate(grants)}
     named = [replace(g, names=g.names | {certificate} if atom.identity in g.names else g.names) for g in system.grants]
     copied = [
@@ -99,11 +99,11 @@ def _with_copy(system: System, enclave: int, own: frozenset[int]) -> System:
     return replace(
         system,
         certificates=(*system.certificates, replace(theirs, issuers=issuers, key=key)),
-        documents=(*system.documents, system.documents[atom.permissions]),
+        documents=(*system.documents, system.documents[atom.document]),
         trust_domains=tuple(
             _revoking(trust_domain, atom.identity, certificate) for trust_domain in system.trust_domains
         ),
-        enclaves=(*system.enclaves, replace(atom, identity=certificate, permissions=document)),
+        enclaves=(*system.enclaves, replace(atom, identity=certificate, permissions=frozenset({document}))),
         channels=(*system.channels, *(system.channels[channel] for channel in sorted(own))),
         topic_rules=tuple(replace(rule, channels=also(rule.channels)) for rule in system.topic_rules),
         grants=(*named, *copied),
@@ -149,12 +149,12 @@ def _claim(claim: ClaimAtom, enclave: int, copy: int, also: Change) -> ClaimAtom
 def _otherwise(system: System, chance: random.Random) -> System:
     """The system with one fact changed about its last enclave, or about what is its own."""
     last = system.enclaves[-1]
-    if last.identity is None or last.permissions is None:
+    if last.identity is None or last.document is None:
         return system
     change = chance.choice(
         [_about_enclave, _about_certificate, _about_document, _about_grant, _about_rule, _about_place]
     )
-    return change(system, chance, last.identity, last.permissions)
+    return change(system, chance, last.identity, last.document)
 
 
 def _last(atoms: Sequence[Atom], **fields: object) -> tuple[Atom, ...]:
@@ -179,7 +179,7 @@ def _about_enclave(system: System, chance: random.Random, identity: int, permiss
     if kind == 1:
         return replace(system, may=True, enclaves=_last(system.enclaves, kind=ParticipantKind.UNREAD))
     if kind == 2:
-        return replace(system, enclaves=_last(system.enclaves, permissions=None))
+        return replace(system, enclaves=_last(system.enclaves, permissions=frozenset()))
     field = chance.choice(["identity", "permissions"])
     return replace(system, enclaves=_last(system.enclaves, **{field: getattr(system.enclaves[0], field)}))
 

@@ -23,7 +23,7 @@ from keystore_audit.model.formal.system import System
 from keystore_audit.properties import PROPERTIES
 from keystore_audit.properties.result import Role
 from tests.engine.alloy_batch import outcomes, shipped
-from tests.engine.systems import healthy, lively, random_system, stock, with_claims
+from tests.engine.systems import healthy, judging, lively, random_system, stock, with_claims
 
 ALL_MODULES = (*MODULES, *claims.MODULES, "propagation.als")
 """All that are written by hand."""
@@ -176,7 +176,7 @@ def test_a_model_goes_only_into_an_empty_directory(tmp_path: Path) -> None:
 
 def test_several_models_get_a_folder_each_and_the_names_are_told(tmp_path: Path) -> None:
     pinned = stock()
-    unpinned = replace(pinned, pins_signer=False)
+    unpinned = judging(pinned, pins_signer=False)
     write_model([pinned, unpinned, unpinned], tmp_path / "certain")
     write_model([pinned, replace(pinned, may=True)], tmp_path / "doubtful")
     assert [path.name for path in folders(tmp_path / "certain")] == [

@@ -144,5 +144,5 @@ def test_the_talker_and_the_listener_keep_their_indices() -> None:
     """What the mutations above rely on."""
     system = healthy()
     assert (system.enclaves[TALKER].label, system.enclaves[LISTENER].label) == ("/talker", "/listener")
-    assert system.enclaves[LISTENER].permissions == LISTENER_PERMISSIONS
+    assert system.enclaves[LISTENER].document == LISTENER_PERMISSIONS
     assert system.channels[CHATTER].topic == "rt/chatter"

@@ -25,14 +25,15 @@ sig intact, unreadable in Document {}
 sig AnyTrustDomain extends TrustDomain {
 	identity_ca, permissions_ca, revoked, refuses: set Certificate,
 	governance: lone Document,
-	refuses_trust_domain: set TrustDomain
+	refuses_trust_domain: set TrustDomain,
+	reading: set Document
 }
 sig pins_signer, requires_grant in TrustDomain {}
 
 sig AnyEnclave extends Enclave {
 	in_trust_domain: one TrustDomain,
 	identity: lone Certificate,
-	permissions: lone Document,
+	permissions: set Document,
 	reads_alone, writes_alone: set Channel,
 	refused_writes, refused_reads: set Channel
 }
