@@ -53,8 +53,20 @@ fun takes[trust_domain: TrustDomain]: Enclave -> Channel { reads_honestly[trust_
 /** Channels on which members of the trust domain `sending` write to members of `receiving`. */
 fun sends[sending, receiving: TrustDomain]: Enclave -> Channel { writes_honestly[receiving] - of_strangers[sending] }
 
+/**
+ * Channels that a member's own implementation alone lets it read, which matters where peers run another one: what those
+ * like it would not concede it, these may.
+ */
+fun takes_alone[trust_domain: TrustDomain]: Enclave -> Channel {
+	TrustDomain.reading in trust_domain.reading implies none -> none
+	else { e: in_trust_domain.trust_domain, c: e.reads_alone }
+}
+
 /** Channels on which members of `receiving` read what members of `sending` write: these give them their keys. */
-fun receives[sending, receiving: TrustDomain]: Enclave -> Channel { takes[receiving] & reads_honestly[sending] }
+fun receives[sending, receiving: TrustDomain]: Enclave -> Channel {
+	(takes[receiving] + takes_alone[receiving])
+	& reads_honestly[sending]
+}
 
 -- imposed
 
@@ -87,7 +99,8 @@ fun is_told[eavesdroppers: set Enclave + Outsider, trust_domain: TrustDomain]: E
 
 /** Channels that each participant gets as a reader; of one who attacks also those that it is told. */
 fun obtains[eavesdroppers: set Enclave + Outsider, trust_domain: TrustDomain]: Enclave -> Channel {
-	takes[trust_domain] + { e: eavesdroppers & Enclave, c: e.acts_as.(hears[trust_domain]) }
+	takes[trust_domain] + takes_alone[trust_domain]
+	+ { e: eavesdroppers & Enclave, c: e.acts_as.(hears[trust_domain]) }
 }
 
 -- intercepted

@@ -69,7 +69,7 @@ def _systems(keystore: Keystore, claims: tuple[Claim, ...], given: Circumstances
     )
     usabilities = Usabilities(given.domain, accesses)
     usability = usability_by_profile(keystore.enclaves, given.profiles, given.at, usabilities)
-    return with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities)
+    return with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities, given.profiles)
 
 
 def _about(systems: Sequence[System], claims: slice) -> list[System]:

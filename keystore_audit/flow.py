@@ -26,6 +26,7 @@ from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
 from keystore_audit.model.systems import SystemBuilder
+from keystore_audit.profiles import at_work, declared
 from keystore_audit.properties.result import (
     AssertedResult,
     Change,
@@ -73,6 +74,8 @@ class FlowAnswer(Struct, frozen=True, kw_only=True):
     engines: tuple[EngineRun, ...]
     doubts: tuple[Location, ...]
     change: Change | None = None
+    declared: str = ""
+    """What enclaves run that settings name."""
 
     @property
     def status(self) -> Status:
@@ -103,7 +106,7 @@ def find_flow(
         lambda views: SystemBuilder(keystore, profiles, at, views, claims=claims)
     )
     usabilities = Usabilities(None, accesses)
-    native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}, usabilities))
+    native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}, usabilities, profiles))
     engines = engines or Engines()
     results, falls = tuple[AssertedResult, ...](), tuple[FallResult, ...]()
     if question.compromised is None:
@@ -120,7 +123,7 @@ def find_flow(
         from keystore_audit.fewer_rights import smallest_change  # most flows are not asked that
 
         change = smallest_change(keystore, claims[0], question.compromised, question.able, given, engines)
-    asked = profiles if any(result.status is Status.UNKNOWN for result in every) else ()
+    asked = at_work(profiles) if any(result.status is Status.UNKNOWN for result in every) else ()
     doubts = (doubt.location for profile in asked for doubt in keystore_doubts(keystore, profile, accesses))
     return FlowAnswer(
         question=question,
@@ -129,6 +132,7 @@ def find_flow(
         results=tuple((Attacker(result.prop.attacker), result) for result in results),
         falls=falls,
         engines=runs[-1:] if engines.choice == "native" else runs,
+        declared=declared(profiles),
         doubts=tuple(dict.fromkeys(doubts)),
         change=change,
     )
@@ -184,7 +188,7 @@ def find_blast_radius(
         _check(who, keystore)
     known = ground(keystore, profiles, at, accesses, include_ambient=include_ambient)
     asking = _Asking(known, given.names)
-    doubts = (doubt.location for profile in profiles for doubt in keystore_doubts(keystore, profile, accesses))
+    doubts = (doubt.location for profile in at_work(profiles) for doubt in keystore_doubts(keystore, profile, accesses))
     return CompromiseAnswer(
         who=who,
         at=at,

@@ -132,7 +132,9 @@ def scoped(options: Options) -> Options:
     chosen = {profile.name for profile in resolve(options.profiles)}
     missing = [name for name in settings.scope if name not in chosen]
     if missing:
-        declared = f"{settings.file.path} declares the scope {scope_of(settings.scope) or 'of all distributions'}"
+        declared = (
+            f"{settings.file.path} declares the scope {scope_of(resolve(settings.scope)) or 'of all distributions'}"
+        )
         raise UsageError(f"{declared}: the command leaves out {implementations(missing)}.")
     return options
 

@@ -48,11 +48,13 @@ from keystore_audit.model.meaning import Meaning
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.trust import chain as trust
 from keystore_audit.options import Options, Progress
-from keystore_audit.profiles import Profile, resolve, scope_of
+from keystore_audit.profiles import Profile, at_work, fleets, resolve, scope_of
 from keystore_audit.properties.result import AlloyResult, EngineStatus, PropertyResult, Status
 from keystore_audit.report.content import (
     MAX_RANKED,
+    MIXED,
     NOT_CHECKED,
+    OTHERWISE_MIXED,
     Anchor,
     Anchors,
     Checked,
@@ -92,7 +94,8 @@ def audit(
     if environment is not None:
         options = _as_started(options, environment)
     options = scoped(options)
-    profiles = resolve(options.profiles)
+    profiles = fleets(resolve(options.profiles), options.settings.runs if options.settings else {})
+    working, declared_runs = at_work(profiles), [scope_of((each,)) for each in profiles if each.others]
     accepted = suppressions(options)
     policy = _policy(options)
     intents = read_observed(options.graphs, options.launches, options.launch_arguments)
@@ -139,20 +142,26 @@ def audit(
     context = Context(
         keystore=keystore,
         meaning=meaning,
-        drift=_drift(keystore, policy, options, profiles, accesses) if policy is not None else None,
+        drift=_drift(keystore, policy, options, working, accesses) if policy is not None else None,
         results=results,
         engines=runs,
         at=options.at,
         expires_within=options.expires_within,
         deployed=options.deployed,
-        profiles=profiles,
+        profiles=working,
+        fleets=profiles,
         beside=beside,
         environment=environment,
-        observed=_compared(intents, keystore, profiles, accesses, options),
+        observed=_compared(intents, keystore, working, accesses, options),
         launch_complete=options.launch_complete,
         suppressions=accepted,
         authorities=declared_authorities,
-        conditions=(f"{options.domain}", f"{options.time_zone}", *sorted(each.value for each in accesses.assumed)),
+        conditions=(
+            f"{options.domain}",
+            f"{options.time_zone}",
+            *sorted(each.value for each in accesses.assumed),
+            *declared_runs,
+        ),
     )
     judgement = judge(context, RULES, select=options.select, ignore=options.ignore)
     safe = horizon(keystore, native, profiles, options.at, accesses, usabilities, meaning.usability)
@@ -165,7 +174,7 @@ def _drawn(report: Report, context: Context, accesses: AccessViews, options: Opt
     """The report with what no verdict rests on, where it is asked for or little work."""
     from keystore_audit.model import blast_radius
 
-    about, systems = (context.keystore, context.profiles, options.at, accesses), context.meaning.systems
+    about, systems = (context.keystore, context.fleets, options.at, accesses), context.meaning.systems
     few = len(context.keystore.enclaves) <= MAX_RANKED
     ranked = blast_radius.ranked_enclaves(*about) if systems and (few or options.overview) else None
     seen = None
@@ -269,7 +278,7 @@ def _report(
     anchors = trust.trusted(context.keystore, context.authorities)
     agree = all(result.engines_agree for result in context.results)
     assumed = tuple(assumptions(context, options))
-    scope = scope_of([profile.name for profile in context.profiles])
+    scope = scope_of(context.fleets)
     return Report(
         version=__version__,
         keystore=context.keystore.root,
@@ -297,6 +306,7 @@ def _report(
         outcomes=judgement.outcomes,
         checked=_checked(context),
         scope=scope,
+        others=tuple(p.name for p in context.profiles if p.name not in {each.name for each in context.fleets}),
         deployed=options.deployed,
         domain=options.domain,
         files=tuple(_files(context)),
@@ -359,7 +369,7 @@ def _enclaves(context: Context) -> tuple[EnclaveEntry, ...]:
                 path=enclave.path,
                 directory=directory,
                 subject=enclave.identity.subject if enclave.identity else None,
-                profiles={p.name: context.meaning.usability[directory, p.name] for p in context.profiles},
+                profiles={p.name: context.meaning.usability[directory, p.name] for p in context.fleets},
             )
         )
     return tuple(entries)
@@ -367,6 +377,7 @@ def _enclaves(context: Context) -> tuple[EnclaveEntry, ...]:
 
 def _checked(context: Context) -> Checked:
     meaning, keystore = context.meaning, context.keystore
+    mixed = any(profile.others for profile in context.fleets)
     system = meaning.systems[0] if meaning.systems else None
     return Checked(  # systems have certificates besides, for what is unread or elsewhere
         certificates=len(certificates_of(keystore, context.at)) if system else 0,
@@ -377,7 +388,8 @@ def _checked(context: Context) -> Checked:
             *meaning.idle,
             *unread(keystore),
             *untested(context.profiles),
-            *NOT_CHECKED.values(),
+            *(said for words, said in NOT_CHECKED.items() if words != MIXED or not mixed),
+            *([OTHERWISE_MIXED] if mixed else []),
             *_not_compared(context),
         ),
     )

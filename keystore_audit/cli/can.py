@@ -109,6 +109,7 @@ def _one(keystore: str, enclave: str, operation: str, name: str, given: dict[str
         dds_names=tuple((each.operation.value, each.topic) for each in questions),
         governed=governed,
         at=reading.at,
+        fleets=reading.profiles,
     )
     render = answer.json if given["form"] == "json" else answer.text
     output.write_stdout(render(asked, answers))
@@ -180,6 +181,7 @@ def _batch(keystore: str, given: dict[str, Any]) -> int:
             partitions=each.partitions,
             dds_names=((each.operation.value, each.topic),),
             at=reading.at,
+            fleets=reading.profiles,
         )
         written.append(answer.json(asked, answers))
         code = code or _exit_code(answers.values(), effective=given["effective"], expected=None) // 4 * 4

@@ -67,7 +67,7 @@ def command(old: str, new: str, **given: Any) -> int:
     comparison = compare_keystores(
         old,
         new,
-        opt.reading(given, read),
+        opt.reading(given, read, uniform="diff"),
         labels=_labels(given["labels"], read),
         intended=_intended(given, read),
     )

@@ -100,7 +100,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
     answer = find_flow(
         keystore,
         question,
-        opt.reading(given, settings),
+        opt.reading(given, settings, uniform="flow --compromised" if question.compromised is not None else ""),
         engines=Engines(
             choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"]
         ),
@@ -128,7 +128,7 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     answer = find_blast_radius(
         keystore,
         given["compromised"],
-        opt.reading(given, opt.named_settings(given, keystore)),
+        opt.reading(given, opt.named_settings(given, keystore), uniform="flow --from-compromised"),
         include_ambient=given["include_ambient"],
     )
     from keystore_audit.report import flow
@@ -153,12 +153,14 @@ def _rendered(answer: FlowAnswer, kind: str) -> str:
             "include_ambient": question.include_ambient,
             "at": instant(answer.at),
             "flow": flow.FOUND[answer.status],
+            **({"declared": answer.declared} if answer.declared else {}),
         }
         if most is not None:
             return flow.falls_json(asked, most, answer.profiles, answer.falls, answer.engines, answer.change)
         return flow.json(asked, answer.results, answer.engines)
     besides = f", except through {', '.join(question.through)}" if question.through else ""
-    title = f"Can anything get from {question.source} to {question.target}{besides}"
+    fleet = f" ({answer.declared})" if answer.declared else ""
+    title = f"Can anything get from {question.source} to {question.target}{besides}{fleet}"
     if most is None:
         told = flow.by_attacker(f"{title}?", answer.results)
     else:

@@ -232,13 +232,19 @@ def named_settings(given: Mapping[str, Any], *keystores: str) -> Settings | None
     return read_settings(given["settings"], keystores)
 
 
-def reading(given: Mapping[str, Any], settings: Settings | None) -> Circumstances:
-    """Return what the options mean that decide how keystores are read."""
-    from keystore_audit.circumstances import Circumstances
-    from keystore_audit.profiles import resolve
+def reading(given: Mapping[str, Any], settings: Settings | None, *, uniform: str = "") -> Circumstances:
+    """Return what the options mean that decide how keystores are read.
 
+    `uniform`: the command, if it knows no fleets of several implementations; raise UsageError for one then.
+    """
+    from keystore_audit.circumstances import Circumstances
+    from keystore_audit.profiles import fleets, resolve
+
+    runs = settings.runs if settings is not None else {}
+    if uniform and runs:
+        raise UsageError(f"{uniform} knows no mixed fleets yet: name settings without [enclaves].")
     return Circumstances(
-        profiles=resolve(given["profiles"]),
+        profiles=fleets(resolve(given["profiles"]), runs),
         at=given["at"] or now(),
         zone=given["time_zone"],
         domain=given.get("domain"),

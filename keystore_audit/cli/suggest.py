@@ -72,7 +72,8 @@ def command(keystore: str, **given: Any) -> int:
 
     arguments = dict(given["launch_arguments"])
     intents = read_observed(given["graphs"], given["launches"], arguments, given["policy"], given["include"])
-    suggester = Suggester(keystore, intents, opt.reading(given, opt.named_settings(given, keystore)))
+    read = opt.reading(given, opt.named_settings(given, keystore), uniform="suggest")
+    suggester = Suggester(keystore, intents, read)
     suggestion = suggester.suggestion(usual=not given["no_usual"])
     enclaves = _chosen(suggestion, given["enclave"])
     if given["form"] == POLICY:

@@ -210,7 +210,8 @@ _BETWEEN_PARTS: Final = re.compile("[,/|]")
 
 def _shorter_subjects(system: System, claim: ClaimAtom) -> Mapping[str, str]:
     """A subject that nobody here has, by the subject_name of a grant that lets it publish what the claim is about."""
-    comparisons = {VARIANTS[name].trust.subjects for name in system.profiles if name in VARIANTS}
+    names = (*system.profiles, *system.others)
+    comparisons = {VARIANTS[name].trust.subjects for name in names if name in VARIANTS}
     granting = sorted(_granting(system, bits(claim.target.channels))) if comparisons & TOKENWISE else []
     known = {meaning(certificate.label) for certificate in system.certificates}
     wanted: dict[int, list[ToldSubject]] = {

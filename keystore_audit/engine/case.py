@@ -342,8 +342,7 @@ def _shown(case: Case, enclave: int, found: Told) -> Told:
 def _by_keys(case: Case, enclave: int) -> Told:
     """By the keys that an enclave holds as a participant, reader or relay; or by what it says of its endpoints."""
     why = f"with the keys that it holds, since {case.kinds()}"
-    trusted = case.view.announcements_trusted  # hardly ever
-    if trusted and case.view.abilities(enclave).unannounced >> case.number & 1:
+    if case.view.abilities(enclave).unannounced >> case.number & 1:
         why = "by announcing its endpoint as free of access control: peers believe it, and no file here changes that"
     return _shown(case, enclave, (why, case.governance_steps()))
 

@@ -60,10 +60,12 @@ def with_needs(
             if each.status is Status.HOLDS:
                 holding.setdefault(profile, []).append(result.prop.id)
     needs: dict[tuple[str, str], Needs] = {}
+    by_profile = {profile: system for system in native.systems for profile in system.profiles}
+    believing = {name for name in holding if any(map(is_announced_to, (name, *by_profile[name].others)))}
     found: list[Minimal] = []
     for numbers, alike in grouped(holding, lambda profile: _numbers(native.systems, profile)).items():
         asked = _Asked(native, [native.systems[number] for number in numbers], made)
-        for announced, profiles in grouped(alike, is_announced_to).items():
+        for announced, profiles in grouped(alike, believing.__contains__).items():
             names = frozenset(name for profile in profiles for name in holding[profile])
             known = frozenset[Assumption]() if announced else TRUTHFUL
             for least, those in asked.needs(names, made - known, known).items():
@@ -73,7 +75,7 @@ def with_needs(
 
     def needing(result: R) -> R:
         def needed(profile: str, held: ProfileResult) -> ProfileResult:
-            every = made if is_announced_to(profile) else made - TRUTHFUL
+            every = made if profile in believing else made - TRUTHFUL
             found = needs.get((profile, result.prop.id), every)
             return replace(held, needs=_ordered(found.union(held.needs)), survives_without=_ordered(every - found))
 
@@ -156,7 +158,7 @@ class _Asked:
 
     def __init__(self, native: NativeEngine, systems: Sequence[System], made: frozenset[Assumption]) -> None:
         self._native = native
-        self._systems = [_asking_announced(each) for each in systems]
+        self._systems = [each if each.mixed else _asking_announced(each) for each in systems]
         self._known = systems[0].assumed.difference(made)
         claims = (claim.id for each in systems for claim in each.claims if claim.until is None)
         self._answered = frozenset((*BY_ID, *claims))

@@ -33,7 +33,17 @@ from keystore_audit.model.semantics import (
 )
 from keystore_audit.model.subjects.comparison import names
 from keystore_audit.model.validity import Dated, counts_at, read_date
-from keystore_audit.profiles import QUIRKS, SPEC, Access, Alike, DateReading, OpenRange, PartitionReading, Profile
+from keystore_audit.profiles import (
+    QUIRKS,
+    SPEC,
+    Access,
+    Alike,
+    DateReading,
+    OpenRange,
+    PartitionReading,
+    Profile,
+    at_work,
+)
 from keystore_audit.truth import Truth
 
 if TYPE_CHECKING:  # most audits are told no zone
@@ -143,8 +153,8 @@ class AccessViews:
         return known
 
     def rows(self, profiles: Iterable[Profile]) -> tuple[Access, ...]:
-        """Those of the profiles."""
-        return tuple(dict.fromkeys(self.row(profile.access) for profile in profiles))
+        """Those of the profiles, and of what others run in their fleets."""
+        return tuple(dict.fromkeys(self.row(profile.access) for profile in at_work(profiles)))
 
     def by_row(self, profiles: Iterable[Profile], files: Iterable[Typed | None]) -> dict[Access, list[ReadDocument]]:
         """What these documents say to each; what is not there says nothing."""
@@ -218,6 +228,9 @@ class AccessViews:
         """Why it cannot be told which expressions an implementation takes to match these names of an endpoint; None: it
         can.
         """
+        if profile.others:
+            reasons = (self.unclear_name(topic, partitions, each) for each in at_work((profile,)))
+            return next(filter(None, reasons), None)
         counting = any(not _COUNTING.isdisjoint(text) for text in self._held.unusual_expressions)
         if profile.access.matches_octets and counting and not "".join((topic, *partitions)).isascii():
             return "in names beyond ASCII, ? and brackets take octets or characters, as the process's locale has it"
@@ -230,13 +243,13 @@ class AccessViews:
 
     def dates_in_local_time(self, profiles: Iterable[Profile]) -> frozenset[datetime]:
         """Dates of grants that a profile reads in the robot's zone, which we were not told, as if it were UTC."""
-        readings = {profile.access.dates for profile in profiles}
+        readings = {profile.access.dates for profile in at_work(profiles)}
         dated = [read_date(text, reading, self._zone) for text in self._held.dates for reading in readings]
         return frozenset(each.instant for each in dated if each is not None and each.local)
 
     def dated(self, profiles: Iterable[Profile], instants: Collection[datetime]) -> Iterator[tuple[Location, str]]:
         """The dates of grants that a profile takes for one of the `instants` in the robot's zone: where, and what."""
-        readings = {profile.access.dates for profile in profiles}
+        readings = {profile.access.dates for profile in at_work(profiles)}
         for file in self._held.files:
             for grant in file.grants if isinstance(file, PermissionsFile) else ():
                 for verb, date in (("begins", grant.not_before), ("ends", grant.not_after)):
@@ -246,7 +259,7 @@ class AccessViews:
 
     def exclusive_bounds(self, profiles: Iterable[Profile]) -> tuple[frozenset[datetime], frozenset[datetime]]:
         """Where grants begin, and where they end, that a profile counts not yet, or no more, at that very instant."""
-        if all(profile.access.dates is not DateReading.UNREADABLE_IS_PAST for profile in profiles):
+        if all(profile.access.dates is not DateReading.UNREADABLE_IS_PAST for profile in at_work(profiles)):
             return frozenset(), frozenset()
         bounds = []
         for texts in (

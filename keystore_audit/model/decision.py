@@ -106,6 +106,7 @@ class LocalRights:
 
     def allowed(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
         """The channels on which the operation is allowed, as a bit set: the same for profiles that decide alike."""
+        profile = profile.run_by(enclave.path)
         access = self._accesses.row(profile.access)
         key = enclave.files.directory, access, profile.local, profile.trust.subjects, operation
         known = self._allowed.get(key)
@@ -115,6 +116,7 @@ class LocalRights:
 
     def peer_authorised(self, enclave: Enclave, profile: Profile, operation: Operation) -> int:
         """The channels on which peers would allow the operation by the enclave's grant; governance is not asked."""
+        profile = profile.run_by(enclave.path)
         grant = self.grant(enclave, profile)
         if grant is None:
             return 0
@@ -126,6 +128,7 @@ class LocalRights:
 
         `name`: what is asked about; the channel stands for every name where no governance covers the domain.
         """
+        profile = profile.run_by(enclave.path)
         step = self.step(enclave, profile, operation, channel)
         grant = self.grant(enclave, profile)
         reason, location = step.by.at(name)
@@ -140,6 +143,7 @@ class LocalRights:
 
     def steps(self, enclave: Enclave, profile: Profile, operation: Operation) -> Iterator[_Step]:
         """What decides, in order; the last step decides about everything."""
+        profile = profile.run_by(enclave.path)
         access = self._accesses.row(profile.access)
         if operation is not Operation.RELAY:
             yield from self._names(profile)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from keystore_audit.errors import BudgetExceeded
+from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.keystore import Enclave, Keystore
@@ -31,7 +31,7 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Doubt, Usability
 from keystore_audit.model.ros.patterns import ros_patterns
 from keystore_audit.model.systems import SystemBuilder
-from keystore_audit.profiles import SPEC, Profile
+from keystore_audit.profiles import SPEC, Profile, at_work
 
 if TYPE_CHECKING:  # an audit without a property in Alloy needs none of it
     from keystore_audit.model.intended.observed_rights import WiredNode
@@ -57,12 +57,17 @@ def interpret(
     Documents with which topic classes are over budget count as unread. Where that is not enough (names of users alone),
     `systems` is empty and says why: nothing is decided then.
     """
+    working = at_work(profiles)
+    mixed = any(profile.others for profile in profiles)
+    if mixed and declared is not None and declared.claims:
+        raise UsageError(f"{declared.claims[0].place}: what is deterministic is not decided for a mixed fleet yet.")
     if claims:
         _begins, excluded = accesses.exclusive_bounds(profiles)
         claims = lasting(claims, accesses.dates_in_local_time(profiles), excluded)
     domain = usabilities.domain
     over_budget: str | None = None
     systems: tuple[System, ...] = ()
+    apart: tuple[System, ...] = ()
     usability = usability_by_profile(keystore.enclaves, profiles, at, usabilities)
     declared = declared or Declared()
     named = (*place_regions(places), *declared.regions(), *_wires(nodes))
@@ -70,25 +75,27 @@ def interpret(
         builder, accesses = accesses.within_budget(
             lambda views: SystemBuilder(keystore, profiles, at, views, claims=claims, named=named)
         )
-        systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities)
+        systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities, profiles)
         systems = with_places(systems, places, builder.channels, keystore)
         if nodes:
             from keystore_audit.model.intended.observed_rights import with_nodes
 
             systems = with_nodes(systems, nodes, builder.channels, keystore)
         systems = with_determinism(systems, declared, builder.channels, keystore, usability, domain)
+        # What is advised about services goes by implementations one by one.
+        apart = SystemBuilder(keystore, working, at, accesses).systems() if mixed else systems
     except BudgetExceeded as exceeded:
         over_budget = exceeded.message
     return Meaning(
         systems=systems,
         usability=usability,
-        doubts=_doubts(keystore, profiles, accesses),
+        doubts=_doubts(keystore, working, accesses),
         ungoverned=_ungoverned(systems),
         over_budget=over_budget,
         idle=_idle(systems),
-        divergences=divergences(keystore, _beside_spec(profiles), at, accesses, domain) if systems else (),
-        anomalies=anomalies(keystore, profiles, accesses) if systems else {},
-        ros=ros_patterns(keystore, profiles, at, accesses, systems, usability) if systems else None,
+        divergences=divergences(keystore, _beside_spec(working), at, accesses, domain) if systems else (),
+        anomalies=anomalies(keystore, working, accesses) if systems else {},
+        ros=ros_patterns(keystore, working, at, accesses, apart, usability) if systems else None,
     )
 
 
@@ -109,7 +116,7 @@ def _beside_spec(profiles: Sequence[Profile]) -> tuple[Profile, ...]:
 def usability_by_profile(
     enclaves: Iterable[Enclave], profiles: Sequence[Profile], at: datetime, usabilities: Usabilities
 ) -> dict[tuple[str, str], Usability]:
-    """Usability by (enclave directory, profile name)."""
+    """Usability by (enclave directory, profile name): of what the enclave runs in the fleet on that profile."""
     found: dict[tuple[str, str], Usability] = {}
     rows = {usabilities.kind(profile): profile for profile in profiles}
     kinds = [(profile.name, usabilities.kind(profile)) for profile in profiles]

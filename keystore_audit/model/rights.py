@@ -8,6 +8,8 @@ from functools import cache
 from itertools import chain, compress, product
 from typing import Any, Final
 
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.typed import DomainRule, Operation, ProtectionKind, TopicRule
 from keystore_audit.model.access_view import ReadDocument
@@ -153,6 +155,23 @@ Read = Sequence[tuple[str, ReadDocument]]
 """Documents with their places, in the order of the system's."""
 
 Atoms = tuple[tuple[DomainRuleAtom, ...], tuple[TopicRuleAtom, ...], tuple[GrantAtom, ...], tuple[RuleAtom, ...]]
+
+
+def one_after_another(parts: Sequence[tuple[int, Atoms]]) -> Atoms:
+    """The atoms of several readings, each with the number of its first document."""
+    if len(parts) == 1:
+        return parts[0][1]
+    domain_rules: list[DomainRuleAtom] = []
+    topic_rules: list[TopicRuleAtom] = []
+    grants: list[GrantAtom] = []
+    rules: list[RuleAtom] = []
+    for first, (governing, protecting, granting, ruling) in parts:
+        above, before = len(domain_rules), len(grants)
+        domain_rules += (replace(each, document=each.document + first) for each in governing)
+        topic_rules += (replace(each, domain_rule=each.domain_rule + above) for each in protecting)
+        grants += (replace(each, document=each.document + first) for each in granting)
+        rules += (replace(each, grant=each.grant + before) for each in ruling)
+    return tuple(domain_rules), tuple(topic_rules), tuple(grants), tuple(rules)
 
 
 class RuleAtoms:

@@ -5,7 +5,7 @@ Evidence in, normalised facts out, one for each kind of implementation and readi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cache, cached_property
 from typing import Final
@@ -24,20 +24,18 @@ from keystore_audit.model.access_view import AccessViews, ReadDocument
 from keystore_audit.model.channels import Channels, Point, ReadRegion, document_channels
 from keystore_audit.model.claims.claims import claim_regions
 from keystore_audit.model.claims.stated import Claim
+from keystore_audit.model.formal.folding import together
 from keystore_audit.model.formal.system import (
     NOWHERE,
     CertificateAtom,
     DocumentAtom,
     Participant,
     ParticipantKind,
-    Reading,
     System,
     TrustDomainAtom,
-    together,
 )
 from keystore_audit.model.inventory import (
     Document,
-    behind,
     certificates_of,
     embeddable,
     instants_of,
@@ -48,12 +46,19 @@ from keystore_audit.model.inventory import (
 )
 from keystore_audit.model.participants.doubt import identity_doubt, opens, trust_domain_doubt
 from keystore_audit.model.participants.lone_endpoints import NOTHING, LoneEndpoints, made_alone
-from keystore_audit.model.participants.unmanaged import Unmanaged, may_apply, trusting_all, unread_participants
-from keystore_audit.model.participants.views import Kind, TrustDomains, Views
-from keystore_audit.model.rights import Atoms, RuleAtoms
+from keystore_audit.model.participants.unmanaged import (
+    Unmanaged,
+    behind_participant,
+    may_apply,
+    trusting_all,
+    unread_certificate,
+    unread_participants,
+)
+from keystore_audit.model.participants.views import Fleet, Kind, TrustDomains, Views, fleet_of
+from keystore_audit.model.rights import Atoms, RuleAtoms, one_after_another
 from keystore_audit.model.trust.revocation import list_unread
 from keystore_audit.model.trust.verdicts import is_authority
-from keystore_audit.profiles import Access, Profile
+from keystore_audit.profiles import Access, Profile, at_work
 
 MAX_JUDGED: Final = 100_000
 """Pairs of a trust domain and a participant that it judges: half a minute and 350 MB."""
@@ -83,7 +88,7 @@ class SystemBuilder:
         literal: bool | None = None,
     ) -> None:
         self._keystore = keystore
-        self._profiles = profiles
+        self._profiles, working = profiles, at_work(profiles)
         self._at = at
         self._documents = system_documents(keystore)
         self._accesses = accesses
@@ -91,7 +96,7 @@ class SystemBuilder:
         self._assumed = accesses.assumed.union(read)
         self._certificates = certificates_of(keystore, at)
         self._number = {certificate.sha256: n for n, certificate in enumerate(self._certificates)}
-        self._unmanaged = Unmanaged(keystore, self._number, self._documents, profiles, at)
+        self._unmanaged = Unmanaged(keystore, self._number, self._documents, working, at)
         self._views = Views(keystore, self._documents, self._certificates, accesses, at, self._unmanaged.hosts.values())
         self._trust_domain_doubts = [trust_domain_doubt(enclave) for enclave in keystore.enclaves]
         self._unread_places = unread_places(keystore)
@@ -118,15 +123,15 @@ class SystemBuilder:
     def _may_be_open(self) -> bool:
         """Whether the governance of a trust domain, or what is in place of it, may say anything."""
         governances = [d for d in self._documents if isinstance(d.file, GovernanceFile)]
-        kinds = {Kind(profile.trust, self._accesses.row(profile.access)) for profile in self._profiles}
+        kinds = {Kind(each.trust, self._accesses.row(each.access)) for each in at_work(self._profiles)}
         opens = self._opens or self._unmanaged.unread is not None
         opens = opens or Assumption.ROBOTS_ENFORCE not in self._assumed
         return opens or any(self._views.is_opaque(each, kind) for kind in kinds for each in governances)
 
     def _read_all(self, access: Access) -> list[ReadDocument]:
         """The documents as they are read, in order."""
-        nothing = ReadDocument()
-        return [nothing if d.file is None else self._accesses.read(d.file, access) for d in self._documents]
+        files = (document.file for document in self._documents)
+        return [ReadDocument() if file is None else self._accesses.read(file, access) for file in files]
 
     def systems(self) -> tuple[System, ...]:
         """One for each way in which the profiles read the keystore, and a MUST reading beside each with doubt.
@@ -136,45 +141,49 @@ class SystemBuilder:
         unmanaged = [folder for _number, _files, folder in self._unmanaged.holders]
         about = self._accesses, self.channels, self.instants, self._at, self._meets
         lone = LoneEndpoints(self._keystore, *about, unmanaged)
-        rows = ((each, Kind(each.trust, self._accesses.row(each.access), lone.of(each))) for each in self._profiles)
+        kind = cache(lambda each: Kind(each.trust, self._accesses.row(each.access), lone.of(each)))
         readings = cache(self._readings)
-        return together(replace(each, profiles=(by.name,)) for by, kind in rows for each in readings(kind))
+        paths = [enclave.path for enclave in self._keystore.enclaves]
+        fleets = ((each, fleet_of(each, paths, kind)) for each in self._profiles)
+        return together(
+            replace(each, profiles=(by.name,), others=tuple(dict.fromkeys(other.name for _path, other in by.others)))
+            for by, fleet in fleets
+            for each in readings(fleet)
+        )
 
-    def _readings(self, kind: Kind) -> tuple[System, ...]:
-        may = self.build(kind, profiles=(), may=True)
+    def _readings(self, fleet: Fleet) -> tuple[System, ...]:
+        may = self.build(fleet, may=True)
         if len(may.trust_domains) * len(may.enclaves) > MAX_JUDGED:
             raise BudgetExceeded(
                 f"{len(may.trust_domains)} ways to trust are too many for {len(may.enclaves)} participants, each of "
                 f"whom each judges (limit {MAX_JUDGED} pairs)."
             )
-        doubt = may.has_doubt or self._narrowed or any(self._trust_domain_doubts)
-        return (may, self.build(kind, profiles=(), may=False)) if doubt else (may,)
+        doubt = may.has_doubt or may.mixed or self._narrowed or any(self._trust_domain_doubts)
+        return (may, self.build(fleet, may=False)) if doubt else (may,)
 
-    def build(self, kind: Kind, *, profiles: tuple[str, ...], may: bool) -> System:
-        """The system as implementations of this kind read it."""
-        opaque, assumed = self._views.opaque(kind), self._assumed
-        documents = [d for d in self._documents if may or d.place not in opaque]
-        atoms = [self._document_atom(document, kind, opaque=document.place in opaque) for document in documents]
-        enclaves, trust_domains = self._participants(kind, documents, atoms, may=may)
-        domain_rules, topic_rules, grants, rules = self._typed_atoms(documents, kind)
+    def build(self, fleet: Fleet, *, may: bool) -> System:
+        """The system as these implementations read it; of no profile yet."""
+        read: list[tuple[int, Document]] = []
+        atoms: list[DocumentAtom] = []
+        parts: list[tuple[int, Atoms]] = []
+        for reading, kind in enumerate(fleet.kinds):
+            opaque = self._views.opaque(kind)
+            documents = [d for d in self._documents if may or d.place not in opaque]
+            parts.append((len(atoms), self._typed_atoms(documents, kind)))
+            read += ((reading, document) for document in documents)
+            made = (self._document_atom(each, kind, opaque=each.place in opaque) for each in documents)
+            atoms += (replace(each, reading=reading) for each in made)
+        enclaves, trust_domains = self._participants(fleet, read, atoms, may=may)
+        domain_rules, topic_rules, grants, rules = one_after_another(parts)
+        assumed = self._assumed
         return System(
-            profiles=profiles,
-            readings=(
-                Reading(
-                    pins_signer=kind.trust.pins_signer,
-                    skips_grants_out_of_date=kind.access.skips_grants_out_of_date,
-                    requires_grant=kind.access.requires_grant,
-                    joins_out_of_date=kind.access.joins_out_of_date,
-                    asks_announced_only=kind.trust.trusts_declarations
-                    and Assumption.TRUTHFUL_ANNOUNCEMENTS not in assumed,
-                    matcher=kind.access.matcher,
-                ),
-            ),
+            profiles=(),
+            readings=tuple(kind.reading(assumed, mixed=len(fleet.kinds) > 1) for kind in fleet.kinds),
             assumed=assumed if may else assumed | WORLD,
             may=may,
             instants=self.instants,
             now=self.instants.index(self._at),
-            certificates=(*self._in_use(enclaves, atoms, may=may), *((self._unread,) if may and self._opens else ())),
+            certificates=(*self._in_use(enclaves, atoms, may=may), *(self._unread if may and self._opens else ())),
             documents=tuple(atoms),
             trust_domains=trust_domains,
             enclaves=enclaves,
@@ -194,26 +203,30 @@ class SystemBuilder:
         for enclave, unknown, doubt in doubts:
             if unknown or doubt is not None:
                 yield self._enclave(enclave, NOWHERE, unknown=unknown)
-        yield from (_behind(place, NOWHERE) for place in self._unread_places)
+        yield from (behind_participant(place, NOWHERE) for place in self._unread_places)
 
     def _participants(
-        self, kind: Kind, documents: Sequence[Document], atoms: list[DocumentAtom], *, may: bool
+        self, fleet: Fleet, read: Sequence[tuple[int, Document]], atoms: list[DocumentAtom], *, may: bool
     ) -> tuple[tuple[Participant, ...], tuple[TrustDomainAtom, ...]]:
         """Who takes part, and their trust domains. `atoms`: documents; those come to them on which open ones rest."""
-        number = {document.place: n for n, document in enumerate(documents)}
-        trust_domains, unmanaged = TrustDomains([each.file for each in documents]), self._unmanaged
-        found = list(self._enclaves(kind, number, atoms, trust_domains, may=may))
+        number = {(reading, document.place): n for n, (reading, document) in enumerate(read)}
+        trust_domains = TrustDomains([(reading, document.file) for reading, document in read])
+        unmanaged, count = self._unmanaged, len(self._keystore.enclaves)
+        found = list(self._enclaves(fleet, number, atoms, trust_domains, may=may))
         if may:
             open_to = ((place, self._open_trust_domain(atoms, place)) for place in self._unread_places)
-            found += [_behind(place, trust_domains.number(each)) for place, each in open_to]
+            found += [behind_participant(place, trust_domains.number(each)) for place, each in open_to]
         let_in = unmanaged.let_in(found, trust_domains.atoms, self._certificate_atoms, may=may)
-        if let_in:
-            self._add_hosts(kind, number, let_in, trust_domains, may=may)
+        for reading in range(len(fleet.kinds)) if let_in else ():
+            self._add_hosts(fleet, reading, number, let_in, trust_domains, may=may)
         if may and let_in and unmanaged.unread is not None:
             opened = self._open_trust_domain(atoms, unmanaged.unread)
             trust_domains.number(trusting_all(trust_domains.atoms, opened))
-        own = unmanaged.own_endpoints(kind.alone[len(self._keystore.enclaves) :], trust_domains.known, may=may)
-        names = self._views.names(kind.trust)
+        own = unmanaged.own_endpoints([kind.alone[count:] for kind in fleet.kinds], trust_domains.known, may=may)
+        named = (
+            ((n, text), who) for n, k in enumerate(fleet.kinds) for text, who in self._views.names(k.trust).items()
+        )
+        names: dict[Hashable, frozenset[int]] = dict(named) if let_in else {}
         found += unmanaged.participants(let_in, found, trust_domains.atoms, self._certificate_atoms, names, own)
         if may:
             found += unread_participants([file.place for file in self._keystore.identities.unread], trust_domains.atoms)
@@ -221,35 +234,38 @@ class SystemBuilder:
 
     def _enclaves(
         self,
-        kind: Kind,
-        number: Mapping[str, int],
+        fleet: Fleet,
+        number: Mapping[tuple[int, str], int],
         atoms: list[DocumentAtom],
         trust_domains: TrustDomains,
         *,
         may: bool,
     ) -> Iterator[Participant]:
         """The enclaves of the keystore, each with its trust domain."""
-        count = len(self._keystore.enclaves)
-        alone = kind.alone[:count] or (NOTHING,) * count
-        rows = zip(self._keystore.enclaves, self._unknown, self._trust_domain_doubts, alone, strict=True)
-        for enclave, unknown, doubt, lone in rows:
+        several = self._keystore.enclaves
+        rows = zip(several, self._unknown, self._trust_domain_doubts, fleet.runs or (0,) * len(several), strict=True)
+        for place, (enclave, unknown, doubt, reading) in enumerate(rows):
             if not may and (unknown or doubt is not None):  # of what it accepts, nothing is certain
                 continue
-            files = trust_files(enclave)
+            files = reading, trust_files(enclave)
             if doubt is not None and not doubt.narrows:
-                made = self._open_trust_domain(atoms, doubt.location.path)
+                made = self._open_trust_domain(atoms, doubt.location.path, reading)
                 if doubt.location.path == enclave.files.files[Role.GOVERNANCE].path:  # its authorities were read
-                    made = replace(self._trust_domain(enclave, number, kind, may=may), governance=made.governance)
+                    known = self._trust_domain(enclave, number, fleet, reading, may=may)
+                    made = replace(known, governance=made.governance)
                 trust_domain = trust_domains.number(made)
             elif files in trust_domains.known:
                 trust_domain = trust_domains.known[files]
             else:
-                made = self._trust_domain(enclave, number, kind, may=may)
+                made = self._trust_domain(enclave, number, fleet, reading, may=may)
                 trust_domain = trust_domains.known[files] = trust_domains.number(made)
-            place = enclave.files.files[Role.PERMISSIONS].place  # it may be unread (MAY)
-            own = self._enclave(
-                enclave, trust_domain, frozenset({number[place]} if place in number else ()), unknown=unknown
+            carried = enclave.files.files[Role.PERMISSIONS].place  # it may be unread (MAY)
+            permissions = frozenset(
+                n for n in (number.get((r, carried)) for r in range(len(fleet.kinds))) if n is not None
             )
+            own = self._enclave(enclave, trust_domain, permissions, unknown=unknown)
+            alone = fleet.kinds[reading].alone
+            lone = alone[place] if alone else NOTHING
             yield made_alone(own, lone.possible if may else lone.certain, lone.refused)
 
     def _enclave(
@@ -266,19 +282,20 @@ class SystemBuilder:
 
     def _add_hosts(
         self,
-        kind: Kind,
-        number: Mapping[str, int],
+        fleet: Fleet,
+        reading: int,
+        number: Mapping[tuple[int, str], int],
         let_in: Sequence[UnmanagedIdentity],
         trust_domains: TrustDomains,
         *,
         may: bool,
     ) -> None:
         """Adds the trust domains in which only unmanaged identities are, who start in place of a host."""
-        for files, host in self._unmanaged.hosts.items():
-            doubt = trust_domain_doubt(host)
+        for host_files, host in self._unmanaged.hosts.items():
+            doubt, files = trust_domain_doubt(host), (reading, host_files)
             certain = not opens(doubt) if may else doubt is None
-            if files not in trust_domains.known and certain and may_apply(host, kind.trust):
-                trust_domain = self._trust_domain(host, number, kind, may=may)
+            if files not in trust_domains.known and certain and may_apply(host, fleet.kinds[reading].trust):
+                trust_domain = self._trust_domain(host, number, fleet, reading, may=may)
                 admitted = (self._unmanaged.admits(trust_domain, each, self._certificate_atoms) for each in let_in)
                 if trust_domain in trust_domains or any(admitted):
                     trust_domains.known[files] = trust_domains.number(trust_domain)
@@ -305,56 +322,44 @@ class SystemBuilder:
         """Whether there are open trust domains."""
         return bool(self._unread_places) or any(map(opens, self._trust_domain_doubts))
 
-    def _open_trust_domain(self, atoms: list[DocumentAtom], place: str) -> TrustDomainAtom:
+    def _open_trust_domain(self, atoms: list[DocumentAtom], place: str, reading: int = 0) -> TrustDomainAtom:
         """(MAY) The trust domain of an enclave whose trust could not be read.
 
         An opaque governance, so it accepts everything, and authorities of which nothing is known.
         """
-        nobody = frozenset[int]()
-        atoms.append(DocumentAtom(label=place, location=Location(place), intact=False, signers=nobody, opaque=True))
-        unread = frozenset({len(self._certificate_atoms)})
+        none, unread, number = frozenset[int](), frozenset({len(self._certificate_atoms)}), len(atoms)
+        made = DocumentAtom(label=place, location=Location(place), intact=False, signers=none, opaque=True)
+        atoms.append(replace(made, reading=reading))
         return TrustDomainAtom(
-            identity_ca=unread, permissions_ca=unread, governance=len(atoms) - 1, revoked=frozenset(), told=None
+            identity_ca=unread, permissions_ca=unread, governance=number, revoked=none, told=None, reading=reading
         )
 
-    @cached_property
-    def _unread(self) -> CertificateAtom:
-        """What stands for all certificates of CA files that could not be read."""
-        return CertificateAtom(
-            label="whatever is in a CA file that could not be read",
-            location=Location(path=self._keystore.root),
-            issuers=frozenset(),
-            authority=False,
-            fit_to_sign=False,
-            key=len(self._keys),
-            not_before=0,
-            not_after=len(self.instants) - 1,
-            opaque=True,
-        )
+    @property
+    def _unread(self) -> tuple[CertificateAtom, ...]:
+        return (unread_certificate(self._keystore.root, len(self._keys), len(self.instants) - 1),)
 
     def _document_atom(self, document: Document, kind: Kind, *, opaque: bool) -> DocumentAtom:
         signers = self._views.signers(document, kind.trust) if not opaque else frozenset()
-        return DocumentAtom(
-            label=document.place,
-            location=Location(document.place),
-            intact=bool(signers),
-            signers=signers,
-            opaque=opaque,
-        )
+        place = document.place
+        return DocumentAtom(label=place, location=Location(place), intact=bool(signers), signers=signers, opaque=opaque)
 
-    def _trust_domain(self, enclave: Enclave, number: Mapping[str, int], kind: Kind, *, may: bool) -> TrustDomainAtom:
+    def _trust_domain(
+        self, enclave: Enclave, number: Mapping[tuple[int, str], int], fleet: Fleet, reading: int, *, may: bool
+    ) -> TrustDomainAtom:
         """What the enclave's verdict on peers depends on. (MUST) Of a list that is unknown, anybody may be revoked."""
-        place = enclave.governance and enclave.governance.signed.file.place
-        identity_ca, permissions_ca, revoked = self._views.authorities(enclave, kind.trust)
-        unread = list_unread(enclave, kind.trust) is not None
+        place, trust = enclave.governance and enclave.governance.signed.file.place, fleet.kinds[reading].trust
+        identity_ca, permissions_ca, revoked = self._views.authorities(enclave, trust)
+        unread, kinds = list_unread(enclave, trust) is not None, len(fleet.kinds)
         return TrustDomainAtom(
             identity_ca=identity_ca,
             permissions_ca=permissions_ca,
-            governance=number.get(place) if place else None,
+            governance=number.get((reading, place)) if place else None,
             revoked=revoked if may or not unread else frozenset(range(len(self._certificates))),
             list_unread=may and unread,
-            told=self._views.told(enclave, kind.trust),
-            revoked_later=self._views.revoked_later(enclave, kind.trust, self.instants),
+            # Whether implementations of two kinds finish a handshake with each other hangs on more than is known.
+            told=None if may and kinds > 1 else self._views.told(enclave, trust) * kinds + reading,
+            revoked_later=self._views.revoked_later(enclave, trust, self.instants),
+            reading=reading,
         )
 
     def _identity(self, enclave: Enclave) -> int | None:
@@ -386,18 +391,6 @@ class SystemBuilder:
             read = [(document.place, by_place[document.place]) for document in documents]
             self._typed[key] = self._rule_atoms.of(read, names, kind.access)
         return self._typed[key]
-
-
-def _behind(place: str, trust_domain: int) -> Participant:
-    """What stands for whatever enclaves are behind a place that was not read."""
-    return Participant(
-        label=behind(place),
-        location=Location(path=place),
-        trust_domain=trust_domain,
-        identity=None,
-        permissions=frozenset(),
-        kind=ParticipantKind.UNREAD,
-    )
 
 
 def _place(enclave: Enclave) -> Location:

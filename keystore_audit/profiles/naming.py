@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Final
 
+from keystore_audit.grouped import gathered
 from keystore_audit.profiles.peculiarities import Profile
 from keystore_audit.profiles.scope import DEFAULT
 from keystore_audit.profiles.table import QUIRKS, SPEC, VARIANTS, answer, inflected, sharing, value_name, value_of
@@ -34,12 +35,25 @@ def shipped_by(names: Iterable[str]) -> str:
     return ", ".join(name.capitalize() for name in sorted(found))
 
 
-def scope_of(names: Sequence[str]) -> str:
-    """`Jazzy with Fast DDS 2.14`: what a verdict over these variants is about. Empty where it is about all that
-    supported distributions ship, or where nothing was judged. Where no distribution ships all, each with its own.
+def scope_of(profiles: Sequence[Profile]) -> str:
+    """`Jazzy with Fast DDS 2.14; /arm on Cyclone DDS 0.10, declared`: what a verdict over these is about.
+
+    Empty where it is about all that supported distributions ship, or where nothing was judged.
     """
-    known = [VARIANTS[name] for name in names if name in VARIANTS]
-    if not known or set(DEFAULT) <= set(names):
+    most, mixed = _most_run(profiles), declared(profiles)
+    return f"{most or 'all that supported distributions ship'}; {mixed}" if mixed else most
+
+
+def declared(fleets: Iterable[Profile]) -> str:
+    """`/arm on Cyclone DDS 0.10, declared`: what enclaves run that settings name; empty where they name none."""
+    others = gathered(other for fleet in fleets for other in fleet.others)
+    said = [f"{path} on {' or '.join(dict.fromkeys(each.title for each in run))}" for path, run in others.items()]
+    return f"{some(said, MAX_NAMED)}, declared" if said else ""
+
+
+def _most_run(known: Sequence[Profile]) -> str:
+    """What all run that nothing is declared of. Where no distribution ships all, each with its own."""
+    if not known or set(DEFAULT) <= {profile.name for profile in known}:
         return ""
     common = [each for each in known[0].distributions if all(each in profile.distributions for profile in known)]
     if not common:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import Enum
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 
 class Syntax(str, Enum):
@@ -191,7 +192,8 @@ class Profile(Struct, frozen=True, kw_only=True):
 
     `distributions`: ROS 2 distributions that ship it. `trust`: whom it trusts; `access`: what documents mean to it;
     `local`: what it asks of its own participant. `evidence`: how the rows are known. `family`: whose release it is.
-    `versions`: those that the row holds for; `asked`: the one that this project's tests ask.
+    `versions`: those that the row holds for; `asked`: the one that this project's tests ask. `others`: in a mixed fleet
+    the enclaves, by path, that run another implementation than this one.
     """
 
     name: str
@@ -204,3 +206,10 @@ class Profile(Struct, frozen=True, kw_only=True):
     family: str
     versions: str
     asked: str | None = None
+    others: tuple[tuple[str, Profile], ...] = ()
+
+    def run_by(self, enclave: str) -> Profile:
+        """What the enclave, by its path, runs in the fleet."""
+        if not self.others:  # nearly always
+            return self
+        return next((other for path, other in self.others if path == enclave), replace(self, others=()))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Final
+
+from msgspec.structs import replace
 
 from keystore_audit.errors import UsageError
 from keystore_audit.profiles.peculiarities import Profile
@@ -81,6 +83,39 @@ def in_scope(distributions: Sequence[str], middleware: Sequence[str], names: Seq
     if not found:
         raise UsageError("No known implementation is all that --distro, --rmw and --profile say together.")
     return found
+
+
+def fleets(profiles: Sequence[Profile], runs: Mapping[str, Sequence[str]]) -> tuple[Profile, ...]:
+    """Each profile as all run it whom `runs` does not name; by the path of an enclave, what one may run instead.
+
+    Of several the one counts that is shipped with the profile, and that is among `profiles` if one of those is. Raises
+    UsageError where that leaves more than one.
+    """
+    return tuple(_fleet(profile, profiles, runs) for profile in profiles)
+
+
+def _fleet(profile: Profile, profiles: Sequence[Profile], runs: Mapping[str, Sequence[str]]) -> Profile:
+    others = []
+    for path, names in runs.items():
+        found = [VARIANTS[name] for name in names]
+        found = [each for each in found if {*each.distributions} & {*profile.distributions}] or found
+        found = [each for each in found if each in profiles] or found
+        if len(found) > 1:
+            raise UsageError(
+                f"{path} may run {' or '.join(each.name for each in found)} in a fleet on {profile.name}: name one as "
+                "its profile, or choose a distribution (--distro)."
+            )
+        others += [(path, each) for each in found if each != profile]
+    return replace(profile, others=tuple(others)) if others else profile
+
+
+def at_work(profiles: Iterable[Profile], names: Collection[str] | None = None) -> tuple[Profile, ...]:
+    """The implementations that some enclave runs in a fleet on one of these (of these names), each once."""
+    found: dict[str, Profile] = {}
+    for profile in (each for each in profiles if names is None or each.name in names):
+        found[profile.name] = replace(profile, others=()) if profile.others else profile
+        found |= {other.name: other for _path, other in profile.others if other.name not in found}
+    return tuple(found.values())
 
 
 def running(distribution: str, middleware: str) -> tuple[str, ...]:

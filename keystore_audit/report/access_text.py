@@ -20,6 +20,7 @@ from keystore_audit.model.names import ros_name
 from keystore_audit.model.question import WORDS
 from keystore_audit.model.tables.access_rows import Row, decision_rows, folded_by_owner, label
 from keystore_audit.model.tables.access_table import AccessTable, EnclaveRights, Group
+from keystore_audit.profiles import at_work, declared
 from keystore_audit.report.access_words import (
     SHORT,
     differences,
@@ -56,7 +57,8 @@ def json(table: AccessTable) -> str:
         "at": instant(table.at),
         "domain": table.domain,
         "complete": not table.has_unknown,
-        "assumptions": [each.described for each in answered_if(n for group in table.groups for n in group.profiles)],
+        "assumptions": [each.described for each in answered_if(each.name for each in at_work(table.fleets))],
+        **({"declared": mixed} if (mixed := declared(table.fleets)) else {}),
     }
     names = array("names", [encoded(_name(table, number)) for number in range(len(table.names))])
     return document([*keys(head), names, array("groups", [_group(table, group) for group in table.groups])])
@@ -165,7 +167,9 @@ def text(table: AccessTable, width: int) -> str:
     *others, main = table.groups
     enclaves = counted(len(main.enclaves), "enclave")
     where = f"domain {table.domain}, at {instant(table.at)}"
-    refusing = answered_if(name for group in table.groups for name in group.profiles)
+    if mixed := declared(table.fleets):
+        where += f", {mixed}"
+    refusing = answered_if(each.name for each in at_work(table.fleets))
     page = _Page(width)
     page.put(f"Who may do what in {shorten(table.root, MAX_ROOT)} ({enclaves}), {where}")
     page.put(f"Assumed: {Assumption.ROBOTS_ENFORCE.statement}")

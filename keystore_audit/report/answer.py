@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Final
 
@@ -11,6 +11,7 @@ from msgspec import Struct
 from keystore_audit.assumptions import Needed, holds_if
 from keystore_audit.model.domains import Interval, describe
 from keystore_audit.model.question import PARTLY, WORDS, Answer
+from keystore_audit.profiles import Profile, at_work, declared
 from keystore_audit.report.content import answered_if
 from keystore_audit.report.json import encoded, picked
 from keystore_audit.report.page import by_answer, profiles, wrapped
@@ -21,7 +22,8 @@ from keystore_audit.truth import Truth
 class Asked(Struct, frozen=True, kw_only=True):
     """The question in the user's words; `dds_names`: (operation, topic) of each DDS channel that it takes.
 
-    `at`: when (aware UTC). `governed`: the domains that the enclave's governance covers, where the user named none.
+    `at`: when (aware UTC). `fleets`: on which. `governed`: the domains that the enclave's governance covers, where the
+    user named none.
     """
 
     enclave: str
@@ -31,6 +33,7 @@ class Asked(Struct, frozen=True, kw_only=True):
     partitions: tuple[str, ...]
     dds_names: tuple[tuple[str, str], ...]
     at: datetime
+    fleets: Sequence[Profile]
     governed: tuple[Interval, ...] = ()
 
 
@@ -43,15 +46,16 @@ def json(asked: Asked, answers: Mapping[str, Answer]) -> str:
         "partition": asked.partitions[0] if len(asked.partitions) == 1 else asked.partitions,
         "decisions": {profile: _described(answer) for profile, answer in answers.items()},
         "at": instant(asked.at),
-        "assumptions": [each.described for each in _assumptions(answers)],
+        "assumptions": [each.described for each in _assumptions(asked, answers)],
+        **({"declared": mixed} if (mixed := declared(asked.fleets)) else {}),
     }
     return encoded(document) + "\n"
 
 
-def _assumptions(answers: Mapping[str, Answer]) -> tuple[Needed, ...]:
+def _assumptions(asked: Asked, answers: Mapping[str, Answer]) -> tuple[Needed, ...]:
     """What it rests on that peers refuse something."""
     refused = [name for name, answer in answers.items() if answer.accepted == WORDS[Truth.NO]]
-    return answered_if(refused) if refused else ()
+    return answered_if(each.name for each in at_work(asked.fleets, refused)) if refused else ()
 
 
 def error(line: int, message: str) -> str:
@@ -87,6 +91,8 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
         word = "partition" if len(asked.partitions) == 1 else "all at once in partitions"
         where += f", {word} {', '.join(map(repr, asked.partitions))}"
     where += f", at {instant(asked.at)}"
+    if mixed := declared(asked.fleets):
+        where += f", {mixed}"
     lines = [terminal(f"May {asked.enclave} {asked.operation} {asked.name}? ({where})")]
     if [name for _operation, name in asked.dds_names] != [asked.name]:
         lines += [terminal(f"  in DDS: {operation} {name}") for operation, name in asked.dds_names]
@@ -95,7 +101,7 @@ def text(asked: Asked, answers: Mapping[str, Answer]) -> str:
         lines.append(_sentence(f"{covered}; this is about {asked.domain}, --domain asks about another"))
     if asked.operation == "relay":
         lines.append("  No endpoint is made for relaying: this is what the rules say.")
-    if conditions := holds_if(_assumptions(answers)):
+    if conditions := holds_if(_assumptions(asked, answers)):
         lines.append(wrapped(f"What peers refuse {conditions}."))
     for answer, names in sorted(by_answer(answers).items(), key=lambda group: len(group[1])):
         lines += ["", *_answer(answer, profiles(names, answers))]

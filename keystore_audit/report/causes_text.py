@@ -202,7 +202,7 @@ def _excerpt(page: Page, report: Report, finding: Finding) -> None:
 
 def _under(page: Page, report: Report, finding: Finding) -> None:
     """The implementations for which it is so, where it is not for all."""
-    judged = report.judged_profiles
+    judged = (*report.judged_profiles, *report.others)
     names = [name for name in judged if name in finding.profiles]
     if finding.profiles and len(names) < len(judged):
         told = implementations(names) if names else f"{implementations(finding.profiles)}: not judged here"

@@ -9,7 +9,6 @@ from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct, field
-from msgspec.structs import replace
 
 from keystore_audit.assumptions import CONDITIONS, Assumption, Needed, holds_if
 from keystore_audit.findings import Finding, Outcomes, Severity
@@ -32,24 +31,32 @@ def conditions_of(results: Iterable[PropertyResult]) -> tuple[Needed, ...]:
     for each in dict.fromkeys((*CONDITIONS, *Assumption)):
         needing = [result for result in holding if each in result.needs]
         under = dict.fromkeys(n for r in needing for n, answer in r.profiles.items() if each in answer.needs)
-        needed_by = tuple(result.prop.id for result in needing)
-        found += [replace(needed, needed_by=needed_by) for needed in (answered_if(under, (each,)) if needing else ())]
+        if needing:
+            needed_by = tuple(result.prop.id for result in needing)
+            found.append(Needed(assumption=each, needed_by=needed_by, unchecked=_unchecked(each, under)))
     return tuple(found)
 
 
 def answered_if(profiles: Iterable[str], conditions: Iterable[Assumption] = CONDITIONS) -> tuple[Needed, ...]:
     """What a "no" under some of these profiles rests on."""
-    trusting = [VARIANTS[n].title for n in profiles if n in VARIANTS and VARIANTS[n].trust.trusts_declarations]
-    names = tuple(dict.fromkeys(title.rpartition(" ")[0] for title in trusting))
-    return tuple(
-        Needed(assumption=each, unchecked=names if each is Assumption.TRUTHFUL_ANNOUNCEMENTS else ())
-        for each in conditions
-        if names or each is not Assumption.TRUTHFUL_ANNOUNCEMENTS
-    )
+    names = tuple(profiles)
+    needed = (Needed(assumption=each, unchecked=_unchecked(each, names)) for each in conditions)
+    return tuple(each for each in needed if each.unchecked or each.assumption is not Assumption.TRUTHFUL_ANNOUNCEMENTS)
 
+
+def _unchecked(assumption: Assumption, profiles: Iterable[str]) -> tuple[str, ...]:
+    """The implementations among them that check it of nobody, by the names of their families."""
+    asked = profiles if assumption is Assumption.TRUTHFUL_ANNOUNCEMENTS else ()
+    trusting = [VARIANTS[n].title for n in asked if n in VARIANTS and VARIANTS[n].trust.trusts_declarations]
+    return tuple(dict.fromkeys(title.rpartition(" ")[0] for title in trusting))
+
+
+MIXED: Final = "mixed DDS fleets"
+OTHERWISE_MIXED: Final = "Fleets that are mixed otherwise than [enclaves] declares."
+"""What is not looked at of them where some are declared."""
 
 NOT_CHECKED: Final = {
-    "mixed DDS fleets": (
+    MIXED: (
         "Robots of several DDS implementations together: each profile is judged as if all ran it, and what one lets "
         "out and another takes in may be more than either alone."
     ),
@@ -177,6 +184,8 @@ class Report(Struct, frozen=True, kw_only=True):
     outcomes: Outcomes
     checked: Checked
     scope: str = ""
+    others: tuple[str, ...] = ()
+    """Variants that only enclaves run of which settings say so."""
     """What the verdict is about, `Jazzy with Fast DDS 2.14`; empty: all that supported distributions ship."""
     settings: GivenFile | None = None
     baseline: GivenFile | None = None

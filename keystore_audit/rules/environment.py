@@ -189,7 +189,7 @@ def distribution_not_modelled(environment: Environment, context: Context) -> Ite
     name = environment.value(DISTRIBUTION)
     if name and name not in DISTRIBUTIONS:
         assumed = running(name, environment.value(RMW))
-        chosen = tuple(profile.name for profile in context.profiles) != assumed
+        chosen = tuple(profile.name for profile in context.fleets) != assumed
         what = "the profiles chosen are judged instead" if chosen else "every release that is known is judged instead"
         yield _found(
             environment,

@@ -50,6 +50,9 @@ class Context(Struct, frozen=True, kw_only=True):
     expires_within: timedelta
     deployed: bool
     profiles: tuple[Profile, ...]
+    """The implementations that some enclave may run."""
+    fleets: tuple[Profile, ...]
+    """What is judged: fleets on each of these."""
     beside: Beside | None = None
     """The other keystores of this run; None: there are none."""
     environment: Environment | None = None

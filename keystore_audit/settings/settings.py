@@ -21,7 +21,17 @@ from keystore_audit.model.claims.stated import Claim, Labelling
 from keystore_audit.model.trust.chain import Authorities
 from keystore_audit.profiles import in_scope
 from keystore_audit.settings.claims import ForwardTable, PropertyTable, read_properties
-from keystore_audit.settings.document import Enclaves, Source, Table, Text, Texts, Topics, read_document, several
+from keystore_audit.settings.document import (
+    Enclave,
+    Enclaves,
+    Source,
+    Table,
+    Text,
+    Texts,
+    Topics,
+    read_document,
+    several,
+)
 from keystore_audit.settings.labels import DeclassifierTable, LabelTable, LatticeTable, read_labels, single_writers
 from keystore_audit.settings.suppressions import (
     MAX_DAYS,
@@ -124,6 +134,13 @@ class ScopeTable(Table, frozen=True, kw_only=True):
     rmw: Texts | None = None
 
 
+class EnclaveTable(Table, frozen=True, kw_only=True):
+    """What one enclave runs, `[enclaves."/arm"]`, in the words of `--rmw` and `--profile`."""
+
+    rmw: Texts | None = None
+    profile: Texts | None = None
+
+
 class AssumptionTable(Table, frozen=True, kw_only=True):
     """An `[[assumption]]` that somebody takes upon himself."""
 
@@ -157,6 +174,7 @@ class SettingsTable(Table, frozen=True, kw_only=True):
     authorities: AuthoritiesTable = field(default_factory=AuthoritiesTable)
     files: FilesTable = field(default_factory=FilesTable)
     scope: ScopeTable | None = None
+    enclaves: dict[Enclave, EnclaveTable] = field(default_factory=dict)
 
 
 class BaselineTable(Table, frozen=True, kw_only=True):
@@ -185,6 +203,9 @@ class Settings(Struct, frozen=True, kw_only=True):
 
     scope: tuple[str, ...] = ()
     """The variants that a gate is to judge under, by name; none: it does not say."""
+
+    runs: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """By the path of an enclave the variants of which it runs one, whatever all others run."""
 
     @property
     def lasting(self) -> tuple[str, ...]:
@@ -223,6 +244,7 @@ def read_settings(path: Path, keystores: Iterable[str | Path]) -> Settings:
         suppressions=read_suppressions(root.suppression, source.at("suppression")),
         files=_files(root.files, source.at("files")),
         scope=_scope(root.scope, source.at("scope")),
+        runs={path: _runs(table, source.at("enclaves", path)) for path, table in root.enclaves.items()},
         max_suppression_days=root.max_suppression_days,
         assumptions={each.name: Declaration(owner=each.owner, reason=each.reason) for each in root.assumption},
     )
@@ -244,12 +266,22 @@ def _files(table: FilesTable, source: Source) -> DeclaredFiles:
 
 def _scope(table: ScopeTable | None, source: Source) -> tuple[str, ...]:
     """The variants of `[scope]`, by what the distributions ship and the middleware runs on."""
-    if table is None:
-        return ()
+    return () if table is None else _chosen(several(table.distro), table.rmw, None, source)
+
+
+def _chosen(distro: Sequence[str], rmw: Texts | None, profile: Texts | None, source: Source) -> tuple[str, ...]:
+    """The variants that are all that is said."""
     try:
-        return in_scope(several(table.distro), several(table.rmw), ())
+        return in_scope(distro, several(rmw), several(profile))
     except UsageError as error:
-        source.wrong(error.message)
+        source.wrong(error.message.rstrip("."))
+
+
+def _runs(table: EnclaveTable, source: Source) -> tuple[str, ...]:
+    """The variants of which an enclave runs one."""
+    if not (table.rmw or table.profile):
+        source.wrong("expected what the enclave runs: rmw, profile, or both")
+    return _chosen((), table.rmw, table.profile, source)
 
 
 def read_baseline(path: Path, keystores: Iterable[str | Path]) -> Baseline:

@@ -104,7 +104,7 @@ def test_a_narrow_scope_is_said_in_the_first_lines() -> None:
     ],
 )
 def test_scopes_have_names(names: tuple[str, ...], scope: str) -> None:
-    assert scope_of(names) == scope
+    assert scope_of([VARIANTS[name] for name in names]) == scope
 
 
 def test_a_narrower_scope_attests_itself_alone(repository: Path, tmp_path: Path) -> None:

@@ -30,10 +30,16 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
     "no validity ends": (Permissions, "in_force", "<= self.moment <= 2 * not_after", "<= self.moment"),
     "no validity begins": (Permissions, "in_force", "2 * not_before <= self.moment", "self.moment"),
     "grants out of date are always skipped": (
-        *(Permissions, "_chosen", "self._system.reading_of(grant).skips_grants_out_of_date", "True"),
+        Permissions,
+        "_chosen",
+        "_system.reading_of(grant).skips_grants_out_of_date",
+        "_system and True",
     ),
     "grants out of date are never skipped": (
-        *(Permissions, "_chosen", "self._system.reading_of(grant).skips_grants_out_of_date", "False"),
+        Permissions,
+        "_chosen",
+        "_system.reading_of(grant).skips_grants_out_of_date",
+        "_system and False",
     ),
     "grants out of date count": (Permissions, "_chosen", "if in_force:", "if True:"),
     "every grant of a document counts": (Permissions, "_chosen", "not in seen", "is not None"),
@@ -67,12 +73,8 @@ MUTANTS: dict[str, tuple[Any, str, str, str]] = {
         "False",
     ),
     "documents that were not read grant nothing": (TrustDomainView, "may_be_granted", "self._any_opaque", "False"),
-    "announcements are truthful": (
-        *(TrustDomainView, "announcements_trusted", "self.reading.asks_announced_only and", "False and"),
-    ),
-    "everybody believes announcements": (
-        *(TrustDomainView, "announcements_trusted", "self.reading.asks_announced_only and", "True and"),
-    ),
+    "announcements are truthful": (TrustDomainView, "_unasked", "truthful or", "True or"),
+    "everybody believes announcements": (TrustDomainView, "_unasked", "not self.reading.asks_announced_only", "False"),
     "authorities certified nothing else": (System, "anybody", "not self.assumed >= IDENTITIES", "False"),
     "there are no other documents": (System, "anything_granted", "not self.assumed >= DOCUMENTS", "False"),
     "robots enforce": (TrustDomainView, "__init__", "Assumption.ROBOTS_ENFORCE not in system.assumed", "False"),

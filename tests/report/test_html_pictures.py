@@ -72,7 +72,7 @@ def table(names: list[str]) -> AccessTable:
     named = tuple(Named(topic=each, partition="", ros=False, several=False, expressions=()) for each in names)
     group = Group(profiles=("spec",), enclaves={}, safeguards=((Safeguard(governed=True),),) * len(named))
     at = datetime(2026, 1, 1, tzinfo=timezone.utc)
-    return AccessTable(root=".", at=at, domain=0, names=named, rest=0, groups=(group,))
+    return AccessTable(root=".", at=at, domain=0, names=named, rest=0, groups=(group,), fleets=())
 
 
 HOPS = st.lists(

@@ -417,7 +417,7 @@ def context(store: Keystore | None = None, **more: Any) -> Context:
         "profiles": tuple(VARIANTS[name] for name in DEFAULT),
         **more,
     }
-    return Context(**more)
+    return Context(**{"fleets": more["profiles"], **more})
 
 
 def rules_of(*modules: str) -> list[registry.Rule[Any]]:

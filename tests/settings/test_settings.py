@@ -293,3 +293,29 @@ def test_lines_by_hand() -> None:
         ("b", 1, "f"): 10,
         ("b", 1, "f", "g"): 12,
     }
+
+
+@pytest.mark.parametrize(
+    ("text", "runs"),
+    [
+        ('[enclaves."/arm"]\nrmw = "cyclonedds"\n', {"/arm": ("cyclonedds-0.10", "cyclonedds-11")}),
+        ('[enclaves."/arm"]\nprofile = ["humble"]\nrmw = "fastdds"\n', {"/arm": ("fastdds-2.6",)}),
+        ('[enclaves]\n"/a/b" = { profile = "opendds" }\n', {"/a/b": ("opendds",)}),
+        ('[enclaves."/arm"]\n', None),
+        ('[enclaves.arm]\nrmw = "cyclonedds"\n', None),
+        ('[enclaves."/arm"]\nrmw = "zenoh"\n', None),
+        ('[enclaves."/arm"]\nprofile = "fastdds-1"\n', None),
+        ('[enclaves."/arm"]\nrelease = "humble"\n', None),
+    ],
+)
+def test_enclaves_may_run_another_implementation(
+    text: str, runs: dict[str, tuple[str, ...]] | None, tmp_path: Path
+) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text(text)
+    if runs is None:
+        with pytest.raises(UsageError, match=r"settings\.toml:[12]: "):
+            read_settings(file, ())
+    else:
+        assert read_settings(file, ()).runs == runs
+        assert [error.message for error in schema("settings").iter_errors(plain(text))] == []

@@ -28,7 +28,7 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
 from keystore_audit.model.trust.revocation import list_dates
 from keystore_audit.model.validity import LAST, SECOND
-from keystore_audit.profiles import VARIANTS, JoinCheck, Local, Profile, Trust
+from keystore_audit.profiles import JoinCheck, Local, Profile, Trust, at_work
 from keystore_audit.truth import Truth
 
 MAX_PAIRS: Final = 10_000
@@ -67,20 +67,21 @@ def pairs(
     return tuple((one, other) for one in sources for other in targets if one != other or not one.enclaves)
 
 
-def unusable(system: System, channels: Channels, keystore: Keystore, usabilities: Usabilities) -> frozenset[int]:
+def unusable(
+    system: System, channels: Channels, keystore: Keystore, usabilities: Usabilities, profiles: Sequence[Profile]
+) -> frozenset[int]:
     """The channels of other domains than the one that the robots use, if it is said, and of other partitions than the
     default one, those whose name some implementation of the system has for no topic, and those of domains in which an
     enclave does not start although it does elsewhere.
 
     `usabilities`: who starts, in that domain.
     """
-    profiles = [VARIANTS[name] for name in system.profiles]
     found = set(range(len(channels.channels))) - channels.regions[IN_DEFAULT_PARTITION]
     domain = usabilities.domain
     if domain is not None:
         inside = {n for n, each in enumerate(channels.domains) if contains(each.intervals, domain)}
         found.update(n for n, channel in enumerate(channels.channels) if channel.domain not in inside)
-    for legal in {profile.local.topic_names for profile in profiles} - {None}:
+    for legal in {profile.local.topic_names for profile in at_work(profiles)} - {None}:
         found.update(illegal_names(channels, legal or ""))
     if domain is None:
         at = system.instants[system.now]
@@ -89,27 +90,33 @@ def unusable(system: System, channels: Channels, keystore: Keystore, usabilities
     return frozenset(found)
 
 
-def stopped(system: System, keystore: Keystore, usability: Mapping[tuple[str, str], Usability]) -> frozenset[int]:
+def stopped(
+    system: System,
+    keystore: Keystore,
+    usability: Mapping[tuple[str, str], Usability],
+    profiles: Sequence[Profile],
+) -> frozenset[int]:
     """Enclaves that do not start under some profile of the system, or (MUST) may not; and those that nobody talks to.
 
     `usability`: by directory and profile, at the audit instant.
     """
-    rows = [VARIANTS[name].local for name in system.profiles]
-    paths = {enclave.path for enclave in keystore.enclaves if not all(talks(enclave, row) for row in rows)}
+    paths = {e.path for e in keystore.enclaves if not all(talks(e, each.run_by(e.path).local) for each in profiles)}
     for enclave in keystore.enclaves:
         if not _starts(system, (usability[enclave.files.directory, profile] for profile in system.profiles)):
             paths.add(enclave.path)
     return _among(system, paths)
 
 
-def stopping(system: System, keystore: Keystore, usabilities: Usabilities, until: datetime) -> frozenset[int]:
+def stopping(
+    system: System, keystore: Keystore, usabilities: Usabilities, until: datetime, profiles: Sequence[Profile]
+) -> frozenset[int]:
     """Enclaves that start no more, or not yet, at some instant until then: of certificates, lists and grants."""
     now = system.instants[system.now]
     if until <= now:
         return frozenset()
     paths = set()
     for enclave in keystore.enclaves:
-        for profile in (VARIANTS[name] for name in system.profiles):
+        for profile in profiles:
             moments = _moments_until(usabilities.dates(enclave, profile, now), now, until) | {until}
             if not _starts(system, (usabilities.of(enclave, moment, profile) for moment in moments)):
                 paths.add(enclave.path)
@@ -129,6 +136,7 @@ def starts_alone(
     usabilities: Usabilities,
     enclaves: Iterable[int],
     until: datetime | None,
+    profiles: Sequence[Profile],
 ) -> frozenset[tuple[int, int]]:
     """Those of `enclaves`, each with a domain class in which its own implementation starts it although peers do not let
     it in, at the audit instant or any later one up to `until`.
@@ -136,9 +144,7 @@ def starts_alone(
     Fast DDS wants some allow rule, of any domain; Cyclone DDS lets a participant start wherever some topic has no
     access control (docs/profiles.md). Two such participants refuse each other, unless one of them attacks.
     """
-    profiles = [VARIANTS[name] for name in system.profiles]
-    profiles = [profile for profile in profiles if profile.local.joins is not JoinCheck.ALLOWED_DOMAIN]
-    if not profiles:
+    if all(profile.local.joins is JoinCheck.ALLOWED_DOMAIN for profile in at_work(profiles)):
         return frozenset()
     permissions = Permissions(system)
     views = trust_domain_views(system, permissions)
@@ -152,7 +158,8 @@ def starts_alone(
         everywhere = permissions.all_domains
         for view in views:
             everywhere &= view.joined(number)
-        for profile in profiles:
+        own = {profile.run_by(enclave.path) for profile in profiles}
+        for profile in (each for each in own if each.local.joins is not JoinCheck.ALLOWED_DOMAIN):
             dates = usabilities.dates(enclave, profile, now) if until is not None else ()
             moments = {now, *_moments_until(dates, now, until or now)}
             for domain, atom in enumerate(channels.domains):
@@ -164,7 +171,7 @@ def starts_alone(
     return frozenset(found)
 
 
-def with_refusals(system: System, keystore: Keystore) -> System:
+def with_refusals(system: System, keystore: Keystore, profiles: Sequence[Profile]) -> System:
     """With whom enclaves refuse under some profile, from the audit instant on.
 
     Trust domains come apart by that: two may trust alike, and read the same authorities in another order.
@@ -173,7 +180,6 @@ def with_refusals(system: System, keystore: Keystore) -> System:
     there = [(number[each.path], each) for each in keystore.enclaves if each.path in number]
     identities = [(system.enclaves[n].identity, each.identity) for n, each in there]
     known = {n: certificate for n, certificate in identities if n is not None and certificate is not None}
-    trusts = dict.fromkeys(VARIANTS[name].trust for name in system.profiles)
     enclaves, trust_domains = (
         list(system.enclaves),
         {trust_domain: n for n, trust_domain in enumerate(system.trust_domains)},
@@ -181,7 +187,8 @@ def with_refusals(system: System, keystore: Keystore) -> System:
     refused: dict[object, list[tuple[int, frozenset[int]]]] = {}
     for n, enclave in there:
         file, crl = enclave.identity_ca, enclave.files.files[Role.CRL]
-        files = file and file.file.sha256, crl.sha256, crl.status  # of copies one is asked
+        trusts = tuple(dict.fromkeys(profile.run_by(enclave.path).trust for profile in profiles))
+        files = file and file.file.sha256, crl.sha256, crl.status, trusts  # of copies one is asked
         if files not in refused:
             asked = [trust for trust in trusts if may_refuse_peers(enclave, trust)]
             refused[files] = list(_refused(enclave, known, asked, _moments(system, enclave, asked)))
@@ -264,7 +271,7 @@ def _closed(
     OpenDDS alone decides that by the domain's rules; with others, who has rights in a domain starts there.
     """
     for profile in profiles:
-        if profile.local.joins is not JoinCheck.TABLE_63:
+        if all(each.local.joins is not JoinCheck.TABLE_63 for each in at_work((profile,))):
             continue
         starting = [each for each in enclaves if usabilities.of(each, at, profile).usable.may]
         governed = _governed(system)

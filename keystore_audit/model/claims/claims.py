@@ -38,11 +38,13 @@ from keystore_audit.model.claims.stated import (
     marked,
 )
 from keystore_audit.model.formal.asked import Attacker, ClaimAtom, ClaimKind, Place
-from keystore_audit.model.formal.system import System, apart, together
+from keystore_audit.model.formal.folding import apart, together
+from keystore_audit.model.formal.system import System
 from keystore_audit.model.names import AMBIENT
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.question import Usability
 from keystore_audit.model.validity import ANY_ZONE, LAST, SECOND
+from keystore_audit.profiles import Profile
 
 
 def lasting(
@@ -90,9 +92,12 @@ def with_claims(
     keystore: Keystore,
     usability: Mapping[tuple[str, str], Usability],
     usabilities: Usabilities,
+    profiles: Sequence[Profile],
 ) -> tuple[System, ...]:
-    """The systems with the claims as facts. `usability`: by directory and profile, as in `Meaning`, and `usabilities`
-    at later instants. For claims that rest on who starts.
+    """The systems of these profiles with the claims as facts.
+
+    `usability`: by directory and profile, as in `Meaning`, and `usabilities` at later instants. For claims that rest on
+    who starts.
 
     Raises errors.UsageError for a claim of something that is not in the keystore: it would hold for want of it.
     """
@@ -101,7 +106,8 @@ def with_claims(
     _check(claims, systems, channels, keystore)
 
     def resolved(system: System) -> System:
-        return _Resolution(system, channels, keystore, usability, usabilities).resolved(claims)
+        theirs = [profile for profile in profiles if profile.name in system.profiles]
+        return _Resolution(system, channels, keystore, usability, usabilities, theirs).resolved(claims)
 
     kinds = {claim.kind for claim in claims}
     if kinds.isdisjoint(RESTING_ON_STARTS | RESTING_ON_SUBJECTS):
@@ -172,8 +178,10 @@ class _Resolution:
         keystore: Keystore,
         usability: Mapping[tuple[str, str], Usability],
         usabilities: Usabilities,
+        profiles: Sequence[Profile],
     ) -> None:
         self._system = system
+        self._profiles = profiles
         self._usabilities = usabilities
         self._channels = channels
         self._known = {enclave.path for enclave in keystore.enclaves}
@@ -184,19 +192,20 @@ class _Resolution:
     @cached_property
     def _elsewhere(self) -> frozenset[int]:
         """Channels on which no claim of ability counts."""
-        return unusable(self._system, self._channels, self._keystore, self._usabilities)
+        return unusable(self._system, self._channels, self._keystore, self._usabilities, self._profiles)
 
     def _away(self, until: datetime | None) -> tuple[frozenset[int], frozenset[int]]:
         """Enclaves that take no part in what a claim of ability asks for; and who else at some instant until then."""
-        now = stopped(self._system, self._keystore, self._usability) | unmanaged(self._system)
+        profiles = self._profiles
+        now = stopped(self._system, self._keystore, self._usability, profiles) | unmanaged(self._system)
         if until is None:
             return now, frozenset()
-        return now, stopping(self._system, self._keystore, self._usabilities, until) - now
+        return now, stopping(self._system, self._keystore, self._usabilities, until, profiles) - now
 
     def resolved(self, claims: Sequence[Claim]) -> System:
         """The system with the claims."""
         if any(claim.kind is ClaimKind.ABLE for claim in claims):
-            self._system = with_refusals(self._system, self._keystore)
+            self._system = with_refusals(self._system, self._keystore, self._profiles)
         return replace(self._system, claims=tuple(self._named(self._atom(claim)) for claim in claims))
 
     def _named(self, claim: ClaimAtom) -> ClaimAtom:
@@ -236,7 +245,8 @@ class _Resolution:
         """Where enclaves of a claim of separate domains start although peers do not let them in."""
         named = self._enclaves((*claim.source.enclaves, *claim.target.enclaves), unread=False)
         joining = sorted(with_all_certificates(self._system, named))
-        return starts_alone(self._system, self._keystore, self._channels, self._usabilities, joining, claim.until)
+        about = self._keystore, self._channels, self._usabilities
+        return starts_alone(self._system, *about, joining, claim.until, self._profiles)
 
     def _source(self, claim: Claim, away: frozenset[int]) -> Place:
         """As the claim says; else the one enclave that may publish, if one may. That no other does, engines ask."""

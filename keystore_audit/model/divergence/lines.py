@@ -11,6 +11,8 @@ from datetime import datetime
 from functools import cache
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.typed import GovernanceFile, Operation, PermissionsFile
@@ -25,7 +27,7 @@ from keystore_audit.model.formal.system import System
 from keystore_audit.model.inventory import Typed, documents_of
 from keystore_audit.model.participants.doubt import enclave_doubts
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.participants.views import Kind
+from keystore_audit.model.participants.views import Fleet, Kind
 from keystore_audit.model.semantics import ReadGrant
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.model.validity import in_force, read_date
@@ -120,12 +122,12 @@ class PeerValues:
             self._row[profile.name] = by_row.setdefault(row, profile.name)
             if by_row[row] != profile.name:
                 continue
-            kind = Kind(profile.trust, row)
-            may = builder.build(kind, profiles=(profile.name,), may=True)
+            fleet = Fleet((Kind(profile.trust, row),))
+            may = replace(builder.build(fleet, may=True), profiles=(profile.name,))
             facts[profile.name] = may
             systems.append(may)
             if may.has_doubt:
-                systems.append(builder.build(kind, profiles=(profile.name,), may=False))
+                systems.append(replace(builder.build(fleet, may=False), profiles=(profile.name,)))
         self._effective = EffectiveRights(systems)
         self._view = cache(lambda name: _Peers(facts[name]))
 

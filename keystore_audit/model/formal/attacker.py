@@ -12,21 +12,19 @@ from keystore_audit.assumptions import Assumption
 from keystore_audit.keystore.typed import Operation
 from keystore_audit.model.formal.bit_sets import Abilities, bits, members, union
 from keystore_audit.model.formal.permission import Permissions, Protection, open_protection, protection
-from keystore_audit.model.formal.system import DocumentAtom, System
+from keystore_audit.model.formal.system import System
 
 
 class TrustDomainView:
     """How the peers of one trust domain see every enclave. Sets of channels and domains are bit sets."""
 
     def __init__(self, system: System, trust_domain: int, permissions: Permissions) -> None:
-        self._system = system
-        self._number = trust_domain
+        self._system, self._number = system, trust_domain
         self._trust_domain = system.trust_domains[trust_domain].at(permissions.moment)
-        self._permissions = permissions
+        self._permissions, self.moment = permissions, permissions.moment
         self.reading = system.readings[self._trust_domain.reading]
-        self.moment = permissions.moment
-        self.refuses = self._trust_domain.refuses
-        governance = self._trust_domain.governance
+        self.documents = permissions.documents.get(self._trust_domain.reading, {})
+        self.refuses, governance = self._trust_domain.refuses, self._trust_domain.governance
         unread = governance is not None and system.documents[governance].opaque
         self.open = unread or Assumption.ROBOTS_ENFORCE not in system.assumed
         self._any_opaque = system.anything_granted
@@ -64,12 +62,6 @@ class TrustDomainView:
         """Documents that the permissions CA itself signed."""
         documents, trusted = self.documents.items(), self._trust_domain.permissions_ca
         return frozenset(n for n, d in documents if d.intact and not d.opaque and d.signers and d.signers <= trusted)
-
-    @cached_property
-    def documents(self) -> Mapping[int, DocumentAtom]:
-        """By number, the documents as its implementations read them."""
-        numbered, reading = enumerate(self._system.documents), self._trust_domain.reading
-        return {number: document for number, document in numbered if document.reading == reading}
 
     @cached_property
     def accepted(self) -> frozenset[int]:
@@ -375,12 +367,8 @@ class TrustDomainView:
     @cached_property
     def _unasked(self) -> int:
         """All channels, where permissions are asked only for what is announced as under access control."""
-        return self._permissions.all_channels if self.announcements_trusted else 0
-
-    @property
-    def announcements_trusted(self) -> bool:
-        """Whether an attacker gets past the permissions of endpoints by what it announces of them."""
-        return self.reading.asks_announced_only and Assumption.TRUTHFUL_ANNOUNCEMENTS not in self._system.assumed
+        truthful = Assumption.TRUTHFUL_ANNOUNCEMENTS in self._system.assumed
+        return 0 if truthful or not self.reading.asks_announced_only else self._permissions.all_channels
 
     def _reach(self, joined: int) -> int:
         """The governed channels of these domains."""

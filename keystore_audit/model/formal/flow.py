@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
 from functools import cache, cached_property, lru_cache
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Final, NamedTuple
 
 from msgspec import Struct
@@ -151,15 +151,20 @@ class Flows:
         rights = [each.abilities for each in self._own] if own else [each.honest for each in self._trust_domains]
         everybody = range(len(self._system.enclaves))
         used = sorted(set(self._member))
+        # Where implementations differ, a reader's own may let it read what those like it would not concede it.
+        alone = self._system.mixed and not own
+        reads = attrgetter("reads_at_all" if alone else "may_read")
         lanes = []
         for there in range(len(rights)):
             written = [rights[there](enclave).may_write for enclave in everybody]
-            read = [rights[there](e).may_read if self._member[e] == there else 0 for e in everybody]
+            read = [reads(rights[there](e)) if self._member[e] == there else 0 for e in everybody]
+            if alone:
+                lanes.append(Lane([0] * (self.outsider + 1), [*read, 0]))
             for here in used:
                 if own and not self._system.trust_domains[here].talks_to(self._system.trust_domains[there]):
                     continue
                 sent, shared = written, read
-                if here != there:
+                if here != there or alone:
                     shared = [one and one & rights[here](e).may_read for e, one in enumerate(read)]
                     if own:
                         sent = [one and one & rights[here](e).may_write for e, one in enumerate(written)]

@@ -5,7 +5,7 @@ Sets of channels and of domains are bit sets: channel n is bit n. The definition
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from itertools import groupby
 from operator import attrgetter
@@ -16,7 +16,7 @@ from keystore_audit.grouped import gathered
 from keystore_audit.keystore.typed import Operation, ProtectionKind
 from keystore_audit.model.formal.bit_sets import bits, members, union
 from keystore_audit.model.formal.steps import Step, allowed, decided, deciding
-from keystore_audit.model.formal.system import DomainRuleAtom, RuleAtom, System, TopicRuleAtom
+from keystore_audit.model.formal.system import DocumentAtom, DomainRuleAtom, RuleAtom, System, TopicRuleAtom
 
 
 class Meetings:
@@ -147,6 +147,12 @@ class Permissions:
             for certificate in grant.names if self._system.reading_of(grant).joins_out_of_date else ():
                 named.setdefault(certificate, {}).setdefault(grant.document, number)
         return named
+
+    @cached_property
+    def documents(self) -> Mapping[int, Mapping[int, DocumentAtom]]:
+        """By reading its documents, by number."""
+        numbered = enumerate(self._system.documents)
+        return {reading: dict(each) for reading, each in gathered((d.reading, (n, d)) for n, d in numbered).items()}
 
     @cached_property
     def domain_rules(self) -> dict[int | None, list[tuple[int, DomainRuleAtom]]]:

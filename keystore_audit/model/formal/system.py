@@ -312,8 +312,8 @@ class System(Struct, frozen=True, kw_only=True):
 
     `may`: what could not be read may do, grant and open anything; else it does, grants and opens nothing, and is left
     out: `left_out` are enclaves of which it is unknown who they are or whom they trust, of no trust domain.
-    `profiles`: the variants that read it so (all facts equal). `readings`: of the implementations in the fleet: one,
-    unless some enclaves are said to run another. `instants`: sorted; `now`: index of the audit instant among them.
+    `profiles`: the variants that read it so (all facts equal). `readings`: one, unless some enclaves run one of
+    `others` (variants) instead. `instants`: sorted; `now`: index of the audit instant among them.
     `meets`: by channel, the others in which an endpoint that is allowed in it is met too, because its partition may be
     a pattern; empty where no channel meets another. `assumed`: what is taken for granted; in MUST, whatever nobody can
     see (`assumptions.WORLD`) is.
@@ -321,6 +321,7 @@ class System(Struct, frozen=True, kw_only=True):
 
     profiles: tuple[str, ...]
     readings: tuple[Reading, ...]
+    others: tuple[str, ...] = ()
     assumed: frozenset[Assumption] = EVERY
     may: bool
     instants: tuple[datetime, ...]
@@ -350,6 +351,11 @@ class System(Struct, frozen=True, kw_only=True):
         if text is None or text.line is None:
             return rule.location
         return replace(rule.location, line=text.line, message="" if text.text == topic else text.text)
+
+    @property
+    def mixed(self) -> bool:
+        """Whether trust domains judge by different readings."""
+        return len({trust_domain.reading for trust_domain in self.trust_domains}) > 1
 
     def reading_of(self, grant: GrantAtom) -> Reading:
         """How those judge who take the grant's document for what this atom of it says."""
@@ -392,25 +398,3 @@ class System(Struct, frozen=True, kw_only=True):
         return (
             opaque or any(trust_domain.list_unread for trust_domain in self.trust_domains) or not self.assumed >= WORLD
         )
-
-
-def apart(systems: Iterable[System]) -> tuple[System, ...]:
-    """Each system as many times as it has profiles, for one of them each time.
-
-    Implementations that read a keystore alike may differ in what claims rest on: which enclaves start, what topics can
-    be called, whom a grant names that is not here. What is true of one of them must not be told of the others.
-    """
-    return tuple(replace(system, profiles=(name,)) for system in systems for name in system.profiles)
-
-
-def together(systems: Iterable[System]) -> tuple[System, ...]:
-    """One system for all profiles that are alike in all their readings."""
-    by_profile = gathered((name, replace(system, profiles=())) for system in systems for name in system.profiles)
-    kinds: list[tuple[list[str], list[System]]] = []
-    for name, readings in by_profile.items():
-        alike = next((names for names, known in kinds if known == readings), None)
-        if alike is None:
-            kinds.append(([name], readings))
-        else:
-            alike.append(name)
-    return tuple(replace(each, profiles=tuple(names)) for names, readings in kinds for each in readings)

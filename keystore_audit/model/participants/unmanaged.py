@@ -14,7 +14,7 @@ will do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import cached_property
 from typing import Final
@@ -35,6 +35,7 @@ from keystore_audit.model.formal.system import CertificateAtom, Participant, Par
 from keystore_audit.model.inventory import (
     Document,
     TrustFiles,
+    behind,
     governance_alike,
     may_be_taken,
     named_by_some,
@@ -155,7 +156,7 @@ class Unmanaged:
         enclaves: Sequence[Participant],
         trust_domains: Sequence[TrustDomainAtom],
         certificates: Sequence[CertificateAtom],
-        names: Mapping[str, frozenset[int]],
+        names: Mapping[Hashable, frozenset[int]],
         own: Mapping[tuple[int, int], Sequence[Timeline]],
     ) -> Iterator[Participant]:
         """The identities that a trust domain lets in, in each that does.
@@ -207,18 +208,48 @@ class Unmanaged:
                 yield made_alone(made, timeline)
 
     def own_endpoints(
-        self, alone: Sequence[Alone], trust_domains: Mapping[TrustFiles, int], *, may: bool
+        self, alone: Sequence[Sequence[Alone]], trust_domains: Mapping[tuple[int, TrustFiles], int], *, may: bool
     ) -> dict[tuple[int, int], list[Timeline]]:
         """By certificate and trust domain what their own implementation creates, possibly (MAY) or certainly (MUST).
 
-        `alone`: by holder; empty where it creates nothing. Whose trust domain could not be read is left out: there
-        everybody may do anything.
+        `alone`: by reading and holder; empty where it creates nothing. Whose trust domain could not be read is left
+        out: there everybody may do anything.
         """
         return gathered(
-            ((number, trust_domains[files]), each.possible if may else each.certain)
-            for (number, files, _enclave), each in zip(self.holders if alone else (), alone, strict=True)
-            if files in trust_domains
+            ((number, trust_domains[reading, files]), each.possible if may else each.certain)
+            for reading, made in enumerate(alone)
+            for (number, files, _enclave), each in zip(self.holders if made else (), made, strict=True)
+            if (reading, files) in trust_domains
         )
+
+
+def behind_participant(place: str, trust_domain: int) -> Participant:
+    """What stands for whatever enclaves are behind a place that was not read."""
+    return Participant(
+        label=behind(place),
+        location=Location(path=place),
+        trust_domain=trust_domain,
+        identity=None,
+        permissions=frozenset(),
+        kind=ParticipantKind.UNREAD,
+    )
+
+
+def unread_certificate(root: str, key: int, last: int) -> CertificateAtom:
+    """What stands for all certificates of CA files of the keystore at `root` that could not be read, with this key; up
+    to the `last` instant.
+    """
+    return CertificateAtom(
+        label="whatever is in a CA file that could not be read",
+        location=Location(path=root),
+        issuers=frozenset(),
+        authority=False,
+        fit_to_sign=False,
+        key=key,
+        not_before=0,
+        not_after=last,
+        opaque=True,
+    )
 
 
 def unread_participants(places: Sequence[str], trust_domains: Sequence[TrustDomainAtom]) -> Iterator[Participant]:
@@ -247,7 +278,7 @@ def trusting_all(trust_domains: Iterable[TrustDomainAtom], unread: TrustDomainAt
 def _told(
     trust_domains: Sequence[TrustDomainAtom],
     certificates: Sequence[CertificateAtom],
-    names: Mapping[str, frozenset[int]],
+    names: Mapping[Hashable, frozenset[int]],
 ) -> Callable[[int], object]:
     """All that a peer looks at in a certificate, dates apart; equal for certificates that serve alike."""
     revoked = gathered(

@@ -69,12 +69,13 @@ class Usabilities:
         """Equal for profiles whose answers are equal."""
         found = self._kinds.get(profile)
         if found is None:
-            found = self._kinds[profile] = profile.trust, self._accesses.row(profile.access), profile.local
+            others = tuple((path, self.kind(other)) for path, other in profile.others)
+            found = self._kinds[profile] = profile.trust, self._accesses.row(profile.access), profile.local, others
         return found
 
     def dates(self, enclave: Enclave, profile: Profile, at: datetime) -> set[datetime]:
         """The instants from `at` on at which, or right after which, the answer may become another one."""
-        document = enclave.permissions
+        profile, document = profile.run_by(enclave.path), enclave.permissions
         grants = self._accesses.read(document, profile.access).grants if document is not None else None
         limited: tuple[Limited, ...] = (*(grants or ()), *every_certificate((enclave,), (), ()))
         dates = {date for each in limited for date in (each.not_before, each.not_after) if at <= date < END}
@@ -85,6 +86,7 @@ class Usabilities:
 
         It is unknown where something could not be read and nothing else already rules it out.
         """
+        profile = profile.run_by(enclave.path)
         (alike, here, grants), kind = self._own_of(enclave, profile), self.kind(profile)
         limited: tuple[Limited | None, ...] = (enclave.identity, *(grants or ()))
         now = kind, tuple([each is None or in_force(each, at) for each in limited])

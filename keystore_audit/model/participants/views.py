@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import datetime
 from typing import NamedTuple
 
 from msgspec.structs import replace
 
+from keystore_audit.assumptions import Assumption
+from keystore_audit.errors import UsageError
 from keystore_audit.grouped import grouped
 from keystore_audit.keystore.certificate import Certificate, CertificateFile
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.typed import GovernanceFile, PermissionsFile
 from keystore_audit.model.access_view import AccessViews
-from keystore_audit.model.formal.system import TrustDomainAtom
+from keystore_audit.model.formal.system import Reading, TrustDomainAtom
 from keystore_audit.model.inventory import Document, TrustFiles, Typed, governance_alike, permissions_cas, trust_files
 from keystore_audit.model.participants.doubt import may_say_anything
 from keystore_audit.model.participants.lone_endpoints import Alone
@@ -29,7 +31,8 @@ from keystore_audit.model.trust.verdicts import (
     trusted_authorities,
 )
 from keystore_audit.model.validity import SECOND
-from keystore_audit.profiles import Access, Profile, SubjectComparison, Trust
+from keystore_audit.profiles import Access, Profile, SubjectComparison, Trust, at_work
+from keystore_audit.text import meant
 from keystore_audit.truth import Truth
 
 
@@ -44,23 +47,61 @@ class Kind(NamedTuple):
     access: Access
     alone: tuple[Alone, ...] = ()
 
+    def reading(self, assumed: frozenset[Assumption], *, mixed: bool) -> Reading:
+        """How they judge peers. Unless the fleet is mixed, what hangs on no announcement is told as nobody's."""
+        announced = mixed or Assumption.TRUTHFUL_ANNOUNCEMENTS not in assumed
+        return Reading(
+            pins_signer=self.trust.pins_signer,
+            skips_grants_out_of_date=self.access.skips_grants_out_of_date,
+            requires_grant=self.access.requires_grant,
+            joins_out_of_date=self.access.joins_out_of_date,
+            asks_announced_only=self.trust.trusts_declarations and announced,
+            matcher=self.access.matcher,
+        )
+
+
+class Fleet(NamedTuple):
+    """The kinds of implementation that enclaves run, and by enclave which (empty: the first); unmanaged identities run
+    any of them.
+    """
+
+    kinds: tuple[Kind, ...]
+    runs: tuple[int, ...] = ()
+
+
+def fleet_of(profile: Profile, paths: Sequence[str], kind: Callable[[Profile], Kind]) -> Fleet:
+    """The fleet on the profile with enclaves of these paths; `kind`: how an implementation reads the keystore.
+
+    Raises errors.UsageError where some are said to run another implementation that are not there.
+    """
+    if not profile.others:  # nearly always
+        return Fleet((kind(profile),))
+    lacking = next((path for path, _other in profile.others if path not in paths), None)
+    if lacking is not None:
+        known = sorted(paths)
+        raise UsageError(f"[enclaves]: {lacking!r} is no enclave of this keystore.{meant(lacking, known)}")
+    run = [kind(profile.run_by(path)) for path in paths]
+    kinds = tuple(dict.fromkeys(run)) or (kind(profile),)
+    return Fleet(kinds, tuple(map(kinds.index, run)) if len(kinds) > 1 else ())
+
 
 class TrustDomains:
     """The trust domains of a system, numbered in the order in which they come: of those that judge alike the first.
 
-    `documents`: what is in those of the system. `known`: by files those of which nothing is unknown.
+    `documents`: what is in those of the system, each with its reading. `known`: by reading and files those of which
+    nothing is unknown.
     """
 
-    def __init__(self, documents: Iterable[Typed | None]) -> None:
-        first: dict[Typed, int] = {}
+    def __init__(self, documents: Iterable[tuple[int, Typed | None]]) -> None:
+        first: dict[tuple[int, Typed], int] = {}
         self._alike: dict[int | None, int] = {
-            number: first.setdefault(governance_alike(file), number)
-            for number, file in enumerate(documents)
+            number: first.setdefault((reading, governance_alike(file)), number)
+            for number, (reading, file) in enumerate(documents)
             if isinstance(file, GovernanceFile)
         }
         self._numbers: dict[TrustDomainAtom, int] = {}
         self._atoms: list[TrustDomainAtom] = []
-        self.known: dict[TrustFiles, int] = {}
+        self.known: dict[tuple[int, TrustFiles], int] = {}
 
     def __contains__(self, trust_domain: TrustDomainAtom) -> bool:
         return self._judging(trust_domain) in self._numbers
@@ -138,7 +179,7 @@ class Views:
 
     def list_dates(self, profiles: Iterable[Profile]) -> set[datetime]:
         """All these instants, and those at which a list begins or ends."""
-        trusts = dict.fromkeys(profile.trust for profile in profiles)
+        trusts = dict.fromkeys(profile.trust for profile in at_work(profiles))
         asked = [(each, trust, self._at) for trust in trusts for each in self._trust_domains]
         return {date for each in asked for date in (*list_dates(*each), *ends_of_lists(*each))}
 

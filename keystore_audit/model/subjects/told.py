@@ -127,7 +127,8 @@ def grants_naming(system: System, texts: Iterable[str]) -> Mapping[str, Sequence
         by_text.setdefault(grant.subject, set()).add(number)
     found: dict[str, dict[frozenset[int], None]] = {text: {} for text in texts}
     subjects = {text: subject for text in found if (subject := told(text)) is not None}
-    comparisons = dict.fromkeys(VARIANTS[name].trust.subjects for name in system.profiles if name in VARIANTS)
+    names = (*system.profiles, *system.others)
+    comparisons = dict.fromkeys(VARIANTS[name].trust.subjects for name in names if name in VARIANTS)
     for comparison in comparisons if subjects else ():
         naming = [set(by_text[text]) for text in subjects]
         for text, numbers in matching(tuple(by_text), tuple(subjects.values()), comparison).items():

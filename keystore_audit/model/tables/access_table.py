@@ -165,7 +165,7 @@ class AccessTable(Struct, frozen=True, kw_only=True):
     """The whole table of the keystore at `root`.
 
     `rest`: the place among `names` of whatever no document lists. `groups`: the largest last, else in the order of
-    their first profile.
+    their first profile. `fleets`: on which.
     """
 
     root: str
@@ -174,6 +174,7 @@ class AccessTable(Struct, frozen=True, kw_only=True):
     names: tuple[Named, ...]
     rest: int
     groups: tuple[Group, ...]
+    fleets: Sequence[Profile]
 
     @property
     def has_unknown(self) -> bool:
@@ -231,6 +232,7 @@ class TableBuilder:
             names=self._names,
             rest=self._rest,
             groups=tuple(sorted(self._groups(), key=lambda group: len(group.profiles))),
+            fleets=self._profiles,
         )
 
     def _groups(self) -> list[Group]:

@@ -70,6 +70,7 @@ def objections(
         expires_within=timedelta(0),
         deployed=False,
         profiles=profiles,
+        fleets=profiles,
     )
     # That nobody declared the authorities of a file with several is no matter of the identity (KA223).
     judgement = judge(context, RULES, select=("KA2",), ignore=("KA223",))

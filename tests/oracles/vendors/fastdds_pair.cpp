@@ -239,7 +239,8 @@ struct Endpoint : public DataWriterListener, public DataReaderListener
     }
 };
 
-/* Of more than one participant of a process, `place` tells apart. */
+/* Of more than one participant of a process, `place` tells apart. The ports are those of cyclonedds_pair.c, which may
+ * be the other process: of participant 0 or 1, 10 and 11 above the first one, or 12 and 13 (RTPS 2.5, 9.6.2.3). */
 static DomainParticipant *create_participant(uint32_t number, uint32_t first_port, uint32_t domain,
                                              const std::string &directory, uint32_t place = 0)
 {
@@ -253,11 +254,11 @@ static DomainParticipant *create_participant(uint32_t number, uint32_t first_por
     Locator_t loopback;
     IPLocator::setIPv4(loopback, "127.0.0.1");
     auto &protocol = qos.wire_protocol();
-    loopback.port = first_port + number + place;
+    loopback.port = first_port + 10 + 2 * number + place;
     protocol.builtin.metatrafficUnicastLocatorList.push_back(loopback);
-    loopback.port = first_port + 1 - number;
+    loopback.port = first_port + 10 + 2 * (1 - number);
     protocol.builtin.initialPeersList.push_back(loopback);
-    loopback.port = first_port + 2 + number + place;
+    loopback.port = first_port + 11 + 2 * number + place;
     protocol.default_unicast_locator_list.push_back(loopback);
     protocol.builtin.discovery_config.initial_announcements.count = 100;
     protocol.builtin.discovery_config.initial_announcements.period = {0, 100000000u};

@@ -1,4 +1,4 @@
-"""Two processes of one vendor that meet on the loopback interface: who matches whom, and whose samples arrive?"""
+"""Two processes, mostly of one vendor, that meet on the loopback interface: who matches whom, whose samples arrive?"""
 
 from __future__ import annotations
 
@@ -150,14 +150,19 @@ class Process:
 
 
 class Pairs:
-    """One vendor's programs, and ports that no other pair uses."""
+    """One vendor's programs, or two, and ports that no other pair uses. `second`: whose is the second process."""
 
     _first_ports = itertools.cycle(range(20000, 32000, _PORTS_OF_A_PAIR))
     _guard = threading.Lock()
 
-    def __init__(self, program: Path, library: Path) -> None:
+    def __init__(self, program: Path, library: Path, second: Pairs | None = None) -> None:
         self._program = program
         self._library = library
+        self._sides = (self, second or self)
+
+    def beside(self, other: Pairs) -> Pairs:
+        """The same with a second process of the other vendor."""
+        return Pairs(self._program, self._library, other)
 
     def meet(self, first: Side, second: Side, patience: float = PATIENCE) -> Meeting:
         """Let them meet, until all is decided."""
@@ -165,8 +170,8 @@ class Pairs:
             port = next(port for port in self._first_ports if _free(port))
         with ExitStack() as stack:
             processes = []
-            for number, side in enumerate((first, second)):
-                processes.append(Process(self._program, self._library, side, number, port))
+            for number, (of, side) in enumerate(zip(self._sides, (first, second), strict=True)):
+                processes.append(Process(of._program, of._library, side, number, port))
                 stack.callback(processes[-1].end)
             started = [process.started() for process in processes]
             if all(started):
