@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Mapping
 
 import pytest
 from msgspec.structs import replace
 
 from keystore_audit.engine.alloy.merging import merge
 from keystore_audit.engine.native import NativeEngine
+from keystore_audit.model.formal.asked import Attacker, Place
+from keystore_audit.model.formal.permission import Permissions
 from keystore_audit.model.formal.system import System
+from keystore_audit.properties import Status
 from tests.amount import tried
 from tests.engine.alloy.cloning import system_with_twins
-from tests.engine.alloy_batch import compare_batch
+from tests.engine.alloy.flow_builders import at, claim
+from tests.engine.alloy_batch import compare_batch, decide_batch, decide_claims, shipped
 from tests.engine.flows_by_hand import ByHand, violated
 from tests.engine.systems import (
+    CHATTER,
     IDENTITY_CA,
     LISTENER,
+    TALKER,
     Builder,
     healthy_builder,
     mixed,
@@ -42,8 +49,8 @@ def test_the_engines_agree_on_fleets_of_two_implementations() -> None:
     matters: Counter[str] = Counter()
     for seed, system, answers in zip(SEEDS, systems, native, strict=True):
         hand = ByHand(system)
-        for claim in system.claims:
-            assert answers[claim.id] is not violated(hand, claim), (seed, claim)
+        for asked in system.claims:
+            assert answers[asked.id] is not violated(hand, asked), (seed, asked)
         uniform = told(some_system(seed))
         matters.update(name for name, holds in answers.items() if holds is not uniform[name])
     assert len(matters) >= 7, f"a lopsided test: {matters}"
@@ -53,6 +60,95 @@ def test_merging_changes_no_answer_of_a_mixed_fleet() -> None:
     for seed in range(tried(120)):
         system = mixed(system_with_twins(seed), seed)
         assert told(merge(system).system) == told(system), seed
+
+
+def reading_alone(b: Builder, reader: int = LISTENER) -> System:
+    """The listener has no grant to read to those who judge as its own implementation does, which lets it read."""
+    b.rules[-1] = replace(b.rules[-1], subscribe=frozenset())
+    b.enclaves[reader] = replace(b.enclaves[reader], reads_alone=frozenset({CHATTER}))
+    told_apart = (claim(at(TALKER), at(LISTENER)), claim(Place(channels=frozenset({CHATTER})), at(LISTENER)))
+    claims = tuple(replace(each, id=str(number), attacker=Attacker.HONEST) for number, each in enumerate(told_apart))
+    return replace(b.system(), claims=claims)
+
+
+def test_a_reader_gets_what_its_own_implementation_and_the_writers_peers_let_it() -> None:
+    """Where all run one, what peers like itself do not concede, nobody concedes."""
+    mixed_fleet, uniform = reading_alone(one_authority(1)), reading_alone(healthy_builder())
+    mixed_fleet = replace(mixed_fleet, readings=mixed_fleet.readings * 2)
+    for system, holds in ((mixed_fleet, False), (uniform, True)):
+        answers = told(system)
+        assert (answers["0"], answers["1"]) == (holds, holds)
+        assert holding_claims(decide_claims([system])[0]) == {"0": holds, "1": holds}
+
+
+def drawn(seed: int) -> System:
+    return mixed(some_system(seed), seed)
+
+
+ALLOY_MUTANTS: dict[str, tuple[str, str, str, Callable[[], System]]] = {
+    "what others read is genuine": ("documents.als", "reading & { trust_domain", "{ trust_domain", lambda: drawn(5040)),
+    "what others read is obeyed": (
+        "documents.als",
+        "reading & ({ trust_domain",
+        "({ trust_domain",
+        lambda: drawn(5000),
+    ),
+    "an enclave uses what others read": (
+        *("properties.als", "enclave.permissions & enclave.in_trust_domain.reading", "enclave.permissions"),
+        lambda: drawn(5000),
+    ),
+    "nobody reads alone": (
+        *("information_flow.als", "(takes[receiving] + takes_alone[receiving])", "takes[receiving]"),
+        lambda: reading_alone(one_authority(1)),
+    ),
+    "nobody begins with what it reads alone": (
+        *("information_flow.als", "takes[trust_domain] + takes_alone[trust_domain]", "takes[trust_domain]"),
+        lambda: reading_alone(one_authority(1)),
+    ),
+    "everybody reads alone": (
+        *("information_flow.als", "TrustDomain.reading in trust_domain.reading", "no TrustDomain"),
+        lambda: reading_alone(healthy_builder()),
+    ),
+}
+"""What of the Alloy model makes a fleet mixed: its module, a change of it, and a system that tells of the change."""
+
+NATIVE_MUTANTS: dict[str, tuple[type, str, object, Callable[[], System]]] = {
+    "what others read is taken": (
+        *(Permissions, "documents"),
+        property(lambda self: {key: dict(enumerate(self._system.documents)) for key in range(2)}),
+        lambda: drawn(5003),
+    ),
+    "nobody reads alone": (System, "mixed", property(lambda _self: False), lambda: reading_alone(one_authority(1))),
+}
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+@pytest.mark.parametrize("name", ALLOY_MUTANTS)
+def test_what_makes_a_fleet_mixed_is_decided_in_alloy(name: str) -> None:
+    module, old, new, made = ALLOY_MUTANTS[name]
+    text, system = shipped()[module], made()
+    if len(system.readings) == 1 and len(system.trust_domains) > 1:
+        system = replace(system, readings=system.readings * 2)
+    assert text.count(old) == 1
+    changed = {module: text.replace(old, new)}
+    found = decide_batch([system], changed)[0] | holding_claims(decide_claims([system], changed)[0])
+    assert found != told(system)
+
+
+@pytest.mark.parametrize("name", NATIVE_MUTANTS)
+def test_and_natively(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    owner, attribute, wrong, made = NATIVE_MUTANTS[name]
+    system = made()
+    if len(system.readings) == 1:
+        system = replace(system, readings=system.readings * 2)
+    right = told(system)
+    monkeypatch.setattr(owner, attribute, wrong)
+    assert told(system) != right
+
+
+def holding_claims(statuses: Mapping[str, Status]) -> dict[str, bool]:
+    return {name: status is Status.HOLDS for name, status in statuses.items()}
 
 
 def as_two(system: System) -> System:
