@@ -10,12 +10,15 @@ from typing import Any
 import pytest
 
 from keystore_audit.errors import UsageError
+from keystore_audit.options import Options
+from keystore_audit.pipeline import audit
 from keystore_audit.profiles import VARIANTS, fleets, in_scope, resolve
+from keystore_audit.properties.result import EngineStatus
 from keystore_audit.settings.settings import Settings, read_settings
 from tests.amount import tried
 from tests.engine.test_horizon_exactly import PROFILES
 from tests.keystore.documents import allow, grant, permissions, pub, sub
-from tests.model.comparing import Member, Store, authority
+from tests.model.comparing import AT, Member, Store, authority
 from tests.model.test_trust_domains_alike import CLAIMS, PATHS, keystore, told
 
 ONE_CA = "no-enclave-grants-itself-rights"
@@ -68,6 +71,31 @@ def test_what_one_fleet_has_over_another_is_what_its_enclaves_run(tmp_path: Path
         mixed = settings(tmp_path / "mixed.toml", {here[0]: other})
         differing += answers(root, mixed, profile) != answers(root, plain, profile)
     assert differing >= tried(100, 20) / 10
+
+
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+def test_both_engines_answer_alike_about_random_mixed_fleets(tmp_path: Path) -> None:
+    for seed in range(tried(20)):
+        chance = random.Random(f"both {seed}")
+        root = keystore(chance, tmp_path / str(seed))
+        here = [path for path in PATHS if (root / f"enclaves{path}").is_dir()]
+        profile, other, third = chance.sample(PROFILES, 3)
+        mixed = settings(tmp_path / "mixed.toml", {here[0]: other, here[-1]: third})
+        report = audit(root, Options(at=AT, profiles=(profile,), settings=mixed, engine="both"))
+        assert report.engines_agree, seed
+        assert {run.status for run in report.engines} == {EngineStatus.OK}
+
+
+def test_what_is_accepted_of_one_fleet_is_not_of_another(tmp_path: Path) -> None:
+    """The meaning of a finding about rights has the fleet in it."""
+    root = SHARED.write(tmp_path / "keys")
+    meanings = set()
+    for runs in ({"/arm": "cyclonedds-0.10"}, {"/talker": "cyclonedds-0.10"}, {"/arm": "fastdds-2.9"}):
+        report = told(root, settings(tmp_path / "it.toml", runs, ""), ("fastdds-2.6",))
+        [found] = [each for each in report["findings"] if each["code"] == "KA705"]
+        meanings.add(found["meaning"])
+    assert len(meanings) == 3
 
 
 SHARED = Store(

@@ -159,7 +159,7 @@ MUTANTS = {
     "no implementation refuses its own writers": ("able, a writer refused", " - refused_writes", ""),
     "honest writers give their keys to whoever reads": (
         "a stubborn reader, honestly",
-        "takes[receiving] & reads_honestly[sending]",
+        "(takes[receiving] + takes_alone[receiving])\n\t& reads_honestly[sending]",
         "hears[receiving]",
     ),
     "who attacks takes samples from those alone that peers let write": (
@@ -179,13 +179,13 @@ MUTANTS = {
     ),
     "who attacks gets a sample by right alone": (
         "a stubborn reader of a channel",
-        "\ttakes[trust_domain] + { e: eavesdroppers & Enclave, c: e.acts_as.(hears[trust_domain]) }",
-        "\ttakes[trust_domain] + { e: eavesdroppers & Enclave, c: e.acts_as.(takes[trust_domain]) }",
+        "takes_alone[trust_domain]\n\t+ { e: eavesdroppers & Enclave, c: e.acts_as.(hears[trust_domain]) }",
+        "takes_alone[trust_domain]\n\t+ { e: eavesdroppers & Enclave, c: e.acts_as.(takes[trust_domain]) }",
     ),
     "honest readers of a channel get what peers refuse them": (
         "a stubborn reader, the source alone",
-        "takes[trust_domain] + { e: eavesdroppers & Enclave",
-        "hears[trust_domain] + { e: eavesdroppers & Enclave",
+        "takes[trust_domain] + takes_alone[trust_domain]",
+        "hears[trust_domain]",
     ),
     "who gets a sample does not pass it on": (
         "channel to channel",
