@@ -18,13 +18,11 @@ from keystore_audit.engine.native import NativeEngine
 from keystore_audit.engine.native_claims import fallen
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.typed import Criterion, Grant, Permissions, PermissionsFile, Rule
-from keystore_audit.model.claims.claims import with_claims
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.model.formal.system import System
-from keystore_audit.model.interpret import usability_by_profile
+from keystore_audit.model.interpret import claimed_systems, usability_by_profile
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.properties.result import Answer, Change, Right, Status
 
 MAX_TAKEN: Final = 3
@@ -64,12 +62,10 @@ def smallest_change(
 
 
 def _systems(keystore: Keystore, claims: tuple[Claim, ...], given: Circumstances) -> tuple[System, ...]:
-    builder, accesses = given.accesses(keystore).within_budget(
-        lambda views: SystemBuilder(keystore, given.profiles, given.at, views, claims=claims)
-    )
+    accesses = given.accesses(keystore)
     usabilities = Usabilities(given.domain, accesses)
     usability = usability_by_profile(keystore.enclaves, given.profiles, given.at, usabilities)
-    return with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities, given.profiles)
+    return claimed_systems(keystore, given.profiles, given.at, accesses, usabilities, usability, claims)[0]
 
 
 def _about(systems: Sequence[System], claims: slice) -> list[System]:

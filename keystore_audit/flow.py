@@ -17,15 +17,14 @@ from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
-from keystore_audit.model.claims.claims import with_claims
 from keystore_audit.model.claims.globs import nearest
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind
 from keystore_audit.model.formal.system import System
+from keystore_audit.model.interpret import claimed_systems
 from keystore_audit.model.participants.doubt import keystore_doubts
 from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.model.stolen_key import holding, holding_both, radius, radius_of_enclave
-from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import at_work, declared
 from keystore_audit.properties.result import (
     AssertedResult,
@@ -102,11 +101,9 @@ def find_flow(
     claims = questions(question)
     keystore = given.keystore(path)
     profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
-    builder, accesses = accesses.within_budget(
-        lambda views: SystemBuilder(keystore, profiles, at, views, claims=claims)
-    )
     usabilities = Usabilities(None, accesses)
-    native = NativeEngine(with_claims(builder.systems(), claims, builder.channels, keystore, {}, usabilities, profiles))
+    systems, _builder, accesses = claimed_systems(keystore, profiles, at, accesses, usabilities, {}, claims)
+    native = NativeEngine(systems)
     engines = engines or Engines()
     results, falls = tuple[AssertedResult, ...](), tuple[FallResult, ...]()
     if question.compromised is None:

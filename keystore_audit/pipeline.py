@@ -22,7 +22,7 @@ from keystore_audit.engine.engines import (
 )
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.engine.needs import resting_on, solved_again, taken_for_granted, with_needs
+from keystore_audit.engine.needs import resting_on, solved_again, taken_for_granted, with_needs, with_sessions
 from keystore_audit.gate import (
     assumptions,
     complete,
@@ -126,7 +126,7 @@ def audit(
     engines = Engines(choice=options.engine, jar=options.alloy_jar, offline=options.offline, timeout=options.timeout)
     runs, answers = run_engines(native, engines, stage)
     names = [profile.name for profile in profiles]
-    asserted = _lasting(claims, _asserted(claims, meaning, answers, names), accesses.assumed)
+    asserted = with_sessions(claims, _asserted(claims, meaning, answers, names), accesses.assumed)
     determined = combine_determinism(declared.claims, meaning.systems, answers, names) if declared else ()
     determined = resting_on(Assumption.LOCKSTEP_ROUNDS, determined, accesses.assumed)
     in_alloy: tuple[AlloyResult, ...] = ()
@@ -240,19 +240,6 @@ def _asserted(
 
     results = combine_claims(claims, meaning.systems, answers, names)
     return with_label_answers(claims, with_breaches(results, meaning.systems))
-
-
-def _lasting(
-    claims: Sequence[Claim], results: Sequence[PropertyResult], assumed: frozenset[Assumption]
-) -> tuple[PropertyResult, ...]:
-    """The results; what is claimed of a time is unknown where sessions may outlast their grants."""
-    over_time = {claim.id for claim in claims if claim.until is not None}
-    return tuple(
-        resting_on(Assumption.SESSIONS_END_WITH_GRANTS, (result,), assumed)[0]
-        if result.prop.id in over_time
-        else result
-        for result in results
-    )
 
 
 def _inputs(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import click
@@ -35,6 +36,11 @@ FAIL_ON: Final = ("gained", "any", "none")
 )
 @opt.file("--settings", help="Properties that a change is not to break, and what --label refers to.")
 @opt.file("--policy", help="An SROS2 policy: a right that it names is not to be lost, and no other to stay in use.")
+@click.option(
+    "--rolling",
+    is_flag=True,
+    help="Say instead what fails while enclaves are updated one by one, in any order, and after that.",
+)
 @opt.observation_options
 @opt.interpretation_options
 @opt.no_assume_option
@@ -54,16 +60,18 @@ def command(old: str, new: str, **given: Any) -> int:
       none    no change
     \b
     Exit codes:
-      0   no change that fails
+      0   no change that fails; --rolling: nothing that holds fails on the way
       1   some
       2   wrong usage
       3   nothing to look at there
       4   something is unknown
     """  # noqa: D301 - click's mark for lines that stay as they are
+    read = opt.named_settings(given, old, new)
+    if given["rolling"]:
+        return _rolling(old, new, read, given)
     from keystore_audit.diff import compare_keystores
     from keystore_audit.model.comparison.change import FailOn
 
-    read = opt.named_settings(given, old, new)
     comparison = compare_keystores(
         old,
         new,
@@ -76,6 +84,19 @@ def command(old: str, new: str, **given: Any) -> int:
     if comparison.unknown:
         return EXIT_INCOMPLETE
     return EXIT_CHANGED if comparison.failing(fail_on) else 0
+
+
+def _rolling(old: str, new: str, settings: Settings | None, given: Mapping[str, Any]) -> int:
+    """What fails on the way, and the exit code."""
+    opt.refuse(("fail_on", "labels", "policy", "graphs", "launches", "launch_arguments"), "--rolling")
+    if given["form"] == "markdown":
+        raise click.UsageError("--rolling is answered as text or json.")
+    from keystore_audit.report import rolling
+    from keystore_audit.rolling import find_passages
+
+    answer = find_passages(old, new, opt.reading(given, settings), settings.claims if settings is not None else ())
+    output.write_stdout((rolling.json if given["form"] == "json" else rolling.text)(answer))
+    return {"holds": 0, "violated": EXIT_CHANGED}.get(answer.status.value, EXIT_INCOMPLETE)
 
 
 def _labels(labels: tuple[str, ...], settings: Settings | None) -> dict[str, Globs] | None:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-from click.core import ParameterSource
 
 from keystore_audit.cli import options as opt
 from keystore_audit.cli import output, types
@@ -111,16 +110,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
 
 def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     """What a stolen key opens."""
-    unused = {
-        "attacker": "--attacker",
-        "fallen": "--compromised",
-        "through": "--through",
-        "alloy_jar": "--alloy-jar",
-    }
-    source_of = click.get_current_context().get_parameter_source
-    for name, option in unused.items():
-        if source_of(name) is ParameterSource.COMMANDLINE:  # the variable of the jar is for all commands
-            raise click.UsageError(f"{option} says nothing about --from-compromised.")
+    opt.refuse(("attacker", "fallen", "through", "alloy_jar"), "--from-compromised")
     if given["engine"] not in ("native", "auto"):
         raise click.UsageError("--from-compromised is worked out natively: no other engine decides it.")
     from keystore_audit.flow import find_blast_radius

@@ -253,6 +253,15 @@ def reading(given: Mapping[str, Any], settings: Settings | None, *, uniform: str
     )
 
 
+def refuse(names: Collection[str], question: str) -> None:
+    """Raise UsageError for an option, by the name of its value, that is on the command line."""
+    context = click.get_current_context()
+    for each in context.command.params:
+        name = each.name or ""
+        if name in names and context.get_parameter_source(name) is ParameterSource.COMMANDLINE:  # no variable
+            raise click.UsageError(f"{each.opts[0]} says nothing about {question}.")
+
+
 def check_launch_arguments(arguments: Collection[object], launches: Collection[Path]) -> None:
     """Raise UsageError for arguments of launch files where there are no such files: they would be without effect."""
     if arguments and not launches:

@@ -17,6 +17,7 @@ from keystore_audit.engine.engines import Engines, ask_alloy
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.grouped import gathered, grouped
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.system import System
 from keystore_audit.profiles import VARIANTS
 from keystore_audit.properties import BY_ID, Status
@@ -147,6 +148,14 @@ def resting_on(assumption: Assumption, results: Sequence[R], assumed: Collection
         return replace(held, needs=(assumption,)) if assumption in assumed else replace(held, status=Status.UNKNOWN)
 
     return tuple(where_it_holds(each, rests) for each in results)
+
+
+def with_sessions(claims: Iterable[Claim], results: Sequence[R], assumed: Collection[Assumption]) -> tuple[R, ...]:
+    """The results; what is claimed of a time is unknown where sessions may outlast their grants."""
+    over_time, rest = {claim.id for claim in claims if claim.until is not None}, Assumption.SESSIONS_END_WITH_GRANTS
+    return tuple(
+        resting_on(rest, (result,), assumed)[0] if result.prop.id in over_time else result for result in results
+    )
 
 
 class _Asked:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -61,9 +61,6 @@ def interpret(
     mixed = any(profile.others for profile in profiles)
     if mixed and declared is not None and declared.claims:
         raise UsageError(f"{declared.claims[0].place}: what is deterministic is not decided for a mixed fleet yet.")
-    if claims:
-        _begins, excluded = accesses.exclusive_bounds(profiles)
-        claims = lasting(claims, accesses.dates_in_local_time(profiles), excluded)
     domain = usabilities.domain
     over_budget: str | None = None
     systems: tuple[System, ...] = ()
@@ -72,10 +69,9 @@ def interpret(
     declared = declared or Declared()
     named = (*place_regions(places), *declared.regions(), *_wires(nodes))
     try:
-        builder, accesses = accesses.within_budget(
-            lambda views: SystemBuilder(keystore, profiles, at, views, claims=claims, named=named)
+        systems, builder, accesses = claimed_systems(
+            keystore, profiles, at, accesses, usabilities, usability, claims, named
         )
-        systems = with_claims(builder.systems(), claims, builder.channels, keystore, usability, usabilities, profiles)
         systems = with_places(systems, places, builder.channels, keystore)
         if nodes:
             from keystore_audit.model.intended.observed_rights import with_nodes
@@ -97,6 +93,35 @@ def interpret(
         anomalies=anomalies(keystore, working, accesses) if systems else {},
         ros=ros_patterns(keystore, working, at, accesses, apart, usability) if systems else None,
     )
+
+
+def claimed_systems(
+    keystore: Keystore,
+    profiles: Sequence[Profile],
+    at: datetime,
+    accesses: AccessViews,
+    usabilities: Usabilities,
+    usability: Mapping[tuple[str, str], Usability],
+    claims: Sequence[Claim],
+    named: Sequence[ReadRegion] = (),
+    *,
+    checked: bool = True,
+) -> tuple[tuple[System, ...], SystemBuilder, AccessViews]:
+    """The systems with the claims, who built them, and what documents say, as far as there is a budget for it.
+
+    The rest as in `interpret`; `usability`: as `usability_by_profile` has it, `named` as `SystemBuilder`, `checked` as
+    `with_claims`. Raises errors.BudgetExceeded, and errors.UsageError for a claim of what is not there.
+    """
+    if claims:
+        _begins, excluded = accesses.exclusive_bounds(profiles)
+        claims = lasting(claims, accesses.dates_in_local_time(profiles), excluded)
+    builder, accesses = accesses.within_budget(
+        lambda views: SystemBuilder(keystore, profiles, at, views, claims=claims, named=named)
+    )
+    systems = builder.systems()
+    about = builder.channels, keystore, usability, usabilities, profiles
+    systems = with_claims(systems, claims, *about, checked=checked)
+    return systems, builder, accesses
 
 
 def _wires(nodes: Sequence[WiredNode]) -> tuple[ReadRegion, ...]:

@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from keystore_audit.assumptions import Assumption
 from keystore_audit.findings import Location, Severity
+from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.model.blast_radius import BlastRadius, Ground
 from keystore_audit.model.formal.flow import Leg
 from keystore_audit.profiles import SubjectComparison, doing
@@ -342,3 +343,44 @@ class LabelResult(UserResult, frozen=True, kw_only=True):
 
     source: str
     target: str
+
+
+# What fails on the way from one keystore to another: the answer of `diff --rolling`.
+
+
+class Passage(Struct, frozen=True, kw_only=True):
+    """A property that fails on the way, or (UNKNOWN) may fail, under these profiles.
+
+    It does as soon as the enclaves of `updated` carry the files of NEW, while those of `waiting` carry those of OLD.
+    `lasting`: and once all carry those of NEW, for as long as what was signed before is valid: at most until then (as
+    grants have it, if they are why), of which the example is. `reason`: why it is unknown, where there is more to say.
+    """
+
+    prop: Property
+    status: Status = Status.UNKNOWN
+    profiles: tuple[str, ...]
+    updated: tuple[str, ...] = ()
+    waiting: tuple[str, ...] = ()
+    lasting: bool = False
+    until: str | None = None
+    example: Counterexample | None = None
+    reason: str = ""
+
+
+class RollingAnswer(Struct, frozen=True, kw_only=True):
+    """What fails on the way. `changing`: enclaves of which it is free when. `passages`: by property, in order."""
+
+    old: Keystore
+    new: Keystore
+    at: datetime
+    profiles: tuple[str, ...]
+    changing: tuple[str, ...]
+    passages: tuple[Passage, ...]
+
+    @property
+    def status(self) -> Status:
+        """The worst of all: unknown, then violated, then holds."""
+        statuses = {each.status for each in self.passages}
+        if Status.UNKNOWN in statuses:
+            return Status.UNKNOWN
+        return Status.VIOLATED if statuses else Status.HOLDS

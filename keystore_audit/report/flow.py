@@ -129,7 +129,7 @@ def text(told: Told, engines: Sequence[EngineRun], doubts: Sequence[Location], *
             under = profiles(names, told.every)
             lines.append(unbroken(under, f"  {_WORDS[answer.status]:<8} ", " " * 11))
             if answer.counterexample is not None:
-                lines += _path(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
+                lines += path_lines(answer.counterexample, shown, certain=answer.status is Status.VIOLATED)
     if others := [heading for heading, _result in told.sections[MAX_SHOWN:]]:
         lines += ["", unbroken(f"Not shown: {some(others, MAX_LISTED)}.")]
     lines.append("")
@@ -145,7 +145,7 @@ def text(told: Told, engines: Sequence[EngineRun], doubts: Sequence[Location], *
     return "\n".join(lines) + "\n"
 
 
-def _path(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) -> list[str]:
+def path_lines(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) -> list[str]:
     """The way with its lines, these once: a flow without an attack is one with any."""
     lines = [unbroken(path.text if certain else f"Perhaps: {path.text}", " " * 11, " " * 11)]
     if path.steps and path.steps in shown:

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from msgspec.structs import replace
 
 from .base import LISTENER, LISTENER_GRANT, PERMISSIONS_CA, PROVEN, TALKER, TALKER_GRANT, TWO, governed, with_listener
-from .documents import DISCOVERY, Criterion, DomainRule, Governance, Permissions, Rule, TopicRule, edited
+from .documents import DISCOVERY, Criterion, DomainRule, Governance, Grant, Permissions, Rule, TopicRule, edited
 from .healthy import TURTLESIM, VEHICLE, healthy
 from .policy import Node, grant
 from .smime import signed_by
-from .store import Link, Store
+from .store import Enclave, Link, Store
 from .story import Case, Story, pair
 
 ASSERTED = {name: ("--settings", f"settings/{name}.toml") for name in ("turtlesim", "vehicle", "chatter")}
@@ -148,6 +148,20 @@ def _vehicle() -> Iterator[Story]:
     )
     yield _bridged(vehicle())
     yield _expiring(vehicle(), infotainment)
+    yield _story(
+        "vehicle",
+        "gateway_reads",
+        "The gateway reads /media_state and has nothing to say to the motor. Whoever updates it to what it is in "
+        "vehicle_gateway_writes gives it the other half of a way to the motor.",
+        vehicle(gateway=replace(gateway, subscribe=(*gateway.subscribe, "media_state"))),
+    )
+    yield _story(
+        "vehicle",
+        "gateway_writes",
+        "The gateway passes a limit on to the motor and reads nothing of the infotainment system.",
+        vehicle(gateway=replace(gateway, publish=(*gateway.publish, "motor_limit"))),
+    )
+    yield _moved(vehicle())
 
 
 def _bridged(store: Store) -> Story:
@@ -174,6 +188,25 @@ def _bridged(store: Store) -> Story:
             governance=Governance(rules=(DomainRule(), DomainRule(domains=(1,)))),
         ),
     )
+
+
+def _moved(store: Store) -> Story:
+    """The vehicle in another domain."""
+    grants = ((each, replace(g, rules=tuple(replace(r, domains=(7,)) for r in g.rules))) for each, g in _grants(store))
+    enclaves = tuple(replace(each, permissions=Permissions(grants=(own,))) for each, own in grants)
+    return _story(
+        "vehicle",
+        "moved",
+        "The whole vehicle in domain 7. While some enclaves are still in domain 0, those that were updated may carry "
+        "data from one domain into the other with their old permissions.",
+        replace(store, enclaves=enclaves, governance=Governance(rules=(DomainRule(domains=(7,)),))),
+    )
+
+
+def _grants(store: Store) -> Iterator[tuple[Enclave, Grant]]:
+    for each in store.enclaves:
+        assert isinstance(each.permissions, Permissions)
+        yield from ((each, own) for own in each.permissions.grants)
 
 
 def _expiring(store: Store, infotainment: Node) -> Story:

@@ -93,17 +93,21 @@ def with_claims(
     usability: Mapping[tuple[str, str], Usability],
     usabilities: Usabilities,
     profiles: Sequence[Profile],
+    *,
+    checked: bool = True,
 ) -> tuple[System, ...]:
     """The systems of these profiles with the claims as facts.
 
     `usability`: by directory and profile, as in `Meaning`, and `usabilities` at later instants. For claims that rest on
     who starts.
 
-    Raises errors.UsageError for a claim of something that is not in the keystore: it would hold for want of it.
+    Raises errors.UsageError for a claim of something that is not in the keystore: it would hold for want of it. Not
+    `checked` where it is known from another keystore.
     """
     if not claims or not systems:
         return tuple(systems)
-    _check(claims, systems, channels, keystore)
+    if checked:
+        _check(claims, systems, channels, keystore)
 
     def resolved(system: System) -> System:
         theirs = [profile for profile in profiles if profile.name in system.profiles]

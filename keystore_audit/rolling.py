@@ -1,0 +1,202 @@
+"""Whether anything fails while enclaves are updated one by one, in any order: `diff OLD NEW --rolling`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from itertools import combinations, islice, product
+from typing import Final
+
+from keystore_audit.circumstances import Circumstances
+from keystore_audit.engine.engines import combine, combine_claims
+from keystore_audit.engine.native import NativeEngine, shared_identities, shared_subjects
+from keystore_audit.engine.needs import with_sessions
+from keystore_audit.errors import BudgetExceeded
+from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.keystore.typed import PermissionsFile
+from keystore_audit.model.claims.stated import Claim
+from keystore_audit.model.comparison.mixed import RollOut, Version
+from keystore_audit.model.comparison.sides import BEFORE
+from keystore_audit.model.formal.asked import ClaimKind
+from keystore_audit.model.formal.system import System
+from keystore_audit.model.interpret import claimed_systems, usability_by_profile
+from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.properties import Answer, Property, Role, Status, Witness, stated
+from keystore_audit.properties.result import Passage, PropertyResult, RollingAnswer
+
+MAX_WORK: Final = 20_000
+"""Enclaves of all states together that are asked about a property: half a minute."""
+
+MAX_SMALLER: Final = 300
+"""Choices that are tried for the fewest enclaves with whom a property fails, where some are known."""
+
+RESTING_ON_GRANTS: Final = {
+    stated.NOBODY_WRITES_WITHOUT_A_GRANT.id,
+    stated.NOBODY_READS_WITHOUT_A_GRANT.id,
+    stated.READERS_CANNOT_FORGE.id,
+    stated.RELAYS_CANNOT_READ.id,
+}
+"""Properties that another document may make hold: what it grants is no violation any more."""
+
+State = frozenset[Version]
+"""Which enclaves carry which files; those of which nothing is said are not there."""
+
+
+def find_passages(
+    old: str | os.PathLike[str], new: str | os.PathLike[str], given: Circumstances, claims: Sequence[Claim] = ()
+) -> RollingAnswer:
+    """What fails on the way from the keystore at `old` to that at `new`, of all properties and the claims.
+
+    Raises errors.NothingToAudit, errors.UsageError for a claim of what is not in both, and errors.BudgetExceeded where
+    there are too many classes of names.
+    """
+    before, after = given.keystore(old), given.keystore(new)
+    way = RollOut(before, after)
+    states = _States(way, given, claims)
+    was, becomes = (states.results(each, checked=True) for each in (before, after))
+    return RollingAnswer(
+        old=before,
+        new=after,
+        at=given.at,
+        profiles=given.names,
+        changing=way.changing,
+        passages=tuple(each for name in becomes for each in states.passages(was[name], becomes[name])),
+    )
+
+
+def _under(result: PropertyResult, status: Status) -> list[str]:
+    """The profiles under which that is the answer."""
+    return [name for name, each in result.profiles.items() if each.status is status]
+
+
+class _States:
+    """What the states on the way say, each asked once.
+
+    Most properties are violated by what is there, so that more enclaves and documents never make them hold: what all
+    versions of all enclaves together do not violate, no state does (docs/model.md). About the others each is asked.
+    """
+
+    def __init__(self, way: RollOut, given: Circumstances, claims: Sequence[Claim]) -> None:
+        self._way, self._given, self._claims = way, given, claims
+        self._others = {*RESTING_ON_GRANTS, *(each.id for each in claims if each.kind is not ClaimKind.NO_FLOW)}
+        self._done = frozenset((path, True) for path in way.changing)
+        self._known: dict[State, Mapping[str, PropertyResult]] = {}
+        self._work = 0
+
+    def results(self, keystore: Keystore, *, checked: bool) -> Mapping[str, PropertyResult]:
+        """Every property and claim, natively. `checked`: as `claimed_systems`."""
+        given, claims, accesses = self._given, self._claims, self._given.accesses(keystore)
+        usabilities = Usabilities(given.domain, accesses)
+        usability = usability_by_profile(keystore.enclaves, given.profiles, given.at, usabilities)
+        about = keystore, given.profiles, given.at, accesses, usabilities, usability, claims
+        systems, _builder, _accesses = claimed_systems(*about, checked=checked)
+        told = NativeEngine(systems).answers
+        answers = {"native": [_of_versions(*each) for each in zip(systems, told, strict=True)]}
+        asserted = with_sessions(claims, combine_claims(claims, systems, answers, given.names), accesses.assumed)
+        return {each.prop.id: each for each in (*combine(systems, answers, given.names), *asserted)}
+
+    def passages(self, was: PropertyResult, becomes: PropertyResult) -> Iterator[Passage]:
+        """Where a property fails that `becomes` so in NEW, and under some profiles `was` so in OLD."""
+        prop, left, staying = becomes.prop, _under(becomes, Status.HOLDS), _under(was, Status.HOLDS)
+        if unknown := [*dict.fromkeys(name for each in (was, becomes) for name in _under(each, Status.UNKNOWN))]:
+            yield Passage(prop=prop, profiles=tuple(unknown), reason="unknown in OLD or in NEW")
+        self._work = 0
+
+        def fails(state: State) -> bool:
+            return self._state(state)[prop.id].profiles[left[0]].status is not Status.HOLDS
+
+        try:
+            while left and self._done:
+                gone: Collection[str] = left[:1]
+                lasting = fails(self._done)
+                core = self._core_of(prop.id, fails, lasting=lasting) if lasting or left[0] in staying else None
+                if core is not None:
+                    under = tuple(each for each in left if lasting or each in staying)
+                    found = self._told(prop, under, core, lasting=lasting)
+                    yield found
+                    gone = found.profiles
+                left = [each for each in left if each not in gone]
+        except BudgetExceeded as exceeded:
+            yield Passage(prop=prop, profiles=tuple(left), reason=exceeded.message)
+
+    def _core_of(self, name: str, fails: Callable[[State], bool], *, lasting: bool) -> State | None:
+        """With which versions the property fails first, as few as are found; None: in no state."""
+        if lasting or name in self._others:
+            several = islice(self._each_state(), MAX_SMALLER if lasting else None)
+            return next(filter(fails, several), self._done if lasting else None)
+        core = self._core(fails, frozenset(product(self._way.changing, (False, True))))
+        smaller = (
+            frozenset(zip(paths, each, strict=True))
+            for fewer in range(1, len(core or ()))
+            for paths in combinations(self._way.changing, fewer)
+            for each in product((False, True), repeat=fewer)
+        )
+        return next(filter(fails, islice(smaller, MAX_SMALLER)), core)
+
+    def _core(self, fails: Callable[[State], bool], versions: State) -> State | None:
+        """Some of the versions, one at most of each enclave, with whom it fails; none of them can be left out."""
+        if not fails(versions):
+            return None
+        core = versions
+        for each in sorted(versions):
+            if fails(core - {each}):
+                core -= {each}
+        twice = sorted(path for path, is_new in core if is_new and (path, False) in core)
+        if not twice:
+            return core
+        without = (self._core(fails, versions - {(twice[0], is_new)}) for is_new in (False, True))
+        return next(filter(None, without), None)
+
+    def _each_state(self) -> Iterator[State]:
+        """All states on the way, those with the fewest updated enclaves first."""
+        for number in range(1, len(self._done)):
+            yield from map(self._completed, combinations(sorted(self._done), number))
+
+    def _completed(self, versions: Collection[Version]) -> State:
+        """The state in which all other enclaves are not updated."""
+        return frozenset((path, (path, True) in versions) for path in self._way.changing)
+
+    def _state(self, state: State) -> Mapping[str, PropertyResult]:
+        """What the enclaves of the state say. Raises errors.BudgetExceeded where others were asked too often."""
+        if state not in self._known:
+            keystore = self._way.keystore(state)
+            self._work += len(keystore.enclaves)
+            if self._work > MAX_WORK:
+                raise BudgetExceeded(f"more than {len(self._known)} states would have to be asked")
+            self._known[state] = self.results(keystore, checked=False)
+        return self._known[state]
+
+    def _told(self, prop: Property, under: Sequence[str], core: State, *, lasting: bool) -> Passage:
+        """What a state says that has these versions, under the first profile and those like it."""
+        state = self._done if lasting else self._completed(core)
+        first, results = (self._state(each)[prop.id].profiles for each in (self._completed(core), state))
+        here = results[under[0]]
+        alike = (first[under[0]].status, here)
+        places = {step.path for step in here.counterexample.steps} if here.counterexample else ()
+        used = (each.document for each in self._way.keystore(state).unmanaged if each.place in places)
+        ends = (max(g.not_after.text for g in each.grants) for each in used if isinstance(each, PermissionsFile))
+        return Passage(
+            prop=prop,
+            status=Status.UNKNOWN if here.status is Status.HOLDS else here.status,  # it may, by fewer enclaves alone
+            profiles=tuple(each for each in under if (first[each].status, results[each]) == alike),
+            updated=tuple(sorted(path for path, is_new in core if is_new)),
+            waiting=tuple(sorted(path for path, is_new in core if not (is_new or lasting))),
+            lasting=lasting,
+            until=min(ends, default=None) if lasting else None,
+            example=here.counterexample,
+        )
+
+
+def _of_versions(system: System, answers: Mapping[str, Answer]) -> Mapping[str, Answer]:
+    """The answers without pairs of an enclave and itself before its update: these are one."""
+    found = dict(answers)
+    for prop, pairs in ((stated.NO_SHARED_IDENTITY, shared_identities), (stated.NO_SHARED_SUBJECT, shared_subjects)):
+        two = tuple(islice((each for each in pairs(system) if _differ(system, each)), 1))
+        found[prop.id] = Answer(status=Status.VIOLATED if two else Status.HOLDS, witnesses=two)
+    return found
+
+
+def _differ(system: System, pair: Witness) -> bool:
+    two = (system.enclaves[pair[role]] for role in (Role.ENCLAVE, Role.OTHER))
+    sides = {(each.label, each.location.path.startswith(BEFORE)) for each in two}
+    return len(dict(sides)) == len(sides)
