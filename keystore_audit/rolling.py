@@ -24,8 +24,8 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.properties import Answer, Property, Role, Status, Witness, stated
 from keystore_audit.properties.result import Passage, PropertyResult, RollingAnswer
 
-MAX_WORK: Final = 20_000
-"""Enclaves of all states together that are asked about a property: half a minute."""
+MAX_WORK: Final = 12_000
+"""Enclaves that differ, over the states that are asked one by one, and over as many others: a minute each."""
 
 MAX_SMALLER: Final = 300
 """Choices that are tried for the fewest enclaves with whom a property fails, where some are known."""
@@ -81,7 +81,6 @@ class _States:
         self._others = {*RESTING_ON_GRANTS, *(each.id for each in claims if each.kind is not ClaimKind.NO_FLOW)}
         self._done = frozenset((path, True) for path in way.changing)
         self._known: dict[State, Mapping[str, PropertyResult]] = {}
-        self._work = 0
 
     def results(self, keystore: Keystore, *, checked: bool) -> Mapping[str, PropertyResult]:
         """Every property and claim, natively. `checked`: as `claimed_systems`."""
@@ -98,9 +97,8 @@ class _States:
     def passages(self, was: PropertyResult, becomes: PropertyResult) -> Iterator[Passage]:
         """Where a property fails that `becomes` so in NEW, and under some profiles `was` so in OLD."""
         prop, left, staying = becomes.prop, _under(becomes, Status.HOLDS), _under(was, Status.HOLDS)
-        if unknown := [*dict.fromkeys(name for each in (was, becomes) for name in _under(each, Status.UNKNOWN))]:
+        if unknown := sorted({name for each in (was, becomes) for name in _under(each, Status.UNKNOWN)}):
             yield Passage(prop=prop, profiles=tuple(unknown), reason="unknown in OLD or in NEW")
-        self._work = 0
 
         def fails(state: State) -> bool:
             return self._state(state)[prop.id].profiles[left[0]].status is not Status.HOLDS
@@ -148,9 +146,12 @@ class _States:
         return next(filter(None, without), None)
 
     def _each_state(self) -> Iterator[State]:
-        """All states on the way, those with the fewest updated enclaves first."""
-        for number in range(1, len(self._done)):
-            yield from map(self._completed, combinations(sorted(self._done), number))
+        """All states on the way, those with the fewest updated enclaves first. Raises errors.BudgetExceeded."""
+        done = sorted(self._done)
+        several = (each for size in range(1, len(done)) for each in combinations(done, size))
+        yield from map(self._completed, islice(several, MAX_WORK // len(done)))
+        if next(several, None):
+            raise BudgetExceeded("too many enclaves differ for all states between to be asked")
 
     def _completed(self, versions: Collection[Version]) -> State:
         """The state in which all other enclaves are not updated."""
@@ -159,11 +160,9 @@ class _States:
     def _state(self, state: State) -> Mapping[str, PropertyResult]:
         """What the enclaves of the state say. Raises errors.BudgetExceeded where others were asked too often."""
         if state not in self._known:
-            keystore = self._way.keystore(state)
-            self._work += len(keystore.enclaves)
-            if self._work > MAX_WORK:
-                raise BudgetExceeded(f"more than {len(self._known)} states would have to be asked")
-            self._known[state] = self.results(keystore, checked=False)
+            if len(self._known) * len(self._done) > 2 * MAX_WORK:
+                raise BudgetExceeded("too many states would have to be asked")
+            self._known[state] = self.results(self._way.keystore(state), checked=False)
         return self._known[state]
 
     def _told(self, prop: Property, under: Sequence[str], core: State, *, lasting: bool) -> Passage:
@@ -174,7 +173,11 @@ class _States:
         alike = (first[under[0]].status, here)
         places = {step.path for step in here.counterexample.steps} if here.counterexample else ()
         used = (each.document for each in self._way.keystore(state).unmanaged if each.place in places)
-        ends = (max(g.not_after.text for g in each.grants) for each in used if isinstance(each, PermissionsFile))
+        ends = (
+            max((g.not_after.text for g in each.grants), default="")
+            for each in used
+            if isinstance(each, PermissionsFile)
+        )
         return Passage(
             prop=prop,
             status=Status.UNKNOWN if here.status is Status.HOLDS else here.status,  # it may, by fewer enclaves alone

@@ -39,10 +39,10 @@ def text(answer: RollingAnswer) -> str:
         lines += ["", unbroken(f"{each.prop.id} {'FAILS' if certain else 'MAY FAIL'}{when}.", "", "  ")]
         under = profiles(each.profiles, answer.profiles)
         lines.append(unbroken(f"{each.prop.statement} ({under})", "  ", "  "))
-        lines += path_lines(each.example, shown, certain=certain) if each.example is not None else []
+        lines += path_lines(each.example, shown, certain=certain) if each.example else []
     if any(each.lasting for each in answer.passages):
         lines += ["", unbroken(REMEDY)]
-    return "\n".join([*lines, "", "Decided by native."]) + "\n"
+    return "\n".join([*lines, "", "Decided by native.", ""])
 
 
 def _when(each: Passage) -> str:

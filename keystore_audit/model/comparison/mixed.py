@@ -61,8 +61,8 @@ class RollOut:
         paths = sorted({*before, *after})
         self.changing = tuple(p for p in paths if _content(before.get(p, ())) != _content(after.get(p, ())))
         self._same = [each for path in paths if path not in self.changing for each in after[path]]
-        sides = (False, before), (True, after)
-        self._versions = {(path, new): side.get(path, []) for path in self.changing for new, side in sides}
+        sides = enumerate((before, after))
+        self._versions = {(path, new): side.get(path, []) for new, side in sides for path in self.changing}
 
     def keystore(self, versions: Collection[Version]) -> Keystore:
         """That of these versions and of all enclaves that do not change, with what attackers hold by then.
