@@ -27,7 +27,7 @@ from keystore_audit.findings import (
 )
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.model.question import Doubt
-from keystore_audit.profiles import VARIANTS
+from keystore_audit.profiles import VARIANTS, Profile, at_work
 from keystore_audit.properties.result import PropertyResult
 from keystore_audit.rules.meaning import Meanings
 from keystore_audit.rules.registry import Context, Rule, Violation
@@ -210,7 +210,7 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     """The findings, those that somebody accepts marked, and what the rules say of how they are accepted."""
     meanings, filling = Meanings(context), Filling(context.keystore)
     marked = _marked(run.found, meanings)
-    found = _made(marked, filling)
+    found = _made(marked, filling, context.fleets)
     if not context.suppressions:
         return found
     profiles = [profile.name for profile in context.profiles]
@@ -219,7 +219,7 @@ def _findings(run: _Run, chosen: Sequence[Rule[Any]], context: Context) -> tuple
     before = len(run.found)
     run.over(chosen, [(file.path, file) for file in files])
     run.over(chosen, run.crashes())
-    return accepted(_made([*marked, *_marked(run.found[before:], meanings)], filling), files)
+    return accepted(_made([*marked, *_marked(run.found[before:], meanings)], filling, context.fleets), files)
 
 
 def _outside(marked: Iterable[_Marked], keystore: Keystore) -> dict[str, set[str]]:
@@ -253,10 +253,10 @@ def _marked(found: Iterable[_Found], meanings: Meanings) -> list[_Marked]:
     return marked
 
 
-def _made(marked: Iterable[_Marked], filling: Filling) -> tuple[Finding, ...]:
+def _made(marked: Iterable[_Marked], filling: Filling, fleets: Sequence[Profile]) -> tuple[Finding, ...]:
     """The findings, the causes of violated properties named, worst first."""
     ordered = sorted(marked, key=lambda each: _order(each.rule, each.violation))
-    return tuple(_finding(each, _causes(each, ordered), filling) for each in ordered)
+    return tuple(_finding(each, _causes(each, ordered, fleets), filling) for each in ordered)
 
 
 def _once(found: Iterable[_Found]) -> Iterator[_Found]:
@@ -292,9 +292,11 @@ def _order(rule: Rule[Any], violation: Violation) -> tuple[object, ...]:
     )
 
 
-def _causes(violated: _Marked, marked: Sequence[_Marked]) -> tuple[str, ...]:
-    """Of a violated property, the findings that explain it under a profile of its own (no profiles: all of them)."""
-    rule, profiles = violated.rule, {*violated.violation.profiles}
+def _causes(violated: _Marked, marked: Sequence[_Marked], fleets: Sequence[Profile]) -> tuple[str, ...]:
+    """Of a violated property, the findings that explain it under what some enclave runs in a fleet on a profile of its
+    own (no profiles: all of them).
+    """
+    rule, profiles = violated.rule, {each.name for each in at_work(fleets, violated.violation.profiles)}
     if rule.family != OF_PROPERTIES:
         return ()
     return tuple(

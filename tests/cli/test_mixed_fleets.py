@@ -34,6 +34,9 @@ def test_the_audit_says_which_fleet_it_judged(settings: tuple[str, str]) -> None
     assert [*report["enclaves"][0]["profiles"]] == ["fastdds-2.6"]
     [forged] = [each for each in report["properties"] if each["id"] == "no-enclave-grants-itself-rights"]
     assert forged["profiles"]["fastdds-2.6"]["status"] == "violated"
+    [cause] = [each["fingerprint"] for each in report["findings"] if each["code"] == "KA222"]
+    [found] = [each["explained_by"] for each in report["findings"] if each["code"] == "KA705"]
+    assert cause in found, "what the listener runs alone explains what the fleet lets happen"
     code, text = answer("audit", STOCK, *AT, *HUMBLE, *settings, "-v")
     assert f"scope: Humble with Fast DDS 2.6; {SAID}" in text
     assert "not judged here" not in text
