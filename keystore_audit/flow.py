@@ -16,10 +16,13 @@ from keystore_audit.engine.needs import solved_again, taken_for_granted, with_ne
 from keystore_audit.errors import BudgetExceeded, UsageError
 from keystore_audit.findings import Location
 from keystore_audit.keystore.keystore import Keystore
+from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.blast_radius import BlastRadius, Ground, ground
 from keystore_audit.model.claims.globs import nearest
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.asked import ATTACKERS, Attacker, ClaimKind
+from keystore_audit.model.formal.attacker import trust_domain_views
+from keystore_audit.model.formal.flow import Flows, search_of
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import claimed_systems
 from keystore_audit.model.participants.doubt import keystore_doubts
@@ -98,12 +101,8 @@ def find_flow(
     Raises errors.NothingToAudit, errors.UsageError for a place that names nothing there, and errors.BudgetExceeded
     where there are too many classes of names.
     """
-    claims = questions(question)
-    keystore = given.keystore(path)
-    profiles, at, accesses = given.profiles, given.at, given.accesses(keystore)
-    usabilities = Usabilities(None, accesses)
-    systems, _builder, accesses = claimed_systems(keystore, profiles, at, accesses, usabilities, {}, claims)
-    native = NativeEngine(systems)
+    claims, profiles, at = questions(question), given.profiles, given.at
+    keystore, accesses, native = _asked(path, claims, given)
     engines = engines or Engines()
     results, falls = tuple[AssertedResult, ...](), tuple[FallResult, ...]()
     if question.compromised is None:
@@ -133,6 +132,34 @@ def find_flow(
         doubts=tuple(dict.fromkeys(doubts)),
         change=change,
     )
+
+
+def _asked(
+    path: str | os.PathLike[str], claims: tuple[Claim, ...], given: Circumstances
+) -> tuple[Keystore, AccessViews, NativeEngine]:
+    """The keystore, what its documents say within the budget, and the engine that is asked about the claims."""
+    keystore = given.keystore(path)
+    accesses = given.accesses(keystore)
+    about = keystore, given.profiles, given.at, accesses, Usabilities(None, accesses), {}, claims
+    systems, _builder, accesses = claimed_systems(*about)
+    return keystore, accesses, NativeEngine(systems)
+
+
+def reached(
+    path: str | os.PathLike[str], question: FlowQuestion, given: Circumstances
+) -> dict[str, frozenset[str | None]]:
+    """By profile, whom data gets to from the source, what could not be read doing anything; None: the outsider.
+
+    Of the first attacker. Raises as `find_flow`.
+    """
+    found = {}
+    for system in _asked(path, questions(question), given)[2].systems:
+        flows = Flows(system, trust_domain_views(system))
+        labels = dict(enumerate(enclave.label for enclave in system.enclaves))
+        if system.may:
+            there = frozenset(map(labels.get, flows.reached(search_of(system.claims[0]))))
+            found.update(dict.fromkeys(system.profiles, there))
+    return found
 
 
 def questions(question: FlowQuestion) -> tuple[Claim, ...]:

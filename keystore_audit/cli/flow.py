@@ -104,8 +104,8 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
             choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"]
         ),
     )
-    output.write_stdout(_rendered(answer, given["form"]))
-    return _exit_code(answer.status)
+    output.write_stdout(rendered(answer, given["form"]))
+    return exit_code(answer.status)
 
 
 def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
@@ -124,14 +124,16 @@ def _stolen_key(keystore: str, given: Mapping[str, Any]) -> int:
     from keystore_audit.report import flow
 
     output.write_stdout((flow.stolen_json if given["form"] == "json" else flow.stolen_text)(answer))
-    return _exit_code(answer.status)
+    return exit_code(answer.status)
 
 
-def _exit_code(status: Status) -> int:
+def exit_code(status: Status) -> int:
+    """0 where it holds, 1 where it is violated, 4 where nobody knows."""
     return {"holds": 0, "violated": 1}.get(status.value, EXIT_INCOMPLETE)
 
 
-def _rendered(answer: FlowAnswer, kind: str) -> str:
+def rendered(answer: FlowAnswer, kind: str) -> str:
+    """The answer as `text` or `json`."""
     from keystore_audit.report import flow
 
     question, most = answer.question, answer.question.compromised

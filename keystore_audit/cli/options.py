@@ -302,6 +302,22 @@ authority_options: Final = together(
 )
 """Those that declare whom the user trusts."""
 
+certifying_options: Final = together(
+    choice("--attacker", words=("honest", "source", "relays"), default="relays", help="Who attacks, at most."),
+    click.option(
+        "--through",
+        multiple=True,
+        metavar="ENCLAVE",
+        help="A flow through this enclave does not count (glob; repeatable).",
+    ),
+    click.option("--include-ambient", is_flag=True, help="Over /rosout, /parameter_events, /clock and discovery too."),
+    scope_options,
+    _at,
+    _no_assume,
+    authority_options,
+)
+"""Those of a certificate: the question is the same for whoever writes one and whoever checks it."""
+
 
 def use_color(choice: str, *, terminal: bool) -> bool:
     """Whether to colour: what `--color` says, else NO_COLOR, else FORCE_COLOR, else only a terminal that can."""

@@ -30,6 +30,8 @@ COMMANDS: Final = {
     "can": ("can", "command"),
     "access": ("can", "access_command"),
     "flow": ("flow", "command"),
+    "prove": ("prove", "command"),
+    "check": ("check", "command"),
     "diff": ("diff", "command"),
     "suggest": ("suggest", "command"),
     "baseline": ("baseline", "command"),

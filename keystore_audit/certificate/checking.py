@@ -1,0 +1,349 @@
+"""Whether a certificate proves its property of a keystore: every hop out of its compartment is refused, for its reason.
+
+What there is comes from the keystore: participants, documents, signers, implementations, names. The certificate says
+what may be inside and which lines refuse the rest; the question comes from whoever asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+from msgspec import Struct
+
+from keystore_audit.certificate.documents import LAST_DOMAIN
+from keystore_audit.certificate.errors import CannotTell, Refused
+from keystore_audit.certificate.kinds import Row, row
+from keystore_audit.certificate.names import Expressions, matches
+from keystore_audit.certificate.powers import OUTSIDER, Because, Name, Operation, Peers, Powers, Question
+from keystore_audit.certificate.reading import Store, read
+
+AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
+"""Topics that nearly every node has a right to: no flow takes them, unless they are asked about."""
+
+EVERYBODY: Final = "*"
+"""Whom a reason is about where there is no such topic."""
+
+EVERYTHING: Final = "*"
+"""The topics of a reason where no rule is about the domain: it is no name of a class."""
+
+TAKEN, OVERHEARD = "taken", "overheard"
+"""The ways of a sample: to a reader who listens for it; to who reads what is on the network."""
+
+
+class Property(Struct, frozen=True, rename={"source": "from", "target": "to"}):
+    """That nothing gets from one place to another, under an attacker: honest, source or relays.
+
+    Places as on the command line. `through`: enclaves over which a flow does not count.
+    """
+
+    source: str
+    target: str
+    attacker: str = "relays"
+    through: tuple[str, ...] = ()
+    include_ambient: bool = False
+    kind: str = "no-flow"
+
+
+class Inside(Struct, frozen=True, order=True):
+    """A name that may be inside, in one of the ways, as seen by peers of the enclave `peers`."""
+
+    peers: str
+    way: str
+    domain: int
+    topic: str
+
+
+class Refusal(Struct, frozen=True):
+    """Why a participant inside does not put anything on a name outside, or one outside gets nothing of one inside."""
+
+    participant: str
+    peers: str
+    domain: int
+    topic: str
+    because: tuple[Because, ...]
+
+
+class Compartment(Struct, frozen=True):
+    """For implementations that agree in it: who and what may be inside."""
+
+    profiles: tuple[str, ...]
+    participants: tuple[str, ...]
+    names: tuple[Inside, ...]
+    refused: tuple[Refusal, ...]
+
+
+class Certificate(Struct, frozen=True, forbid_unknown_fields=True):
+    """What a file says. `documents`: of those that refuse something, the SHA-256 by place."""
+
+    property: Property
+    documents: dict[str, str]
+    compartments: tuple[Compartment, ...]
+    schema_version: int = 1
+
+
+class Given(Struct, frozen=True):
+    """What the command line says beside the property: implementations, instant (aware UTC), assumptions left out, and
+    authorities by SHA-256 of certificate or key; none: whichever are there.
+    """
+
+    profiles: tuple[str, ...]
+    at: datetime
+    not_assumed: tuple[str, ...] = ()
+    identity_cas: tuple[str, ...] = ()
+    permissions_cas: tuple[str, ...] = ()
+
+
+def encoded(certificate: Certificate) -> bytes:
+    """The bytes of its file."""
+    return msgspec.json.format(msgspec.json.encode(certificate), indent=1) + b"\n"
+
+
+class Checker:
+    """One keystore and one question. Raises CannotTell."""
+
+    def __init__(self, keystore: Path, asked: Property, given: Given) -> None:
+        self.store, self._asked, self._given = read(keystore), asked, given
+        if {*given.not_assumed} - {"truthful-announcements"}:
+            raise CannotTell("without these assumptions nobody can tell")
+        if asked.kind != "no-flow" or asked.attacker not in ("honest", "source", "relays"):
+            raise CannotTell("the checker does not know such a property")
+        self._written = {topic for each in _rules(self.store) for topic in each}
+        globs = [_dds(place) for place in (asked.source, asked.target) if ":" in place]
+        self.expressions = Expressions([*self._written, *globs, *AMBIENT])
+        self._implementations: dict[Row, Implementation] = {}
+        for role, trusted in (("identity", given.identity_cas), ("permissions", given.permissions_cas)):
+            for enclave in self.store.enclaves:
+                ca = enclave.identity_ca if role == "identity" else enclave.permissions_ca
+                if trusted and not {ca.fingerprint, ca.key} & {*trusted}:
+                    raise Refused(f"the {role} CA of {enclave.path} is not the one that is trusted")
+
+    def check(self, content: bytes) -> None:
+        """Accepts the certificate, or raises Refused or CannotTell."""
+        try:
+            certificate = msgspec.json.decode(content, type=Certificate)
+        except msgspec.DecodeError as error:
+            raise Refused(f"this is no certificate: {error}") from error
+        if certificate.property != self._asked:
+            raise Refused("the certificate is about another property")
+        names = [name for each in certificate.compartments for name in each.profiles]
+        if sorted(names) != sorted(self._given.profiles):
+            raise Refused("the certificate has not one compartment for each implementation that was asked about")
+        for compartment in certificate.compartments:
+            for implementation in dict.fromkeys(map(self.implementation, compartment.profiles)):
+                implementation.check(compartment)
+        if content != encoded(self.certificate(certificate.compartments)):
+            raise Refused("the certificate is not in its one form, or a document is not the one that it names")
+
+    def certificate(self, compartments: tuple[Compartment, ...]) -> Certificate:
+        """The one of these compartments."""
+        lines = {because for each in compartments for refusal in each.refused for because in refusal.because}
+        digests = {path: self.store.digests[path] for path in sorted({because.document for because in lines})}
+        return Certificate(self._asked, digests, compartments)
+
+    @cached_property
+    def names(self) -> list[Name]:
+        """A name of each class, which nothing here tells apart from the others in it."""
+        domains: dict[tuple[bool, ...], int] = {}
+        for domain in range(LAST_DOMAIN + 3):
+            domains.setdefault(tuple(low <= domain <= high for low, high in self._intervals), domain)
+        topics = sorted(self.expressions.classes().items(), key=lambda each: each[1])
+        return [Name(domain, topic, ends) for domain in domains.values() for ends, topic in topics]
+
+    @cached_property
+    def _intervals(self) -> list[tuple[int, int]]:
+        rules = [rule.domains for each in self.store.permissions for grant in each.grants for rule in grant.rules]
+        governed = [rule.domains for each in self.store.enclaves for rule in each.governance.rules]
+        return sorted({interval for domains in (*rules, *governed) for interval in domains})
+
+    def implementation(self, name: str) -> Implementation:
+        """The keystore as an implementation has it; one for all that do the same."""
+        found = row(name)
+        if found not in self._implementations:
+            truthful = "truthful-announcements" not in self._given.not_assumed
+            question = Question(found, self._given.at, truthful)
+            if found.matches_octets and any("?" in text for text in self._written):
+                raise CannotTell("? stands for a character or an octet, as the locale of a process has it")
+            self._implementations[found] = Implementation(self, self._asked, question)
+        return self._implementations[found]
+
+
+class Implementation:
+    """A keystore as one implementation has it, and a property of it."""
+
+    def __init__(self, checker: Checker, asked: Property, question: Question) -> None:
+        self._store, self._asked = checker.store, asked
+        self.names, self._expressions = checker.names, checker.expressions
+        self.peers = self._trust_domains(question)
+        self.participants = [*(each.path for each in self._store.enclaves), OUTSIDER]
+        self._attacking = {*self.participants} if asked.attacker == "relays" else set[str]()
+        self._source, self._target = (self._enclaves(place) for place in (asked.source, asked.target))
+        if asked.attacker == "source":
+            self._attacking = self._source
+        self._passed = {path for glob in asked.through for path in self._enclaves(glob)} - self._source - self._target
+        topics = (self._in(asked.source, name) and self._in(asked.target, name) for name in self.names)
+        if self._source & self._target or any(topics):
+            raise CannotTell("both places share something")
+
+    def _trust_domains(self, question: Question) -> list[Peers]:
+        groups: dict[tuple[str, str, bytes], list[Any]] = {}
+        for each in self._store.enclaves:
+            key = each.identity_ca.fingerprint, each.permissions_ca.fingerprint, each.governance.text
+            groups.setdefault(key, []).append(each)
+        found = [Peers(self._store, members, self._expressions, question) for members in groups.values()]
+        for peers in found:
+            if not all(map(peers.known, peers.members)):
+                raise CannotTell(f"the identity CA does not vouch for an enclave like {peers.first.path}")
+        return found
+
+    def _enclaves(self, place: str) -> set[str]:
+        """The participants of a place, none where it is topics."""
+        if place == OUTSIDER:
+            return {OUTSIDER}
+        if ":" in place:
+            return set()
+        found = {each.path for each in self._store.enclaves if matches(place, each.path)}
+        if not found:
+            raise CannotTell(f"{place} names no enclave here")
+        return found
+
+    def _in(self, place: str, name: Name) -> bool:
+        """Whether the name is one of the place's topics."""
+        return ":" in place and bool(self._expressions.ends[_dds(place)] & name.ends)
+
+    def _crossed(self, name: Name) -> bool:
+        """Whether flows take the name, or begin or end there."""
+        ambient = not self._asked.include_ambient and any(self._expressions.ends[each] & name.ends for each in AMBIENT)
+        return not ambient or self._in(self._asked.source, name) or self._in(self._asked.target, name)
+
+    def _powers(self, peers: Peers, who: str, name: Name) -> tuple[Powers, bool, bool]:
+        """What somebody does there, and what anybody does without a key, if it attacks."""
+        attacks = who in self._attacking
+        powers = Powers() if who == OUTSIDER else peers.powers(who, name, attacks)
+        injects, listens = peers.clear(name)
+        return powers, attacks and injects, (attacks or who == OUTSIDER) and listens
+
+    def puts(self, peers: Peers, who: str, name: Name, way: str) -> bool:
+        """Whether somebody puts samples on a name in one of the ways."""
+        powers, injects, _listens = self._powers(peers, who, name)
+        made = powers.writes or injects or (who in self._attacking and powers.forges)
+        return made or (way == OVERHEARD and powers.own_writes)
+
+    def gets(self, peers: Peers, who: str, name: Name, way: str) -> bool:
+        """Whether somebody gets samples of a name in one of the ways."""
+        powers, _injects, listens = self._powers(peers, who, name)
+        if way == OVERHEARD:
+            return listens or (
+                who in self._attacking and self._asked.attacker == "relays" and (powers.reads or powers.overhears)
+            )
+        return who in peers.members and (powers.reads or (bool(self._attacking) and powers.own_reads))
+
+    def compartment(self, inside: set[str]) -> Compartment:
+        """The one with these participants; names that one of them puts something on, or that are the source, are in.
+
+        Raises Refused where nothing refuses a hop.
+        """
+        names = [
+            Inside(peers.first.path, way, name.domain, name.topic)
+            for peers in self.peers
+            for name in self.names
+            for way in (TAKEN, OVERHEARD)
+            if self._crossed(name)
+            and peers.rules(name)[1] is not None
+            and (self._in(self._asked.source, name) or any(self.puts(peers, who, name, way) for who in inside))
+        ]
+        refused = dict.fromkeys(self._refused(inside, {*names}))
+        return Compartment((), tuple(sorted(inside)), tuple(sorted(names)), tuple(refused))
+
+    def check(self, found: Compartment) -> None:
+        """Accepts the compartment, or raises Refused."""
+        inside, names = {*found.participants}, {*found.names}
+        if not inside <= {*self.participants} or [*found.participants] != sorted(inside):
+            raise Refused("the compartment holds somebody who is not here, or twice")
+        if [*found.names] != sorted(names):
+            raise Refused("the names of the compartment are not in order")
+        if missing := self._source - inside:
+            raise Refused(f"{min(missing)}, where the flow begins, is not inside")
+        if within := self._target & inside:
+            raise Refused(f"{min(within)}, where the flow ends, is inside")
+        told: Mapping[Any, Refusal] = {_place(each): each for each in found.refused}
+        wanted = dict.fromkeys(self._refused(inside, names))
+        for each in wanted:
+            said = told.get(_place(each))
+            what = f"{each.participant} on {each.topic!r} in domain {each.domain}, as peers of {each.peers} see it"
+            if said is None:
+                raise Refused(f"no reason why it is refused: {what}")
+            if said != each:
+                raise Refused(f"a reason that is not true: {what}")
+        if [*wanted] != [*found.refused]:
+            raise Refused("the certificate gives reasons for what is no hop, or not in order")
+        if strange := names - set(self._places()):
+            raise Refused(f"the compartment holds a name that is no class here: {min(strange).topic!r}")
+
+    def _places(self) -> Iterator[Inside]:
+        for peers in self.peers:
+            for name in self.names:
+                if self._crossed(name) and peers.rules(name)[1] is not None:
+                    for way in (TAKEN, OVERHEARD):
+                        yield Inside(peers.first.path, way, name.domain, name.topic)
+
+    def _refused(self, inside: set[str], names: set[Inside]) -> Iterator[Refusal]:
+        """Every hop out of the compartment, each with why it is none. Raises Refused for one that nothing refuses."""
+        outside = [who for who in self.participants if who not in inside | self._passed]
+        within = [who for who in self.participants if who in inside]
+        for peers in self.peers:
+            for name in self.names:
+                if not self._crossed(name):
+                    continue
+                place = peers.first.path, name.domain, name.topic
+                domain, rule = peers.rules(name)
+                if rule is None:
+                    named = name.topic if domain else EVERYTHING
+                    yield Refusal(EVERYBODY, *place[:2], named, peers.refusals(OUTSIDER, name, "publish"))
+                    continue
+                for way in (TAKEN, OVERHEARD):
+                    held = Inside(place[0], way, *place[1:]) in names
+                    if not held and self._in(self._asked.source, name):
+                        raise Refused(f"{name.topic!r}, where the flow begins, is not inside")
+                    if (
+                        held
+                        and self._in(self._asked.target, name)
+                        and (way == TAKEN or self._asked.attacker == "relays")
+                    ):
+                        raise Refused(f"{name.topic!r}, where the flow ends, is inside")
+                    operation: Operation = "subscribe" if held else "publish"
+                    for who in outside if held else within:
+                        if (self.gets if held else self.puts)(peers, who, name, way):
+                            does = "gets" if held else "puts"
+                            raise Refused(
+                                f"nothing refuses that {who} {does} samples of {name.topic!r} in domain {name.domain}, "
+                                f"as peers of {place[0]} see it"
+                            )
+                        yield Refusal(who, *place, peers.refusals(who, name, operation))
+
+
+def _place(refusal: Refusal) -> tuple[object, ...]:
+    return refusal.participant, refusal.peers, refusal.domain, refusal.topic
+
+
+def _dds(place: str) -> str:
+    """The expression of DDS topics that a place of topics is."""
+    kind, _colon, glob = place.partition(":")
+    if kind not in ("topic", "dds") or not glob or (kind == "topic" and not glob.startswith("/")):
+        raise CannotTell(f"{place} is no place that the checker knows")
+    return f"rt{glob}" if kind == "topic" else glob
+
+
+def _rules(store: Store) -> Iterator[Sequence[str]]:
+    """The expressions of each rule."""
+    for document in store.permissions:
+        for grant in document.grants:
+            for rule in grant.rules:
+                yield rule.publish + rule.subscribe
+    for enclave in store.enclaves:
+        for domain in enclave.governance.rules:
+            yield [topic.expression for topic in domain.topics]

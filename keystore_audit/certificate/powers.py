@@ -1,0 +1,228 @@
+"""What participants can do, as peers of one trust domain see them (docs/model.md), and which lines refuse the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime, timedelta
+from functools import cache
+from typing import Final, Literal
+
+from msgspec import Struct
+
+from keystore_audit.certificate.documents import DomainRule, Domains, Grant, Permissions, Rule, TopicRule
+from keystore_audit.certificate.errors import CannotTell
+from keystore_audit.certificate.kinds import Row
+from keystore_audit.certificate.names import Expressions
+from keystore_audit.certificate.reading import Enclave, Store
+
+OUTSIDER: Final = "outsider"
+_ANY_ZONE: Final = timedelta(hours=14)
+Operation = Literal["publish", "subscribe"]
+
+
+class Name(Struct, frozen=True):
+    """A class of names by one of them. `ends`: the expressions that match the topic.
+
+    In the default partition: no document names one, so that whoever has a right elsewhere has it there too, by a
+    partition that is a pattern.
+    """
+
+    domain: int
+    topic: str
+    ends: int
+
+
+class Because(Struct, frozen=True):
+    """A line that refuses: `rule` says how. `document`: its file."""
+
+    rule: str
+    document: str
+    line: int
+
+
+class Powers(Struct, frozen=True):
+    """What somebody can do on a channel, if it attacks; `own_*`: what its own implementation lets it do."""
+
+    writes: bool = False
+    reads: bool = False
+    overhears: bool = False
+    forges: bool = False
+    own_writes: bool = False
+    own_reads: bool = False
+
+
+class Question(Struct, frozen=True):
+    """What peers are asked with: the implementation, the instant, and whether announcements are truthful."""
+
+    row: Row
+    at: datetime
+    truthful: bool
+
+
+class Peers:
+    """One trust domain: enclaves with equal authorities and governance."""
+
+    def __init__(self, store: Store, members: Sequence[Enclave], expressions: Expressions, question: Question) -> None:
+        self.members = {each.path for each in members}
+        self.first = members[0]
+        self._store, self._row, self._question = store, question.row, question
+        self._expressions = expressions
+        self._enclaves = {each.path: each for each in store.enclaves}
+        self._vouched = self._under(self.first.identity_ca.fingerprint)
+        below = self._under(self.first.permissions_ca.fingerprint) - {self.first.permissions_ca.fingerprint}
+        self._below = frozenset[str]() if self._row.pins_signer else below
+        signers = self._below | {self.first.permissions_ca.fingerprint}
+        self._accepted = [each for each in store.permissions if each.signer in signers]
+        self.powers, self.rules, self.refusals = cache(self._powers), cache(self._rules), cache(self._refusals)
+        self._grants = cache(self._grants_of)
+
+    def _under(self, authority: str) -> frozenset[str]:
+        return frozenset(below for above, below in self._store.issued if above == authority)
+
+    def grants_itself(self, path: str) -> bool:
+        """Whether the enclave signs permissions for itself that peers take; whoever else signs may do it for it."""
+        own = {each.identity.fingerprint for each in self._store.enclaves}
+        return self.known(path) and (
+            self._enclaves[path].identity.fingerprint in self._below or bool(self._below - own)
+        )
+
+    def known(self, path: str) -> bool:
+        """Whether the identity CA vouches for the enclave."""
+        return self._enclaves[path].identity.fingerprint in self._vouched
+
+    def _rules(self, name: Name) -> tuple[DomainRule | None, TopicRule | None]:
+        """What governs the channel."""
+        domain = next((each for each in self.first.governance.rules if _within(name.domain, each.domains)), None)
+        under = domain.topics if domain else ()
+        return domain, next((each for each in under if self._expressions.ends[each.expression] & name.ends), None)
+
+    def clear(self, name: Name) -> tuple[bool, bool]:
+        """Whether anybody without a key makes samples that are taken, and reads those that are written."""
+        domain, topic = self.rules(name)
+        if domain is None or topic is None:
+            return False, False
+        kinds = domain.rtps, topic.metadata, topic.data
+        injects = (domain.unauthenticated or domain.rtps == "NONE") and topic.metadata == topic.data == "NONE"
+        return injects, not any(kind.startswith("ENCRYPT") for kind in kinds)
+
+    def _powers(self, path: str, name: Name, attacks: bool) -> Powers:
+        """Those of an enclave."""
+        domain, topic = self.rules(name)
+        if domain is None or topic is None or not self.known(path):
+            return Powers()
+        anything = attacks and self.grants_itself(path)
+        rights = {
+            op: anything or any(self._may(op, name, each) for _d, each in self._grants(path)) for op in _OPERATIONS
+        }
+        reads = writes = overhears = forges = False
+        if anything or self._joins(path, name.domain, domain):
+            reads, writes = not topic.read or rights["subscribe"], not topic.write or rights["publish"]
+            unasked = self._row.trusts_declarations and not self._question.truthful
+            overhears = unasked or not any(kind.startswith("ENCRYPT") for kind in (topic.metadata, topic.data))
+            origin = topic.metadata.endswith("ORIGIN_AUTHENTICATION")
+            made = {topic.metadata, topic.data} == {"NONE"}
+            forges = unasked or (not origin and (reads or made))
+        own = [path in self.members and self._alone(op, path, name, topic) for op in _OPERATIONS]
+        return Powers(writes, reads, overhears, forges, writes or own[0], reads or own[1])
+
+    def _alone(self, operation: Operation, path: str, name: Name, topic: TopicRule) -> bool:
+        """Whether its own implementation lets it, with its own document."""
+        if not (topic.write if operation == "publish" else topic.read):
+            return True
+        document = self._enclaves[path].permissions
+        return any(
+            self._may(operation, name, grant, own=True) for each, grant in self._grants(path) if each == document
+        )
+
+    def _joins(self, path: str, domain: int, rule: DomainRule) -> bool:
+        grants = [grant for _document, grant in self._grants(path)]
+        if not rule.join and (grants or not self._row.requires_grant):
+            return True
+        return any(
+            (self._row.honours_default and grant.allow)
+            or any(each.allow and _within(domain, each.domains) for each in grant.rules)
+            for grant in grants
+        )
+
+    def _may(self, operation: Operation, name: Name, grant: Grant, *, own: bool = False) -> bool:
+        """Whether the grant allows it here, or in a partition that is a pattern and meets this one."""
+        binds = self._row.binds_domains or not own
+        return any(self._decided(operation, name, grant, binds, default)[0] for default in (True, False))
+
+    def _decided(
+        self, operation: Operation, name: Name, grant: Grant, binds: bool, default: bool = True
+    ) -> tuple[bool, Rule | None]:
+        """What the grant decides in the default partition or in any other, and the rule that does, if one does."""
+        for rule in grant.rules:
+            if binds and not _within(name.domain, rule.domains):
+                continue
+            if not any(self._expressions.ends[each] & name.ends for each in getattr(rule, operation)):
+                continue
+            if default:
+                return rule.allow, rule
+            if self._row.partitions == "of-the-first-rule" or (
+                not rule.allow and self._row.partitions == "of-the-criterion"
+            ):
+                return False, rule
+        return grant.allow and self._row.honours_default, None
+
+    def _chosen(self, document: Permissions, subject: str) -> Iterator[Grant]:
+        """The grant of the document that counts for the subject, if one does."""
+        for grant in document.grants:
+            if self._names(grant.subject, subject):
+                force = self._in_force(grant)
+                if force:
+                    yield grant
+                if force or not self._row.skips_grants_out_of_date:
+                    return
+
+    def _names(self, grant: str, subject: str) -> bool:
+        if not self._row.subjects.startswith("pieces-within"):
+            return grant == subject
+        pieces, wanted = ({each.removesuffix("=") for each in text.split("/")} for text in (grant, subject))
+        return wanted <= pieces
+
+    def _in_force(self, grant: Grant) -> bool:
+        """Whether it is, in whatever zone the robot is."""
+        at = self._question.at
+        if grant.start + _ANY_ZONE <= at <= grant.end - _ANY_ZONE:
+            return True
+        if at < grant.start - _ANY_ZONE or at > grant.end + _ANY_ZONE:
+            return False
+        raise CannotTell(f"a grant for {grant.subject} begins or ends within 14 hours of the instant")
+
+    def _grants_of(self, path: str) -> list[tuple[Permissions, Grant]]:
+        """What counts for an enclave: peers take whatever document it presents."""
+        subject = self._enclaves[path].identity.subject
+        return [(each, grant) for each in self._accepted for grant in self._chosen(each, subject)]
+
+    def _refusals(self, who: str, name: Name, operation: Operation) -> tuple[Because, ...]:
+        """The lines by which somebody does not get the operation there."""
+        domain, topic = self.rules(name)
+        path = self.first.governance.path
+        if topic is None:
+            return (self._because("ungoverned", path, domain),)
+        protected = self._because("protection", path, topic)
+        if who == OUTSIDER:
+            return (protected,)
+        if not self.known(who):
+            return (Because("not vouched for", self.first.identity_ca.path, 1),)
+        asked: list[Operation] = [operation]
+        if operation == "publish" and not topic.metadata.endswith("ORIGIN_AUTHENTICATION"):
+            asked.append("subscribe")  # whoever reads can forge
+        found = []
+        for document, grant in self._grants(who):
+            for each in asked:
+                _allows, rule = self._decided(each, name, grant, binds=True)
+                found.append(self._because("rule" if rule else "default", document.path, rule or grant))
+        return (protected, *dict.fromkeys(found or [self._because("no grant", path, domain)]))
+
+    def _because(self, rule: str, path: str, at: DomainRule | TopicRule | Rule | Grant | None) -> Because:
+        return Because(rule, path, at.line if at is not None else 1)
+
+
+_OPERATIONS: Final[tuple[Operation, ...]] = ("publish", "subscribe")
+
+
+def _within(domain: int, domains: Domains) -> bool:
+    return any(low <= domain <= high for low, high in domains)

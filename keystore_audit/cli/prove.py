@@ -1,0 +1,54 @@
+"""`keystore-audit prove KEYSTORE PROPERTY -o FILE`: a certificate that `check` accepts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from keystore_audit.cli import options as opt
+from keystore_audit.cli import output, types
+from keystore_audit.cli.check import question
+from keystore_audit.cli.flow import exit_code, rendered
+from keystore_audit.cli.program import Command
+from keystore_audit.errors import EngineFailed
+
+
+@click.command("prove", cls=Command, short_help="Write a certificate of a property that holds.")
+@click.argument("keystore", metavar="KEYSTORE", type=types.keystore_path)
+@click.argument("words", metavar="PROPERTY", nargs=-1, required=True)
+@opt.file("-o", "--output", "file", required=True, help="Where the certificate goes.")
+@opt.certifying_options
+@opt.verbose_option()
+def command(keystore: str, words: tuple[str, ...], file: Path, **given: Any) -> int:
+    """Write a certificate of PROPERTY, which others check with `check` and the same options.
+
+    \b
+    PROPERTY:
+      no-flow FROM TO   nothing gets from FROM to TO (places as for flow)
+    \b
+    Exit codes:
+      0   written, and accepted by the checker
+      1   there is a flow; nothing is written
+      2   wrong usage, or a place that names nothing in the keystore
+      4   it is unknown whether there is, or the checker cannot follow; nothing
+          is written
+    """  # noqa: D301 - click's mark for lines that stay as they are
+    from keystore_audit.certificate.errors import NotAccepted
+    from keystore_audit.prove import prove
+
+    target = output.Target(format="json", path=file)
+    output.check((target,), (keystore,))
+    asked, told = question(words, given)
+    try:
+        proof = prove(
+            Path(keystore), asked, opt.reading({**given, "at": told.at, "time_zone": None, "roots": ()}, None), told
+        )
+    except NotAccepted as why:
+        raise EngineFailed(f"The checker cannot follow: {why}.") from why
+    if proof.certificate is None:
+        output.write_stdout(rendered(proof.answer, "text"))
+        return exit_code(proof.answer.status)
+    output.write(target, proof.certificate.decode())
+    return 0

@@ -1,0 +1,150 @@
+"""How tests ask the audit and the checker about one store."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from datetime import datetime, timezone
+from random import Random
+from typing import Any, Final
+
+from keystore_audit.certificate.checking import (
+    OVERHEARD,
+    TAKEN,
+    Checker,
+    Compartment,
+    Given,
+    Implementation,
+    Inside,
+    Property,
+    encoded,
+)
+from keystore_audit.certificate.errors import CannotTell, Refused
+from keystore_audit.circumstances import Circumstances
+from keystore_audit.flow import FlowQuestion
+from keystore_audit.model.formal.asked import Attacker
+from keystore_audit.profiles import DEFAULT, resolve
+
+AT: Final = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+EVERY: Final = Given(DEFAULT, AT)
+
+
+def reading(profiles: tuple[str, ...] = DEFAULT) -> Circumstances:
+    """How the audit reads a store."""
+    return Circumstances(profiles=resolve(profiles), at=AT)
+
+
+def question(asked: Property) -> FlowQuestion:
+    """The same question in the words of the audit."""
+    return FlowQuestion(
+        source=asked.source,
+        target=asked.target,
+        attackers=(Attacker(asked.attacker),),
+        through=asked.through,
+        include_ambient=asked.include_ambient,
+    )
+
+
+def verdict(content: bytes, checker: Checker) -> str:
+    """What the checker says."""
+    try:
+        checker.check(content)
+    except Refused:
+        return "refused"
+    except CannotTell:
+        return "cannot tell"
+    return "accepted"
+
+
+class Lenient(Implementation):
+    """One that finds that nobody puts or gets anything: it gives every reason that there could be."""
+
+    def puts(self, *_: Any) -> bool:
+        return False
+
+    def gets(self, *_: Any) -> bool:
+        return False
+
+
+def forged(checker: Checker, implementation: Implementation, profile: str, inside: set[str], *, bare: bool) -> bytes:
+    """A certificate with these participants, and a reason for each hop; `bare`: without any name inside.
+
+    Otherwise names are inside on which somebody inside does put something.
+    """
+    names = {
+        Inside(peers.first.path, way, name.domain, name.topic)
+        for peers in implementation.peers
+        for name in implementation.names
+        for way in (TAKEN, OVERHEARD)
+        if not bare and any(implementation.puts(peers, who, name, way) for who in inside)
+    }
+    implementation.__class__ = Lenient
+    try:
+        refused = tuple(dict.fromkeys(implementation._refused(inside, names)))
+    except Refused:  # it begins or ends at one of the names
+        refused = ()
+    finally:
+        implementation.__class__ = Implementation
+    made = Compartment((profile,), tuple(sorted(inside)), tuple(sorted(names)), refused)
+    return encoded(checker.certificate((made,)))
+
+
+def closed(implementation: Implementation, beginning: set[str]) -> set[str]:
+    """Whom data gets to from these by the hops of the checker itself: no compartment that it accepts is smaller."""
+    inside, before = {*beginning}, set[str]()
+    while inside != before:
+        before = {*inside}
+        for peers in implementation.peers:
+            for name in implementation.names:
+                if implementation._crossed(name):
+                    for way in (TAKEN, OVERHEARD):
+                        if any(implementation.puts(peers, who, name, way) for who in before):
+                            there = (who for who in implementation.participants if who not in implementation._passed)
+                            inside |= {who for who in there if implementation.gets(peers, who, name, way)}
+    return inside
+
+
+def damaged(content: bytes, random: Random, count: int) -> Iterator[bytes]:
+    """Certificates that differ from this one by one change of what it says."""
+    whole = json.loads(content)
+    for _ in range(count):
+        found = json.loads(content)
+        while found == whole:
+            _change(found, random)
+        yield json.dumps(found, indent=1, ensure_ascii=False).encode() + b"\n"
+
+
+def _change(found: dict[str, Any], random: Random) -> None:
+    compartment = random.choice(found["compartments"])
+    refusal = random.choice(compartment["refused"])
+    because = random.choice(refusal["because"])
+    everybody = sorted({each["participant"] for each in compartment["refused"]} | {*compartment["participants"]})
+    names = [
+        {key: refusal[key] for key in ("peers", "domain", "topic")} | {"way": way} for way in ("taken", "overheard")
+    ]
+    kind = random.randrange(11)
+    if kind == 0:
+        compartment["refused"].remove(refusal)
+    elif kind == 1:
+        because["line"] += random.choice((-1, 1, 7))
+    elif kind == 2:
+        because["rule"] = random.choice(("rule", "default", "no grant", "protection", "ungoverned"))
+    elif kind == 3:
+        place = random.choice([*found["documents"]])
+        digest = found["documents"][place]
+        found["documents"][place] = digest[1:] + digest[0]
+    elif kind == 4:
+        compartment["participants"].remove(random.choice(compartment["participants"]))
+    elif kind == 5:
+        compartment["participants"] = sorted({*compartment["participants"], random.choice(everybody)})
+    elif kind == 6 and compartment["names"]:
+        compartment["names"].remove(random.choice(compartment["names"]))
+    elif kind == 7:
+        compartment["names"].append(random.choice(names))
+        compartment["names"].sort(key=lambda each: (each["peers"], each["way"], each["domain"], each["topic"]))
+    elif kind == 8:
+        because["document"] = random.choice([*found["documents"], "enclaves/nowhere.p7s"])
+    elif kind == 9:
+        refusal["participant"] = random.choice(everybody)
+    else:
+        refusal[random.choice(("topic", "peers"))] += "x"

@@ -1,0 +1,46 @@
+"""What `prove` writes, `check` accepts, and nothing that differs from it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from keystore_audit.certificate.checking import Checker, Given, Property
+from keystore_audit.profiles import DEFAULT, resolve
+from keystore_audit.prove import prove
+from tests.amount import tried
+from tests.certificate.asking import AT, damaged, reading, verdict
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_keystores"
+PINNED = tuple(profile.name for profile in resolve(("spec", "fastdds", "cyclonedds-11")))
+
+HOLDING = [
+    ("stock/talker_listener", Property("/listener", "/talker"), PINNED),
+    ("stock/talker_listener", Property("outsider", "topic:/chatter"), PINNED),
+    ("stock/talker_listener", Property("topic:/chatter", "outsider", "honest"), DEFAULT),
+    ("stock/turtlesim", Property("outsider", "topic:/move_turtle"), PINNED),
+    ("healthy/talker_listener", Property("/listener", "/talker"), DEFAULT),
+    ("healthy/talker_listener", Property("outsider", "/listener"), DEFAULT),
+    ("healthy/service_action", Property("outsider", "/*"), DEFAULT),
+    ("healthy/turtlesim", Property("outsider", "topic:/move_turtle", "source"), DEFAULT),
+    ("healthy/vehicle", Property("/infotainment", "/motor"), DEFAULT),
+    ("healthy/vehicle", Property("/infotainment", "/motor", "source"), DEFAULT),
+    ("healthy/vehicle", Property("/infotainment", "topic:/motor_limit", "honest"), DEFAULT),
+    ("flows/turtlesim_healthy", Property("/random", "/turtlesim", "relays", ("/multiplexer",)), DEFAULT),
+]
+
+
+@pytest.mark.parametrize(("sample", "asked", "profiles"), HOLDING)
+def test_certificates_of_samples_check_and_damaged_ones_do_not(
+    sample: str, asked: Property, profiles: tuple[str, ...]
+) -> None:
+    store, given = SAMPLES / sample, Given(profiles, AT)
+    content = prove(store, asked, reading(profiles), given).certificate
+    assert content is not None
+    assert content == prove(store, asked, reading(profiles), given).certificate
+    checker = Checker(store, asked, given)
+    assert verdict(content, checker) == "accepted"
+    for number, other in enumerate(damaged(content, Random(sample), tried(100))):
+        assert verdict(other, checker) == "refused", number
