@@ -66,10 +66,10 @@ class Lenient(Implementation):
         return False
 
 
-def forged(checker: Checker, implementation: Implementation, profile: str, inside: set[str], *, bare: bool) -> bytes:
-    """A certificate with these participants, and a reason for each hop; `bare`: without any name inside.
+def forged(implementation: Implementation, inside: set[str], *, bare: bool) -> Compartment:
+    """A compartment of these participants with a reason for each hop; `bare`: without any name inside.
 
-    Otherwise names are inside on which somebody inside does put something.
+    Otherwise those names are inside on which somebody inside does put something.
     """
     names = {
         Inside(peers.first.path, way, name.domain, name.topic)
@@ -80,28 +80,39 @@ def forged(checker: Checker, implementation: Implementation, profile: str, insid
     }
     implementation.__class__ = Lenient
     try:
-        refused = tuple(dict.fromkeys(implementation._refused(inside, names)))
+        refused = tuple(dict.fromkeys(implementation._refused(inside, names)))  # noqa: SLF001 - what is wanted
     except Refused:  # it begins or ends at one of the names
         refused = ()
     finally:
         implementation.__class__ = Implementation
-    made = Compartment((profile,), tuple(sorted(inside)), tuple(sorted(names)), refused)
-    return encoded(checker.certificate((made,)))
+    return Compartment((), tuple(sorted(inside)), tuple(sorted(names)), refused)
 
 
-def closed(implementation: Implementation, beginning: set[str]) -> set[str]:
-    """Whom data gets to from these by the hops of the checker itself: no compartment that it accepts is smaller."""
-    inside, before = {*beginning}, set[str]()
+def closed(implementation: Implementation) -> set[str]:
+    """Whom data gets to from the source by the hops of the checker itself.
+
+    So no compartment that it accepts is smaller.
+    """
+    inside, before = {*implementation._source}, {"nobody"}  # noqa: SLF001
+    places = [(peers, name) for peers in implementation.peers for name in implementation.names]
     while inside != before:
         before = {*inside}
-        for peers in implementation.peers:
-            for name in implementation.names:
-                if implementation._crossed(name):
-                    for way in (TAKEN, OVERHEARD):
-                        if any(implementation.puts(peers, who, name, way) for who in before):
-                            there = (who for who in implementation.participants if who not in implementation._passed)
-                            inside |= {who for who in there if implementation.gets(peers, who, name, way)}
+        for peers, name in places:
+            begins = implementation._in(implementation._asked.source, name)  # noqa: SLF001
+            for way in (TAKEN, OVERHEARD) if implementation._crossed(name) else ():  # noqa: SLF001
+                if begins or any(implementation.puts(peers, who, name, way) for who in before):
+                    there = {*implementation.participants} - implementation._passed  # noqa: SLF001
+                    inside |= {who for who in there if implementation.gets(peers, who, name, way)}
     return inside
+
+
+def is_accepted(implementation: Implementation, compartment: Compartment) -> bool:
+    """Whether the checker takes it for one."""
+    try:
+        implementation.check(compartment)
+    except Refused:
+        return False
+    return True
 
 
 def damaged(content: bytes, random: Random, count: int) -> Iterator[bytes]:
