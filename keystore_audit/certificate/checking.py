@@ -6,7 +6,7 @@ what may be inside and which lines refuse the rest; the question comes from whoe
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,7 @@ from keystore_audit.certificate.documents import LAST_DOMAIN
 from keystore_audit.certificate.errors import CannotTell, Refused
 from keystore_audit.certificate.kinds import Row, row
 from keystore_audit.certificate.names import Expressions, matches
-from keystore_audit.certificate.powers import OUTSIDER, Because, Name, Operation, Peers, Powers, Question
+from keystore_audit.certificate.powers import OUTSIDER, Because, Name, Peers, Question
 from keystore_audit.certificate.reading import Store, read
 
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
@@ -49,11 +49,11 @@ class Property(Struct, frozen=True, rename={"source": "from", "target": "to"}):
     kind: str = "no-flow"
 
 
-class Inside(Struct, frozen=True, order=True):
+class Inside(Struct, frozen=True):
     """A name that may be inside, in one of the ways, as seen by peers of the enclave `peers`."""
 
-    peers: str
     way: str
+    peers: str
     domain: int
     topic: str
 
@@ -180,10 +180,9 @@ class Implementation:
         self.names, self._expressions = checker.names, checker.expressions
         self.peers = self._trust_domains(question)
         self.participants = [*(each.path for each in self._store.enclaves), OUTSIDER]
-        self._attacking = {*self.participants} if asked.attacker == "relays" else set[str]()
         self._source, self._target = (self._enclaves(place) for place in (asked.source, asked.target))
-        if asked.attacker == "source":
-            self._attacking = self._source
+        self._listening = {"relays": {*self.participants}}.get(asked.attacker, {OUTSIDER})
+        self._attacking = {"relays": self._listening, "source": self._source}.get(asked.attacker, set[str]())
         self._passed = {path for glob in asked.through for path in self._enclaves(glob)} - self._source - self._target
         topics = (self._in(asked.source, name) and self._in(asked.target, name) for name in self.names)
         if self._source & self._target or any(topics):
@@ -220,114 +219,70 @@ class Implementation:
         ambient = not self._asked.include_ambient and any(self._expressions.ends[each] & name.ends for each in AMBIENT)
         return not ambient or self._in(self._asked.source, name) or self._in(self._asked.target, name)
 
-    def _powers(self, peers: Peers, who: str, name: Name) -> tuple[Powers, bool, bool]:
-        """What somebody does there, and what anybody does without a key, if it attacks."""
-        attacks = who in self._attacking
-        powers = Powers() if who == OUTSIDER else peers.powers(who, name, attacks)
-        injects, listens = peers.clear(name)
-        return powers, attacks and injects, (attacks or who == OUTSIDER) and listens
-
     def puts(self, peers: Peers, who: str, name: Name, way: str) -> bool:
         """Whether somebody puts samples on a name in one of the ways."""
-        powers, injects, _listens = self._powers(peers, who, name)
-        made = powers.writes or injects or (who in self._attacking and powers.forges)
+        attacks = who in self._attacking
+        powers = peers.powers(who, name, attacks)
+        made = powers.writes or (attacks and (powers.forges or peers.clear(name)[0]))
         return made or (way == OVERHEARD and powers.own_writes)
 
     def gets(self, peers: Peers, who: str, name: Name, way: str) -> bool:
         """Whether somebody gets samples of a name in one of the ways."""
-        powers, _injects, listens = self._powers(peers, who, name)
+        powers = peers.powers(who, name, who in self._attacking)
         if way == OVERHEARD:
-            return listens or (
-                who in self._attacking and self._asked.attacker == "relays" and (powers.reads or powers.overhears)
-            )
+            return who in self._listening and (powers.reads or powers.overhears or peers.clear(name)[1])
         return who in peers.members and (powers.reads or (bool(self._attacking) and powers.own_reads))
 
     def compartment(self, inside: set[str]) -> Compartment:
-        """The one with these participants; names that one of them puts something on, or that are the source, are in.
+        """The one with these participants, and with the names that one of them puts something on or the flow begins at.
 
-        Raises Refused where nothing refuses a hop.
+        Raises Refused for the first hop out of it that nothing refuses.
         """
-        names = [
-            Inside(peers.first.path, way, name.domain, name.topic)
-            for peers in self.peers
-            for name in self.names
-            for way in (TAKEN, OVERHEARD)
-            if self._crossed(name)
-            and peers.rules(name)[1] is not None
-            and (self._in(self._asked.source, name) or any(self.puts(peers, who, name, way) for who in inside))
-        ]
-        refused = dict.fromkeys(self._refused(inside, {*names}))
-        return Compartment((), tuple(sorted(inside)), tuple(sorted(names)), tuple(refused))
+        names, refused = list[Inside](), dict[Refusal, None]()
+        outside = [who for who in self.participants if who not in inside | self._passed]
+        within = [who for who in self.participants if who in inside]
+        for peers, name in ((peers, name) for peers in self.peers for name in self.names if self._crossed(name)):
+            place = peers.first.path, name.domain, name.topic
+            domain, rule = peers.rules(name)
+            if rule is None:
+                named = name.topic if domain else EVERYTHING
+                refused[Refusal(EVERYBODY, *place[:2], named, peers.refusals(OUTSIDER, name, "publish"))] = None
+                continue
+            for way in (TAKEN, OVERHEARD):
+                if held := self._in(self._asked.source, name) or any(
+                    self.puts(peers, who, name, way) for who in within
+                ):
+                    names.append(Inside(way, *place))
+                    ends = (
+                        [""]
+                        if self._in(self._asked.target, name) and (way == TAKEN or self._asked.attacker == "relays")
+                        else []
+                    )
+                    if through := ends + [who for who in outside if self.gets(peers, who, name, way)]:
+                        gets = f" to {through[0]}" if through[0] else ""
+                        raise Refused(f"nothing refuses a hop{gets} over {_told(place)}")
+                for who in outside if held else within:
+                    because = peers.refusals(who, name, "subscribe" if held else "publish")
+                    refused[Refusal(who, *place, because)] = None
+        return Compartment((), tuple(sorted(inside)), tuple(names), tuple(refused))
 
     def check(self, found: Compartment) -> None:
         """Accepts the compartment, or raises Refused."""
-        inside, names = {*found.participants}, {*found.names}
-        if not inside <= {*self.participants} or [*found.participants] != sorted(inside):
-            raise Refused("the compartment holds somebody who is not here, or twice")
-        if [*found.names] != sorted(names):
-            raise Refused("the names of the compartment are not in order")
-        if missing := self._source - inside:
-            raise Refused(f"{min(missing)}, where the flow begins, is not inside")
-        if within := self._target & inside:
-            raise Refused(f"{min(within)}, where the flow ends, is inside")
-        told: Mapping[Any, Refusal] = {_place(each): each for each in found.refused}
-        wanted = dict.fromkeys(self._refused(inside, names))
-        for each in wanted:
-            said = told.get(_place(each))
-            what = f"{each.participant} on {each.topic!r} in domain {each.domain}, as peers of {each.peers} see it"
-            if said is None:
-                raise Refused(f"no reason why it is refused: {what}")
-            if said != each:
-                raise Refused(f"a reason that is not true: {what}")
-        if [*wanted] != [*found.refused]:
-            raise Refused("the certificate gives reasons for what is no hop, or not in order")
-        if strange := names - set(self._places()):
-            raise Refused(f"the compartment holds a name that is no class here: {min(strange).topic!r}")
-
-    def _places(self) -> Iterator[Inside]:
-        for peers in self.peers:
-            for name in self.names:
-                if self._crossed(name) and peers.rules(name)[1] is not None:
-                    for way in (TAKEN, OVERHEARD):
-                        yield Inside(peers.first.path, way, name.domain, name.topic)
-
-    def _refused(self, inside: set[str], names: set[Inside]) -> Iterator[Refusal]:
-        """Every hop out of the compartment, each with why it is none. Raises Refused for one that nothing refuses."""
-        outside = [who for who in self.participants if who not in inside | self._passed]
-        within = [who for who in self.participants if who in inside]
-        for peers in self.peers:
-            for name in self.names:
-                if not self._crossed(name):
-                    continue
-                place = peers.first.path, name.domain, name.topic
-                domain, rule = peers.rules(name)
-                if rule is None:
-                    named = name.topic if domain else EVERYTHING
-                    yield Refusal(EVERYBODY, *place[:2], named, peers.refusals(OUTSIDER, name, "publish"))
-                    continue
-                for way in (TAKEN, OVERHEARD):
-                    held = Inside(place[0], way, *place[1:]) in names
-                    if not held and self._in(self._asked.source, name):
-                        raise Refused(f"{name.topic!r}, where the flow begins, is not inside")
-                    if (
-                        held
-                        and self._in(self._asked.target, name)
-                        and (way == TAKEN or self._asked.attacker == "relays")
-                    ):
-                        raise Refused(f"{name.topic!r}, where the flow ends, is inside")
-                    operation: Operation = "subscribe" if held else "publish"
-                    for who in outside if held else within:
-                        if (self.gets if held else self.puts)(peers, who, name, way):
-                            does = "gets" if held else "puts"
-                            raise Refused(
-                                f"nothing refuses that {who} {does} samples of {name.topic!r} in domain {name.domain}, "
-                                f"as peers of {place[0]} see it"
-                            )
-                        yield Refusal(who, *place, peers.refusals(who, name, operation))
+        inside = {*found.participants}
+        if self._source - inside or self._target & inside or not inside <= {*self.participants}:
+            raise Refused("who is inside is not all from whom the flow begins, or is where it ends, or nobody here")
+        wanted, told = self.compartment(inside), {*found.refused}
+        for each in wanted.refused:
+            if each not in told:
+                place = _told((each.peers, each.domain, each.topic))
+                raise Refused(f"no reason, or none that is true, why {each.participant} takes no part in {place}")
+        if msgspec.structs.replace(wanted, profiles=found.profiles) != found:
+            raise Refused("the compartment holds other names than those inside put something on, or idle reasons")
 
 
-def _place(refusal: Refusal) -> tuple[object, ...]:
-    return refusal.participant, refusal.peers, refusal.domain, refusal.topic
+def _told(place: tuple[str, int, str]) -> str:
+    peers, domain, topic = place
+    return f"{topic!r} in domain {domain}, as peers of {peers} see it"
 
 
 def _dds(place: str) -> str:

@@ -106,9 +106,9 @@ class Peers:
         return injects, not any(kind.startswith("ENCRYPT") for kind in kinds)
 
     def _powers(self, path: str, name: Name, attacks: bool) -> Powers:
-        """Those of an enclave."""
+        """Those of a participant by its keys and rights."""
         domain, topic = self.rules(name)
-        if domain is None or topic is None or not self.known(path):
+        if domain is None or topic is None or path == OUTSIDER or not self.known(path):
             return Powers()
         anything = attacks and self.grants_itself(path)
         rights = {

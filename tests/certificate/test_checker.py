@@ -102,7 +102,7 @@ def by_hand(root: Path) -> dict[str, Any]:
     protection, nothing = because("protection", law, "topic_rule"), because("ungoverned", law, "domain_rule")
     by_default = {path: because("default", path, "<grant") for path in (mine, its, beside)}
     refused = []
-    names = [{"peers": "/a", "way": way, "domain": 0, "topic": "rt/x"} for way in ("overheard", "taken")]
+    names = [{"way": way, "peers": "/a", "domain": 0, "topic": "rt/x"} for way in ("taken", "overheard")]
     for topic in ("/", "rt/x", "rt/y"):
         place = {"peers": "/a", "domain": 0, "topic": topic}
         if topic == "rt/x":

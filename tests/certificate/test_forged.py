@@ -55,7 +55,7 @@ def one_seed(seed: int, root: Path) -> Counter[str]:
 
 def _violated(implementation: Implementation, reached: set[str]) -> Counter[str]:
     """Every compartment that somebody might claim, each with all reasons that there are."""
-    source, target = implementation._source, implementation._target  # noqa: SLF001
+    source, target = implementation._source, implementation._target
     everybody, own = {*implementation.participants}, closed(implementation)
     insides = {frozenset(each) for each in (reached - target, everybody - target, source, own - target, own, reached)}
     insides |= {frozenset(own - {each}) for each in own - source}
@@ -72,7 +72,7 @@ def _holding(implementation: Implementation, reached: set[str]) -> Counter[str]:
         made = implementation.compartment(reached)
     except Refused:
         return Counter(unconvinced=1)
-    assert is_accepted(implementation, made) or implementation._target & reached  # noqa: SLF001
+    assert is_accepted(implementation, made) or implementation._target & reached
     return Counter(convinced=1)
 
 
