@@ -152,13 +152,11 @@ def reached(
 
     Of the first attacker. Raises as `find_flow`.
     """
-    found = {}
-    for system in _asked(path, questions(question), given)[2].systems:
-        flows = Flows(system, trust_domain_views(system))
-        labels = dict(enumerate(enclave.label for enclave in system.enclaves))
-        if system.may:
-            there = frozenset(map(labels.get, flows.reached(search_of(system.claims[0]))))
-            found.update(dict.fromkeys(system.profiles, there))
+    found = dict[str, frozenset[str | None]]()
+    for system in _asked(path, questions(question), given)[2].systems[::-1]:  # of each kind the larger reading is first
+        there = Flows(system, trust_domain_views(system)).reached(search_of(system.claims[0]))
+        labels = [*(enclave.label for enclave in system.enclaves), None]
+        found.update(dict.fromkeys(system.profiles, frozenset(labels[each] for each in there)))
     return found
 
 

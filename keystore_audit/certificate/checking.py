@@ -10,17 +10,17 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 from msgspec import Struct
 
-from keystore_audit.certificate.documents import LAST_DOMAIN
+from keystore_audit.certificate.documents import Domains
 from keystore_audit.certificate.errors import CannotTell, Refused
 from keystore_audit.certificate.kinds import Row, row
 from keystore_audit.certificate.names import Expressions, matches
 from keystore_audit.certificate.powers import OUTSIDER, Because, Name, Peers, Question
-from keystore_audit.certificate.reading import Store, read
+from keystore_audit.certificate.reading import Enclave, Store, read
 
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
 """Topics that nearly every node has a right to: no flow takes them, unless they are asked about."""
@@ -112,15 +112,14 @@ class Checker:
             raise CannotTell("without these assumptions nobody can tell")
         if asked.kind != "no-flow" or asked.attacker not in ("honest", "source", "relays"):
             raise CannotTell("the checker does not know such a property")
-        self._written = {topic for each in _rules(self.store) for topic in each}
+        self._written = {topic for _domains, topics in _rules(self.store) for topic in topics}
         globs = [_dds(place) for place in (asked.source, asked.target) if ":" in place]
         self.expressions = Expressions([*self._written, *globs, *AMBIENT])
         self._implementations: dict[Row, Implementation] = {}
-        for role, trusted in (("identity", given.identity_cas), ("permissions", given.permissions_cas)):
-            for enclave in self.store.enclaves:
-                ca = enclave.identity_ca if role == "identity" else enclave.permissions_ca
+        for each in self.store.enclaves:
+            for ca, trusted in ((each.identity_ca, given.identity_cas), (each.permissions_ca, given.permissions_cas)):
                 if trusted and not {ca.fingerprint, ca.key} & {*trusted}:
-                    raise Refused(f"the {role} CA of {enclave.path} is not the one that is trusted")
+                    raise Refused(f"{ca.path} is not the authority that is trusted")
 
     def check(self, content: bytes) -> None:
         """Accepts the certificate, or raises Refused or CannotTell."""
@@ -148,17 +147,9 @@ class Checker:
     @cached_property
     def names(self) -> list[Name]:
         """A name of each class, which nothing here tells apart from the others in it."""
-        domains: dict[tuple[bool, ...], int] = {}
-        for domain in range(LAST_DOMAIN + 3):
-            domains.setdefault(tuple(low <= domain <= high for low, high in self._intervals), domain)
-        topics = sorted(self.expressions.classes().items(), key=lambda each: each[1])
-        return [Name(domain, topic, ends) for domain in domains.values() for ends, topic in topics]
-
-    @cached_property
-    def _intervals(self) -> list[tuple[int, int]]:
-        rules = [rule.domains for each in self.store.permissions for grant in each.grants for rule in grant.rules]
-        governed = [rule.domains for each in self.store.enclaves for rule in each.governance.rules]
-        return sorted({interval for domains in (*rules, *governed) for interval in domains})
+        edges = (edge for domains, _topics in _rules(self.store) for low, high in domains for edge in (low, high + 1))
+        topics = sorted((topic, ends) for ends, topic in self.expressions.classes().items())
+        return [Name(domain, topic, ends) for domain in sorted({0, *edges}) for topic, ends in topics]
 
     def implementation(self, name: str) -> Implementation:
         """The keystore as an implementation has it; one for all that do the same."""
@@ -178,26 +169,20 @@ class Implementation:
     def __init__(self, checker: Checker, asked: Property, question: Question) -> None:
         self._store, self._asked = checker.store, asked
         self.names, self._expressions = checker.names, checker.expressions
-        self.peers = self._trust_domains(question)
+        alike: dict[object, list[Enclave]] = {}
+        for each in self._store.enclaves:
+            trusted = each.identity_ca.fingerprint, each.permissions_ca.fingerprint, each.governance.text
+            alike.setdefault(trusted, []).append(each)
+        self.peers = [Peers(self._store, members, self._expressions, question) for members in alike.values()]
         self.participants = [*(each.path for each in self._store.enclaves), OUTSIDER]
         self._source, self._target = (self._enclaves(place) for place in (asked.source, asked.target))
         self._listening = {"relays": {*self.participants}}.get(asked.attacker, {OUTSIDER})
+        self._ending = (TAKEN, OVERHEARD) if asked.attacker == "relays" else (TAKEN,)
         self._attacking = {"relays": self._listening, "source": self._source}.get(asked.attacker, set[str]())
         self._passed = {path for glob in asked.through for path in self._enclaves(glob)} - self._source - self._target
         topics = (self._in(asked.source, name) and self._in(asked.target, name) for name in self.names)
         if self._source & self._target or any(topics):
             raise CannotTell("both places share something")
-
-    def _trust_domains(self, question: Question) -> list[Peers]:
-        groups: dict[tuple[str, str, bytes], list[Any]] = {}
-        for each in self._store.enclaves:
-            key = each.identity_ca.fingerprint, each.permissions_ca.fingerprint, each.governance.text
-            groups.setdefault(key, []).append(each)
-        found = [Peers(self._store, members, self._expressions, question) for members in groups.values()]
-        for peers in found:
-            if not all(map(peers.known, peers.members)):
-                raise CannotTell(f"the identity CA does not vouch for an enclave like {peers.first.path}")
-        return found
 
     def _enclaves(self, place: str) -> set[str]:
         """The participants of a place, none where it is topics."""
@@ -223,14 +208,13 @@ class Implementation:
         """Whether somebody puts samples on a name in one of the ways."""
         attacks = who in self._attacking
         powers = peers.powers(who, name, attacks)
-        made = powers.writes or (attacks and (powers.forges or peers.clear(name)[0]))
-        return made or (way == OVERHEARD and powers.own_writes)
+        return powers.writes or (attacks and powers.forges) or (way == OVERHEARD and powers.own_writes)
 
     def gets(self, peers: Peers, who: str, name: Name, way: str) -> bool:
         """Whether somebody gets samples of a name in one of the ways."""
         powers = peers.powers(who, name, who in self._attacking)
         if way == OVERHEARD:
-            return who in self._listening and (powers.reads or powers.overhears or peers.clear(name)[1])
+            return who in self._listening and (powers.reads or powers.overhears)
         return who in peers.members and (powers.reads or (bool(self._attacking) and powers.own_reads))
 
     def compartment(self, inside: set[str]) -> Compartment:
@@ -249,19 +233,14 @@ class Implementation:
                 refused[Refusal(EVERYBODY, *place[:2], named, peers.refusals(OUTSIDER, name, "publish"))] = None
                 continue
             for way in (TAKEN, OVERHEARD):
-                if held := self._in(self._asked.source, name) or any(
-                    self.puts(peers, who, name, way) for who in within
-                ):
+                held = self._in(self._asked.source, name) or any(self.puts(peers, who, name, way) for who in within)
+                if held:
                     names.append(Inside(way, *place))
-                    ends = (
-                        [""]
-                        if self._in(self._asked.target, name) and (way == TAKEN or self._asked.attacker == "relays")
-                        else []
-                    )
-                    if through := ends + [who for who in outside if self.gets(peers, who, name, way)]:
-                        gets = f" to {through[0]}" if through[0] else ""
-                        raise Refused(f"nothing refuses a hop{gets} over {_told(place)}")
+                    if self._in(self._asked.target, name) and way in self._ending:
+                        raise Refused(f"where the flow ends, nothing refuses {_told(place)}")
                 for who in outside if held else within:
+                    if held and self.gets(peers, who, name, way):
+                        raise Refused(f"nothing refuses that {who} gets {_told(place)}")
                     because = peers.refusals(who, name, "subscribe" if held else "publish")
                     refused[Refusal(who, *place, because)] = None
         return Compartment((), tuple(sorted(inside)), tuple(names), tuple(refused))
@@ -293,12 +272,10 @@ def _dds(place: str) -> str:
     return f"rt{glob}" if kind == "topic" else glob
 
 
-def _rules(store: Store) -> Iterator[Sequence[str]]:
-    """The expressions of each rule."""
+def _rules(store: Store) -> Iterator[tuple[Domains, Sequence[str]]]:
+    """Domains and expressions of each rule."""
     for document in store.permissions:
-        for grant in document.grants:
-            for rule in grant.rules:
-                yield rule.publish + rule.subscribe
-    for enclave in store.enclaves:
-        for domain in enclave.governance.rules:
-            yield [topic.expression for topic in domain.topics]
+        for rule in (rule for grant in document.grants for rule in grant.rules):
+            yield rule.domains, rule.publish + rule.subscribe
+    for domain in (domain for enclave in store.enclaves for domain in enclave.governance.rules):
+        yield domain.domains, [topic.expression for topic in domain.topics]

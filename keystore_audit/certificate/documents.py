@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from datetime import datetime, timezone
 from typing import Final
 
@@ -18,13 +17,49 @@ LAST_DOMAIN: Final = 230
 Domains = tuple[tuple[int, int], ...]
 """Closed intervals."""
 
-_KINDS: Final = tuple(
-    f"{kind}{origin}" for kind in ("SIGN", "ENCRYPT") for origin in ("", "_WITH_ORIGIN_AUTHENTICATION")
-)
-_SUBJECT: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+){1,19}")
+SUBJECT: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+){1,19}")
+_DATE: Final = r"(?:19[7-9]|2[01]\d)\d-\d\d-\d\dT\d\d:\d\d:\d\d(?:Z|\+00:00)?"
+_KIND: Final = "NONE|(?:SIGN|ENCRYPT)(?:_WITH_ORIGIN_AUTHENTICATION)?"
+_FLAG: Final = "true|false"
+_RULE: Final = "domains (publish )*(subscribe )*"
+_FORMS: Final = {
+    "dds": "(domain_access_rules|permissions) ",
+    "domain_access_rules": "(domain_rule )+",
+    "domain_rule": "domains allow_unauthenticated_participants enable_join_access_control discovery_protection_kind "
+    "liveliness_protection_kind rtps_protection_kind topic_access_rules ",
+    "domains": "((id|id_range) )+",
+    "id_range": "min max ",
+    "topic_access_rules": "(topic_rule )+",
+    "topic_rule": "topic_expression enable_discovery_protection enable_liveliness_protection "
+    "enable_read_access_control enable_write_access_control metadata_protection_kind data_protection_kind ",
+    "permissions": "(grant )+",
+    "grant": "subject_name validity ((allow_rule|deny_rule) )*default ",
+    "validity": "not_before not_after ",
+    "allow_rule": _RULE,
+    "deny_rule": _RULE,
+    "publish": "topics ",
+    "subscribe": "topics ",
+    "topics": "(topic )+",
+}
+"""What elements hold: a regular expression over the names of their children, each with a blank behind it."""
+
+_TEXTS: Final = {
+    **dict.fromkeys(("id", "min", "max"), "[0-9]{1,3}"),
+    **dict.fromkeys(("discovery_protection_kind", "liveliness_protection_kind", "rtps_protection_kind"), _KIND),
+    "metadata_protection_kind": _KIND,
+    "data_protection_kind": "NONE|SIGN|ENCRYPT",
+    **dict.fromkeys(("allow_unauthenticated_participants", "enable_join_access_control"), _FLAG),
+    **dict.fromkeys(("enable_discovery_protection", "enable_liveliness_protection"), _FLAG),
+    **dict.fromkeys(("enable_read_access_control", "enable_write_access_control"), _FLAG),
+    "default": "ALLOW|DENY",
+    "subject_name": SUBJECT.pattern,
+    **dict.fromkeys(("not_before", "not_after"), _DATE),
+    **dict.fromkeys(("topic", "topic_expression"), "[!-~]+"),
+}
+"""What other elements say."""
+
 _DECLARATION: Final = re.compile(rb"""\A<\?xml version="1\.0" encoding="(?:utf|UTF)-8"\?>""")
-_DATE: Final = re.compile(r"((?:19[7-9]|2[01]\d)\d-\d\d-\d\dT\d\d:\d\d:\d\d)(?:Z|\+00:00)?")
-_ATTRIBUTES: Final = frozenset({"{http://www.w3.org/2001/XMLSchema-instance}noNamespaceSchemaLocation"})
+_LOCATION: Final = "{http://www.w3.org/2001/XMLSchema-instance}noNamespaceSchemaLocation"
 
 
 class Rule(Struct, frozen=True):
@@ -87,145 +122,100 @@ class Governance(Struct, frozen=True):
     rules: tuple[DomainRule, ...]
 
 
-class _Reader:
-    """One document; `offset`: the lines of the file before it."""
+def _root(text: bytes) -> etree._Element:
+    """The document, of the plain form."""
+    body = _DECLARATION.sub(b"", text, count=1)
+    if b"<!" in body or b"<?" in body or b"&" in body or not body.isascii():
+        raise CannotTell("has comments, entities, or characters beyond ASCII")
+    parser = etree.XMLParser(resolve_entities=False, load_dtd=False, no_network=True, huge_tree=False)
+    try:
+        root = etree.fromstring(text, parser)
+    except etree.XMLSyntaxError as error:
+        raise CannotTell(f"is no XML: {error}") from error
+    for each in root.iter():
+        tag, inside = str(each.tag), (each.text or "")
+        if tag in _FORMS:
+            plain = not inside.strip() and re.fullmatch(_FORMS[tag], "".join(f"{child.tag} " for child in each))
+        else:
+            plain = not len(each) and re.fullmatch(_TEXTS.get(tag, "(?!)"), inside)
+        known = {"name"} if tag == "grant" else {_LOCATION} if each is root else set[str]()
+        if not plain or (each.tail or "").strip() or {*each.attrib} - known or {*each.nsmap} - {"xsi"}:
+            raise CannotTell(
+                f"is not in the plain form of the schema at element {tag}, line {each.sourceline} of its XML"
+            )
+    return root
 
-    def __init__(self, path: str, text: bytes, offset: int) -> None:
-        self._path = path
-        self._offset = offset
-        body = _DECLARATION.sub(b"", text, count=1)
-        if b"<!" in body or b"<?" in body or b"&" in body or not body.isascii() or b"\0" in body:
-            self.cannot("has comments, entities, or characters beyond ASCII")
-        parser = etree.XMLParser(resolve_entities=False, load_dtd=False, no_network=True, huge_tree=False)
-        try:
-            self.root = etree.fromstring(text, parser)
-        except etree.XMLSyntaxError as error:
-            raise CannotTell(f"{path} is no XML: {error}") from error
-        for each in self.root.iter():
-            allowed = _ATTRIBUTES if each is self.root else frozenset(["name"] * (each.tag == "grant"))
-            if not allowed.issuperset(each.attrib) or set(each.nsmap) - {"xsi"} or ":" in str(each.tag):
-                self.cannot(f"has attributes or prefixes that the checker does not know, at line {self.line(each)}")
-            if (each.tail or "").strip() or (len(each) and (each.text or "").strip()):
-                self.cannot(f"has text beside elements at line {self.line(each)}")
 
-    def cannot(self, why: str) -> None:
-        raise CannotTell(f"{self._path} {why}")
+def _line(element: etree._Element, offset: int) -> int:
+    return offset + int(str(element.sourceline))
 
-    def line(self, element: etree._Element) -> int:
-        """In the file."""
-        return self._offset + int(str(element.sourceline))
 
-    def inside(self, element: etree._Element, form: str) -> list[etree._Element]:
-        """Its children, whose names make the form: a regular expression over names, each with a blank behind it."""
-        children = list(element)
-        if re.fullmatch(form, "".join(f"{child.tag} " for child in children)) is None:
-            self.cannot(f"is not in the plain form of the schema at line {self.line(element)}")
-        return children
+def _domains(element: etree._Element) -> Domains:
+    found = []
+    for each in element.iterfind("domains/*"):
+        low, *high = (int(text) for text in each.itertext() if text.strip())
+        found.append((low, high[0] if high else low))
+        if not low <= found[-1][1] <= LAST_DOMAIN or (high and not high[0]):
+            raise CannotTell(f"has an empty range of domains, or an id beyond {LAST_DOMAIN}")
+    return tuple(found)
 
-    def text(self, element: etree._Element) -> str:
-        text = element.text or ""
-        if len(element) or not text or text != text.strip():
-            self.cannot(f"has no plain text at line {self.line(element)}")
-        return text
 
-    def one_of(self, element: etree._Element, *words: str) -> str:
-        text = self.text(element)
-        if text not in words:
-            self.cannot(f"has an unknown value at line {self.line(element)}: {text}")
-        return text
+def _says(element: etree._Element, tag: str) -> str:
+    return element.findtext(tag) or ""
 
-    def flag(self, element: etree._Element) -> bool:
-        return self.one_of(element, "true", "false") == "true"
 
-    def domains(self, element: etree._Element) -> Domains:
-        found = []
-        for each in self.inside(element, "((id|id_range) )+"):
-            bounds = [each] if each.tag == "id" else self.inside(each, "min max ")
-            ids = [self.text(bound) for bound in bounds]
-            if any(not re.fullmatch(r"[0-9]{1,3}", one) or int(one) > LAST_DOMAIN for one in ids):
-                self.cannot(f"names a domain beyond {LAST_DOMAIN} at line {self.line(each)}")
-            low, high = int(ids[0]), int(ids[-1])
-            if low > high or (each.tag == "id_range" and high == 0):
-                self.cannot(f"has an empty range of domains at line {self.line(each)}")
-            found.append((low, high))
-        return tuple(found)
+def _is(element: etree._Element, tag: str) -> bool:
+    return _says(element, tag) == "true"
 
 
 def governance(path: str, signer: str, text: bytes, offset: int) -> Governance:
-    """The governance of this text. Raises CannotTell."""
-    reader = _Reader(path, text, offset)
-    if reader.root.tag != "dds":
-        reader.cannot("is no governance")
-    (rules,) = reader.inside(reader.root, "domain_access_rules ")
+    """The governance of this text, which stands behind `offset` lines of its file. Raises CannotTell."""
     found = []
-    for rule in reader.inside(rules, "(domain_rule )+"):
-        domains, unauthenticated, join, *kinds, topics = reader.inside(
-            rule,
-            "domains allow_unauthenticated_participants enable_join_access_control discovery_protection_kind "
-            "liveliness_protection_kind rtps_protection_kind topic_access_rules ",
-        )
-        rtps = [reader.one_of(kind, "NONE", *_KINDS) for kind in kinds][-1]
-        if reader.flag(unauthenticated) and rtps != "NONE":
-            reader.cannot("allows unauthenticated participants beside a protected RTPS, which some refuse")
-        under = tuple(_topic_rule(reader, each) for each in reader.inside(topics, "(topic_rule )+"))
-        flags = reader.flag(unauthenticated), reader.flag(join)
-        found.append(DomainRule(reader.line(rule), reader.domains(domains), *flags, rtps, under))
+    for rule in _root(text).iterfind("domain_access_rules/domain_rule"):
+        unauthenticated, rtps = _is(rule, "allow_unauthenticated_participants"), _says(rule, "rtps_protection_kind")
+        if unauthenticated and rtps != "NONE":
+            raise CannotTell("allows unauthenticated participants beside a protected RTPS, which some refuse")
+        under = tuple(_topic_rule(each, offset) for each in rule.iterfind("topic_access_rules/topic_rule"))
+        join = _is(rule, "enable_join_access_control")
+        found.append(DomainRule(_line(rule, offset), _domains(rule), unauthenticated, join, rtps, under))
+    if not found:
+        raise CannotTell("is no governance")
     return Governance(path, signer, text, tuple(found))
 
 
-def _topic_rule(reader: _Reader, rule: etree._Element) -> TopicRule:
-    expression, discovery, liveliness, read, write, metadata, data = reader.inside(
-        rule,
-        "topic_expression enable_discovery_protection enable_liveliness_protection enable_read_access_control "
-        "enable_write_access_control metadata_protection_kind data_protection_kind ",
+def _topic_rule(rule: etree._Element, offset: int) -> TopicRule:
+    return TopicRule(
+        _line(rule, offset),
+        _says(rule, "topic_expression"),
+        _is(rule, "enable_read_access_control"),
+        _is(rule, "enable_write_access_control"),
+        _says(rule, "metadata_protection_kind"),
+        _says(rule, "data_protection_kind"),
     )
-    _discovery, _liveliness, reads, writes = map(reader.flag, (discovery, liveliness, read, write))
-    kinds = reader.one_of(metadata, "NONE", *_KINDS), reader.one_of(data, "NONE", "SIGN", "ENCRYPT")
-    return TopicRule(reader.line(rule), reader.text(expression), reads, writes, *kinds)
 
 
 def permissions(path: str, signer: str, text: bytes, offset: int) -> Permissions:
-    """The permissions of this text. Raises CannotTell."""
-    reader = _Reader(path, text, offset)
-    if reader.root.tag != "dds":
-        reader.cannot("is no permissions document")
-    (grants,) = reader.inside(reader.root, "permissions ")
-    return Permissions(path, signer, tuple(_grants(reader, grants)))
+    """The permissions of this text, as `governance`. Raises CannotTell."""
+    found = []
+    for grant in _root(text).iterfind("permissions/grant"):
+        if "name" not in grant.attrib:
+            raise CannotTell("has a grant without a name")
+        start, end = (_date(_says(grant, f"validity/not_{edge}")) for edge in ("before", "after"))
+        rules = tuple(_rule(each, offset) for each in grant if each.find("domains") is not None)
+        allow = _says(grant, "default") == "ALLOW"
+        found.append(Grant(_line(grant, offset), _says(grant, "subject_name"), start, end, rules, allow))
+    return Permissions(path, signer, tuple(found))
 
 
-def _grants(reader: _Reader, grants: etree._Element) -> Iterator[Grant]:
-    for grant in reader.inside(grants, "(grant )+"):
-        subject, validity, *rules, default = reader.inside(
-            grant, "subject_name validity ((allow_rule|deny_rule) )*default "
-        )
-        name = reader.text(subject)
-        if _SUBJECT.fullmatch(name) is None or "name" not in grant.attrib:
-            reader.cannot(f"has a grant without a name, or of a subject that is not CN=/NAME: {name}")
-        start, end = (_date(reader, each) for each in reader.inside(validity, "not_before not_after "))
-        found = tuple(_rule(reader, each) for each in rules)
-        allow = reader.one_of(default, "ALLOW", "DENY") == "ALLOW"
-        yield Grant(reader.line(grant), name, start, end, found, allow)
-
-
-def _date(reader: _Reader, element: etree._Element) -> datetime:
-    text = reader.text(element)
-    found = _DATE.fullmatch(text)
+def _date(text: str) -> datetime:
     try:
-        return datetime.fromisoformat(found[1] if found else "").replace(tzinfo=timezone.utc)
+        return datetime.fromisoformat(text[:19]).replace(tzinfo=timezone.utc)
     except ValueError as error:
-        raise CannotTell(f"line {reader.line(element)}: {text} is no date from 1970 to 2199 in UTC") from error
+        raise CannotTell(f"has a date that is none: {text}") from error
 
 
-def _rule(reader: _Reader, rule: etree._Element) -> Rule:
-    domains, *criteria = reader.inside(rule, "domains (publish )*(subscribe )*")
-    topics: dict[str, list[str]] = {"publish": [], "subscribe": []}
-    for each in criteria:
-        (listed,) = reader.inside(each, "topics ")
-        topics[str(each.tag)] += [reader.text(topic) for topic in reader.inside(listed, "(topic )+")]
-    return Rule(
-        reader.line(rule),
-        rule.tag == "allow_rule",
-        reader.domains(domains),
-        tuple(topics["publish"]),
-        tuple(topics["subscribe"]),
+def _rule(rule: etree._Element, offset: int) -> Rule:
+    publish, subscribe = (
+        tuple(each.text or "" for each in rule.iterfind(f"{way}/topics/topic")) for way in ("publish", "subscribe")
     )
+    return Rule(_line(rule, offset), rule.tag == "allow_rule", _domains(rule), publish, subscribe)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta
 from functools import cache
-from typing import Final, Literal
+from typing import Final
 
 from msgspec import Struct
 
@@ -17,7 +17,6 @@ from keystore_audit.certificate.reading import Enclave, Store
 
 OUTSIDER: Final = "outsider"
 _ANY_ZONE: Final = timedelta(hours=14)
-Operation = Literal["publish", "subscribe"]
 
 
 class Name(Struct, frozen=True):
@@ -41,7 +40,9 @@ class Because(Struct, frozen=True):
 
 
 class Powers(Struct, frozen=True):
-    """What somebody can do on a channel, if it attacks; `own_*`: what its own implementation lets it do."""
+    """What somebody can do on a channel: by right; to overhear and forge, to attack; `own_*`: as its own implementation
+    lets it.
+    """
 
     writes: bool = False
     reads: bool = False
@@ -68,23 +69,21 @@ class Peers:
         self._store, self._row, self._question = store, question.row, question
         self._expressions = expressions
         self._enclaves = {each.path: each for each in store.enclaves}
+        self._own = {each.identity.fingerprint for each in store.enclaves}
         self._vouched = self._under(self.first.identity_ca.fingerprint)
-        below = self._under(self.first.permissions_ca.fingerprint) - {self.first.permissions_ca.fingerprint}
-        self._below = frozenset[str]() if self._row.pins_signer else below
-        signers = self._below | {self.first.permissions_ca.fingerprint}
+        signers = {self.first.permissions_ca.fingerprint}
+        self._below = set[str]() if self._row.pins_signer else self._under(*signers) - signers
+        signers |= self._below
         self._accepted = [each for each in store.permissions if each.signer in signers]
         self.powers, self.rules, self.refusals = cache(self._powers), cache(self._rules), cache(self._refusals)
         self._grants = cache(self._grants_of)
 
-    def _under(self, authority: str) -> frozenset[str]:
-        return frozenset(below for above, below in self._store.issued if above == authority)
+    def _under(self, authority: str) -> set[str]:
+        return {below for above, below in self._store.issued if above == authority}
 
     def grants_itself(self, path: str) -> bool:
         """Whether the enclave signs permissions for itself that peers take; whoever else signs may do it for it."""
-        own = {each.identity.fingerprint for each in self._store.enclaves}
-        return self.known(path) and (
-            self._enclaves[path].identity.fingerprint in self._below or bool(self._below - own)
-        )
+        return self._enclaves[path].identity.fingerprint in self._below or not self._below <= self._own
 
     def known(self, path: str) -> bool:
         """Whether the identity CA vouches for the enclave."""
@@ -96,43 +95,38 @@ class Peers:
         under = domain.topics if domain else ()
         return domain, next((each for each in under if self._expressions.ends[each.expression] & name.ends), None)
 
-    def clear(self, name: Name) -> tuple[bool, bool]:
-        """Whether anybody without a key makes samples that are taken, and reads those that are written."""
+    def _powers(self, path: str, name: Name, attacks: bool) -> Powers:
+        """Those of a participant, as anybody on the network and by its keys and rights."""
         domain, topic = self.rules(name)
         if domain is None or topic is None:
-            return False, False
-        kinds = domain.rtps, topic.metadata, topic.data
-        injects = (domain.unauthenticated or domain.rtps == "NONE") and topic.metadata == topic.data == "NONE"
-        return injects, not any(kind.startswith("ENCRYPT") for kind in kinds)
-
-    def _powers(self, path: str, name: Name, attacks: bool) -> Powers:
-        """Those of a participant by its keys and rights."""
-        domain, topic = self.rules(name)
-        if domain is None or topic is None or path == OUTSIDER or not self.known(path):
             return Powers()
+        clear = [not kind.startswith("ENCRYPT") for kind in (topic.metadata, topic.data, domain.rtps)]
+        made = topic.metadata == topic.data == "NONE"
+        overhears, forges = all(clear), made and (domain.unauthenticated or domain.rtps == "NONE")
+        if path == OUTSIDER or not self.known(path):
+            return Powers(overhears=overhears, forges=forges)
+        reads = writes = False
         anything = attacks and self.grants_itself(path)
-        rights = {
-            op: anything or any(self._may(op, name, each) for _d, each in self._grants(path)) for op in _OPERATIONS
-        }
-        reads = writes = overhears = forges = False
         if anything or self._joins(path, name.domain, domain):
-            reads, writes = not topic.read or rights["subscribe"], not topic.write or rights["publish"]
+            grants = [grant for _document, grant in self._grants(path)]
+            reads, writes = (
+                anything or not controlled or any(self._may(operation, name, grant) for grant in grants)
+                for operation, controlled in (("subscribe", topic.read), ("publish", topic.write))
+            )
             unasked = self._row.trusts_declarations and not self._question.truthful
-            overhears = unasked or not any(kind.startswith("ENCRYPT") for kind in (topic.metadata, topic.data))
             origin = topic.metadata.endswith("ORIGIN_AUTHENTICATION")
-            made = {topic.metadata, topic.data} == {"NONE"}
-            forges = unasked or (not origin and (reads or made))
-        own = [path in self.members and self._alone(op, path, name, topic) for op in _OPERATIONS]
-        return Powers(writes, reads, overhears, forges, writes or own[0], reads or own[1])
+            overhears = overhears or unasked or all(clear[:2])
+            forges = forges or unasked or (not origin and (reads or made))
+        member = path in self.members
+        own_writes = writes or (member and self._alone("publish", path, name, topic.write))
+        own_reads = reads or (member and self._alone("subscribe", path, name, topic.read))
+        return Powers(writes, reads, overhears, forges, own_writes, own_reads)
 
-    def _alone(self, operation: Operation, path: str, name: Name, topic: TopicRule) -> bool:
+    def _alone(self, operation: str, path: str, name: Name, controlled: bool) -> bool:
         """Whether its own implementation lets it, with its own document."""
-        if not (topic.write if operation == "publish" else topic.read):
-            return True
-        document = self._enclaves[path].permissions
-        return any(
-            self._may(operation, name, grant, own=True) for each, grant in self._grants(path) if each == document
-        )
+        own = self._enclaves[path].permissions
+        grants = [grant for document, grant in self._grants(path) if document == own]
+        return not controlled or any(self._may(operation, name, grant, own=True) for grant in grants)
 
     def _joins(self, path: str, domain: int, rule: DomainRule) -> bool:
         grants = [grant for _document, grant in self._grants(path)]
@@ -144,13 +138,13 @@ class Peers:
             for grant in grants
         )
 
-    def _may(self, operation: Operation, name: Name, grant: Grant, *, own: bool = False) -> bool:
+    def _may(self, operation: str, name: Name, grant: Grant, *, own: bool = False) -> bool:
         """Whether the grant allows it here, or in a partition that is a pattern and meets this one."""
         binds = self._row.binds_domains or not own
         return any(self._decided(operation, name, grant, binds, default)[0] for default in (True, False))
 
     def _decided(
-        self, operation: Operation, name: Name, grant: Grant, binds: bool, default: bool = True
+        self, operation: str, name: Name, grant: Grant, binds: bool, default: bool = True
     ) -> tuple[bool, Rule | None]:
         """What the grant decides in the default partition or in any other, and the rule that does, if one does."""
         for rule in grant.rules:
@@ -196,7 +190,7 @@ class Peers:
         subject = self._enclaves[path].identity.subject
         return [(each, grant) for each in self._accepted for grant in self._chosen(each, subject)]
 
-    def _refusals(self, who: str, name: Name, operation: Operation) -> tuple[Because, ...]:
+    def _refusals(self, who: str, name: Name, operation: str) -> tuple[Because, ...]:
         """The lines by which somebody does not get the operation there."""
         domain, topic = self.rules(name)
         path = self.first.governance.path
@@ -207,7 +201,7 @@ class Peers:
             return (protected,)
         if not self.known(who):
             return (Because("not vouched for", self.first.identity_ca.path, 1),)
-        asked: list[Operation] = [operation]
+        asked: list[str] = [operation]
         if operation == "publish" and not topic.metadata.endswith("ORIGIN_AUTHENTICATION"):
             asked.append("subscribe")  # whoever reads can forge
         found = []
@@ -219,9 +213,6 @@ class Peers:
 
     def _because(self, rule: str, path: str, at: DomainRule | TopicRule | Rule | Grant | None) -> Because:
         return Because(rule, path, at.line if at is not None else 1)
-
-
-_OPERATIONS: Final[tuple[Operation, ...]] = ("publish", "subscribe")
 
 
 def _within(domain: int, domains: Domains) -> bool:

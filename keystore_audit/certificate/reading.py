@@ -5,7 +5,6 @@ Any other file, and any form that is not as sros2 writes it, is CannotTell.
 
 from __future__ import annotations
 
-import os
 import re
 import subprocess
 import tempfile
@@ -19,27 +18,21 @@ from typing import Final, TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from keystore_audit.certificate.documents import Governance, Permissions, governance, permissions
+from keystore_audit.certificate.documents import SUBJECT, Governance, Permissions, governance, permissions
 from keystore_audit.certificate.errors import CannotTell
 
 _T = TypeVar("_T")
-_MAX_FILES: Final = 20_000
 _MAX_BYTES: Final = 4_000_000
 _SECONDS: Final = 60
-_PLACES: Final = (
-    (re.compile(r"public/(?:ca|identity_ca|permissions_ca)\.cert\.pem"), "authority"),
-    (re.compile(r"private/(?:ca|identity_ca|permissions_ca)\.key\.pem"), "key"),
-    (re.compile(r"enclaves/governance\.p7s"), "governance"),
-    (re.compile(r"enclaves/governance\.xml|enclaves/.+/(?:permissions|governance)\.xml"), "unsigned"),
-    (re.compile(r"enclaves/.+/key\.pem"), "key"),
-    (re.compile(r"enclaves/.+/cert\.pem"), "identity"),
-    (re.compile(r"enclaves/.+/(?:identity_ca|permissions_ca)\.cert\.pem"), "authority"),
-    (re.compile(r"enclaves/.+/permissions\.p7s"), "permissions"),
-    (re.compile(r"enclaves/.+/governance\.p7s"), "governance"),
+_PLACE: Final = re.compile(
+    r"public/(?:|identity_|permissions_)ca\.cert\.pem|private/(?:|identity_|permissions_)ca\.key\.pem"
+    r"|enclaves/(?:.+/)?governance\.(?:p7s|xml)|enclaves/.+/permissions\.(?:p7s|xml)"
+    r"|enclaves/.+/(?:key|cert|identity_ca\.cert|permissions_ca\.cert)\.pem"
 )
+_KINDS: Final = ("ca.cert.pem", "cert.pem", "key.pem", "governance.p7s", "permissions.p7s", ".xml")
+"""How names of files end, and what they are."""
 _NEEDED: Final = ("cert.pem", "identity_ca.cert.pem", "permissions_ca.cert.pem", "governance.p7s", "permissions.p7s")
 _BLOCK: Final = re.compile(rb"-----BEGIN ([A-Z ]+)-----\n[A-Za-z0-9+/=\n]+-----END \1-----\n?")
-_SUBJECT: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+){1,19}")
 _EXTENSIONS: Final = frozenset({"Basic Constraints", "Key Usage", "Subject Key Identifier", "Authority Key Identifier"})
 
 
@@ -75,71 +68,65 @@ class Store(Struct, frozen=True):
 
 def read(root: Path) -> Store:
     """The keystore there. Raises CannotTell."""
-    files, links = _files(root)
-    for kind, path, content in files.values():
-        if kind == "unsigned" and (not content.startswith(b"<") or b"-----" in content or b"Content-Type" in content):
-            raise CannotTell(f"{path} holds more than XML")
-    by_path = {path: content for kind, path, content in files.values() if kind in _CERTIFIED}
-    certificates = {path: replace(_told(path, _certificate, content), path=path) for path, content in by_path.items()}
+    try:
+        files, places = _files(root.resolve())
+    except OSError as error:
+        raise CannotTell(f"{error.filename} cannot be read") from error
+    certified = {path: content for path, content in files.items() if path.endswith("cert.pem")}
+    certificates = {path: replace(_told(path, _certificate, content), path=path) for path, content in certified.items()}
     known = {each.fingerprint: each for each in certificates.values()}
-    _check_keys(files, certificates)
+    _check_others(files, certificates)
     with tempfile.TemporaryDirectory() as folder:
         every = Path(folder) / "certificates.pem"
-        every.write_bytes(b"\n".join(by_path.values()))
+        every.write_bytes(b"\n".join(certified.values()))
         message = cache(partial(_message, every, known.keys()))
-        signed = {
-            path: _READERS[kind](path, *_told(path, message, content))
-            for kind, path, content in files.values()
-            if kind in _READERS
-        }
+        signed = {path: _told(path, message, files[path]) for path in files if path.endswith(".p7s")}
         issued = frozenset(
             (authority.fingerprint, each.fingerprint)
             for authority in known.values()
             for each in known.values()
-            if authority.authority and _leads(by_path[authority.path], by_path[each.path], every)
+            if authority.authority and _leads(certified[authority.path], certified[each.path], every)
         )
-    enclaves = tuple(_enclave(folder, links, certificates, signed) for folder in _folders(links))
-    _check_use(enclaves, certificates)
-    rights = tuple(each for _path, each in sorted(signed.items()) if isinstance(each, Permissions))
-    return Store(enclaves, rights, issued, {path: sha256(files[path][2]).hexdigest() for path in files})
+    laws = {at: _told(at, governance, at, *said) for at, said in signed.items() if at.endswith("governance.p7s")}
+    rights = {at: _told(at, permissions, at, *said) for at, said in signed.items() if at.endswith("permissions.p7s")}
+    folders = sorted({path.rpartition("/")[0] for path in places if re.match("enclaves/.+/", path)})
+    enclaves = []
+    for folder in folders:
+        *three, law, document = (places.get(f"{folder}/{name}", "") for name in _NEEDED)
+        if not (all(three) and law and document):
+            raise CannotTell(f"{folder} lacks a file")
+        own, identity, authority = (certificates[path] for path in three)
+        path = folder.removeprefix("enclaves")
+        enclaves.append(Enclave(path, own, identity, authority, laws[law], rights[document]))
+    _check_use(enclaves, certificates.values(), issued)
+    digests = {path: sha256(content).hexdigest() for path, content in files.items()}
+    return Store(tuple(enclaves), tuple(rights.values()), issued, digests)
 
 
-_CERTIFIED: Final = ("identity", "authority")
-_READERS: Final[Mapping[str, Callable[[str, str, bytes, int], Governance | Permissions]]] = {
-    "governance": governance,
-    "permissions": permissions,
-}
+def _kind(path: str) -> str:
+    return next(kind for kind in _KINDS if path.endswith(kind))
 
 
-def _files(root: Path) -> tuple[dict[str, tuple[str, str, bytes]], dict[str, str]]:
-    """By place: kind, place and content of each file; and by path where it leads, links among them."""
-    files: dict[str, tuple[str, str, bytes]] = {}
-    links: dict[str, str] = {}
-    top = root.resolve()
-    for folder, folders, names in os.walk(top):
-        if any((Path(folder) / each).is_symlink() for each in folders):
-            raise CannotTell(f"{folder} holds a link to a directory")
-        for name in sorted(names):
-            path = Path(folder) / name
-            place, real = path.relative_to(top).as_posix(), path.resolve()
-            kind = next((kind for form, kind in _PLACES if form.fullmatch(place)), None)
-            if kind is None or not real.is_file() or not real.is_relative_to(top):
-                raise CannotTell(f"{place} is no file that the checker knows")
-            links[place] = real.relative_to(top).as_posix()
-            if not path.is_symlink():
-                if path.stat().st_size > _MAX_BYTES or len(files) >= _MAX_FILES:
-                    raise CannotTell(f"{place} is too large, or one file too many")
-                files[place] = (kind, place, path.read_bytes())
-    for place, target in links.items():
-        if target not in files or files[target][0] != next(kind for form, kind in _PLACES if form.fullmatch(place)):
-            raise CannotTell(f"{place} leads to {target}, which is something else")
-    return files, links
+def _files(top: Path) -> tuple[dict[str, bytes], dict[str, str]]:
+    """By place the content of each file; and by place, links among them, where it is. Raises OSError."""
+    files, places = dict[str, bytes](), dict[str, str]()
+    for path in sorted(top.rglob("*")):
+        if path.is_dir() and not path.is_symlink():
+            next(path.iterdir(), None)  # one that is not to be read is an error
+            continue
+        place, real = path.relative_to(top).as_posix(), path.resolve()
+        known = _PLACE.fullmatch(place) and real.is_file() and real.is_relative_to(top)
+        if not known or _kind(place) != _kind(real.as_posix()) or real.stat().st_size > _MAX_BYTES:
+            raise CannotTell(f"{place} is no file that the checker knows")
+        places[place] = real.relative_to(top).as_posix()
+        files[places[place]] = real.read_bytes()
+    return files, places
 
 
-def _told(path: str, reads: Callable[[bytes], _T], content: bytes) -> _T:
+def _told(path: str, reads: Callable[..., _T], *said: object) -> _T:
     """What it reads; who cannot tell says of which file."""
     try:
-        return reads(content)
+        return reads(*said)
     except CannotTell as why:
         raise CannotTell(f"{path} {why}") from why
 
@@ -190,17 +177,19 @@ def _public_half(content: bytes) -> str:
     return _digest(said)
 
 
-def _check_keys(files: Mapping[str, tuple[str, str, bytes]], certificates: Mapping[str, Certificate]) -> None:
-    """Each private key is that of the certificate beside it, or of an authority."""
+def _check_others(files: Mapping[str, bytes], certificates: Mapping[str, Certificate]) -> None:
+    """Each private key is that of the certificate beside it, or of an authority; and XML is nothing else."""
     authorities = {each.key for each in certificates.values() if each.authority}
-    for kind, path, content in files.values():
-        if kind == "key":
-            key, beside = (
-                _told(path, _public_half, content),
-                certificates.get(f"{path.removesuffix('key.pem')}cert.pem"),
-            )
-            if key not in authorities if path.startswith("private/") else beside is None or key != beside.key:
+    for path, content in files.items():
+        if path.endswith("key.pem"):
+            beside = certificates.get(path.removesuffix("key.pem") + "cert.pem")
+            keys = {beside.key} if beside else authorities if path.startswith("private/") else ()
+            if _told(path, _public_half, content) not in keys:
                 raise CannotTell(f"{path} is not the key of the certificate that it belongs to")
+        elif path.endswith(".xml") and not (
+            content.startswith(b"<") and b"-----" not in content and b": " not in content
+        ):
+            raise CannotTell(f"{path} holds more than XML")
 
 
 def _leads(authority: bytes, certificate: bytes, every: Path) -> bool:
@@ -235,42 +224,23 @@ def _fingerprints(pem: bytes) -> Sequence[str]:
     return [_digest(block[0]) for block in blocks]
 
 
-def _folders(links: Iterable[str]) -> list[str]:
-    """Those of enclaves."""
-    return sorted({path.rpartition("/")[0] for path in links if path.startswith("enclaves/") and path.count("/") > 1})
-
-
-def _enclave(
-    folder: str,
-    links: Mapping[str, str],
-    certificates: Mapping[str, Certificate],
-    signed: Mapping[str, Governance | Permissions],
-) -> Enclave:
-    try:
-        places = [links[f"{folder}/{name}"] for name in _NEEDED]
-    except KeyError as missing:
-        raise CannotTell(f"{missing.args[0]} is not there") from missing
-    own, identity_ca, permissions_ca = (certificates[place] for place in places[:3])
-    rules, rights = (signed[place] for place in places[3:])
-    return Enclave(folder.removeprefix("enclaves"), own, identity_ca, permissions_ca, rules, rights)  # type: ignore[arg-type]
-
-
-def _check_use(enclaves: Sequence[Enclave], certificates: Mapping[str, Certificate]) -> None:
+def _check_use(
+    enclaves: Sequence[Enclave], certificates: Iterable[Certificate], issued: Collection[tuple[str, str]]
+) -> None:
     """Each certificate has one use, each key one holder, and each enclave's files belong together."""
-    if not enclaves:
-        raise CannotTell("there is no enclave")
-    authorities = {ca.fingerprint for each in enclaves for ca in (each.identity_ca, each.permissions_ca)}
-    keys = [each.identity.key for each in enclaves]
-    keys += {each.fingerprint: each.key for each in certificates.values() if each.authority}.values()
-    if len(set(keys)) < len(keys):
-        raise CannotTell("two certificates have one key")
-    for each in certificates.values():
-        if each.authority is not each.path.endswith("ca.cert.pem") or (
-            each.authority and each.fingerprint not in authorities
-        ):
+    trusted = {ca.fingerprint: ca.key for each in enclaves for ca in (each.identity_ca, each.permissions_ca)}
+    keys = [*trusted.values(), *(each.identity.key for each in enclaves)]
+    if len({*keys}) < len(keys) or not enclaves:
+        raise CannotTell("two certificates have one key, or there is no enclave")
+    for each in certificates:
+        if each.authority is not each.path.endswith("ca.cert.pem") or each.fingerprint not in trusted | _own(enclaves):
             raise CannotTell(f"{each.path} is an authority that no enclave trusts, or an identity that is one")
     for enclave in enclaves:
-        if _SUBJECT.fullmatch(enclave.identity.subject) is None:
-            raise CannotTell(f"{enclave.identity.path} has a subject that is not CN=/NAME")
-        if enclave.governance.signer != enclave.permissions_ca.fingerprint:
-            raise CannotTell(f"{enclave.governance.path} is not signed by the permissions CA of {enclave.path}")
+        vouched = (enclave.identity_ca.fingerprint, enclave.identity.fingerprint) in issued
+        signed = enclave.governance.signer == enclave.permissions_ca.fingerprint
+        if not (vouched and signed and SUBJECT.fullmatch(enclave.identity.subject)):
+            raise CannotTell(f"{enclave.path} has a subject that is not CN=/NAME, or files of other authorities")
+
+
+def _own(enclaves: Sequence[Enclave]) -> dict[str, str]:
+    return {each.identity.fingerprint: each.identity.key for each in enclaves}

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from keystore_audit.flow import FlowAnswer
     from keystore_audit.properties.result import Status
 
-ATTACKERS: Final = ("honest", "source", "relays")
 ENGINES: Final = ("native", "auto", "both", "alloy")
 
 
@@ -33,7 +32,7 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
 )
 @opt.choice(
     "--attacker",
-    words=ATTACKERS,
+    words=opt.ATTACKERS,
     help="Who attacks: nobody, the source, or all on the way (default: each in turn; from outsider not nobody).",
 )
 @click.option(
@@ -44,13 +43,7 @@ ENGINES: Final = ("native", "auto", "both", "alloy")
     help="Say instead which enclaves let it through, if N at most attack and all others are honest. Unmanaged "
     "identities and what could not be read count.",
 )
-@click.option(
-    "--through",
-    multiple=True,
-    metavar="ENCLAVE",
-    help="A flow through this enclave does not count (glob; repeatable).",
-)
-@click.option("--include-ambient", is_flag=True, help="Over /rosout, /parameter_events, /clock and discovery too.")
+@opt.passing_options
 @opt.reading_options
 @opt.file_options
 @opt.choice("--engine", words=ENGINES, default="native", help="Who decides.")

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from keystore_audit.circumstances import Circumstances
     from keystore_audit.settings.settings import Settings
 
+ATTACKERS: Final = ("honest", "source", "relays")
+
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
 
@@ -302,8 +304,7 @@ authority_options: Final = together(
 )
 """Those that declare whom the user trusts."""
 
-certifying_options: Final = together(
-    choice("--attacker", words=("honest", "source", "relays"), default="relays", help="Who attacks, at most."),
+passing_options: Final = together(
     click.option(
         "--through",
         multiple=True,
@@ -311,6 +312,12 @@ certifying_options: Final = together(
         help="A flow through this enclave does not count (glob; repeatable).",
     ),
     click.option("--include-ambient", is_flag=True, help="Over /rosout, /parameter_events, /clock and discovery too."),
+)
+"""Those that say which flows count."""
+
+certifying_options: Final = together(
+    choice("--attacker", words=ATTACKERS, default=ATTACKERS[-1], help="Who attacks, at most."),
+    passing_options,
     scope_options,
     _at,
     _no_assume,
