@@ -140,8 +140,9 @@ def _asked(
     """The keystore, what its documents say within the budget, and the engine that is asked about the claims."""
     keystore = given.keystore(path)
     accesses = given.accesses(keystore)
-    about = keystore, given.profiles, given.at, accesses, Usabilities(None, accesses), {}, claims
-    systems, _builder, accesses = claimed_systems(*about)
+    usabilities = Usabilities(None, accesses)
+    about = keystore, given.profiles, given.at, accesses, usabilities
+    systems, _builder, accesses = claimed_systems(*about, {}, claims)
     return keystore, accesses, NativeEngine(systems)
 
 

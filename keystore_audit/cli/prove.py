@@ -12,7 +12,7 @@ from keystore_audit.cli import output, types
 from keystore_audit.cli.check import question
 from keystore_audit.cli.flow import exit_code, rendered
 from keystore_audit.cli.program import Command
-from keystore_audit.errors import EngineFailed
+from keystore_audit.errors import AuditError
 
 
 @click.command("prove", cls=Command, short_help="Write a certificate of a property that holds.")
@@ -46,7 +46,7 @@ def command(keystore: str, words: tuple[str, ...], file: Path, **given: Any) -> 
             Path(keystore), asked, opt.reading({**given, "at": told.at, "time_zone": None, "roots": ()}, None), told
         )
     except NotAccepted as why:
-        raise EngineFailed(f"The checker cannot follow: {why}.") from why
+        raise AuditError(f"The checker cannot follow: {why}.") from why
     if proof.certificate is None:
         output.write_stdout(rendered(proof.answer, "text"))
         return exit_code(proof.answer.status)

@@ -1,0 +1,94 @@
+"""`prove` and `check` on the command line."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from keystore_audit.cli.program import run
+from tests.certificate.test_checker import IDENTITY, RIGHTS, by_hand, store
+from tests.keystore.documents import allow, grant, sub
+from tests.schemas import schema
+
+AT = ("--at", "2026-11-21T12:00:00Z")
+HOLDS = ("no-flow", "/a", "/b")
+
+Runs = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def runs(capsys: pytest.CaptureFixture[str]) -> Runs:
+    """Exit code and what is printed, on both streams."""
+
+    def runs(*words: str | Path) -> tuple[int, str]:
+        code = run([*map(str, words), *AT])
+        written = capsys.readouterr()
+        assert "Traceback" not in written.err
+        return code, written.out + written.err
+
+    return runs
+
+
+def test_what_prove_writes_check_accepts(tmp_path: Path, runs: Runs) -> None:
+    root, file = store(tmp_path / "store"), tmp_path / "proof.json"
+    assert runs("prove", root, *HOLDS, "-o", file) == (0, "")
+    schema("certificate").validate(json.loads(file.read_bytes()))
+    assert runs("check", file, root, *HOLDS) == (0, "accepted\n")
+    code, said = runs("check", file, root, "no-flow", "/c", "/b")
+    assert (code, said) == (1, "refused: the certificate is about another property\n")
+    code, said = runs("check", file, root, *HOLDS, "--profile", "spec")
+    assert code == 1
+    assert "implementation" in said
+    (root / "enclaves" / "notes.txt").write_text("x")
+    code, said = runs("check", file, root, *HOLDS)
+    assert code == 4
+    assert said == "cannot tell: enclaves/notes.txt is no file that the checker knows\n"
+
+
+def test_a_certificate_of_another_store_is_refused(tmp_path: Path, runs: Runs) -> None:
+    file = tmp_path / "proof.json"
+    assert runs("prove", store(tmp_path / "one"), *HOLDS, "-o", file)[0] == 0
+    code, said = runs("check", file, store(tmp_path / "other", b=grant("/b", allow(sub("rt/x")))), *HOLDS)
+    assert code == 1
+    assert said.startswith("refused: ")
+
+
+def test_where_there_is_a_flow_it_is_shown_and_nothing_written(tmp_path: Path, runs: Runs) -> None:
+    root, file = store(tmp_path / "store"), tmp_path / "proof.json"
+    code, said = runs("prove", root, "no-flow", "/a", "/c", "-o", file)
+    assert code == 1
+    assert "/a -> /x (topic) in domain 0 -> /c" in said
+    assert not file.exists()
+
+
+def test_where_the_checker_cannot_follow_nothing_is_written(tmp_path: Path, runs: Runs) -> None:
+    root, file = store(tmp_path / "store", c=grant("/c", allow(sub("rt/[x]")))), tmp_path / "proof.json"
+    code, said = runs("prove", root, *HOLDS, "-o", file)
+    assert code == 4
+    assert "The checker cannot follow" in said
+    assert not file.exists()
+
+
+def test_authorities_are_those_of_the_command_line(tmp_path: Path, runs: Runs) -> None:
+    root, file, pem = store(tmp_path / "store"), tmp_path / "proof.json", tmp_path / "ca.pem"
+    pem.write_bytes(IDENTITY.pem)
+    trusted = f"sha256:{hashlib.sha256(RIGHTS.der).hexdigest()}"
+    expected = ("--expect-identity-ca", pem, "--expect-permissions-ca", trusted)
+    assert runs("prove", root, *HOLDS, "-o", file, *expected)[0] == 0
+    assert runs("check", file, root, *HOLDS, *expected)[0] == 0
+    assert runs("check", file, root, *HOLDS, "--expect-identity-ca", trusted)[0] == 1
+
+
+@pytest.mark.parametrize("words", [("no-flow", "/a"), ("flow", "/a", "/b"), ("no-flow", "/a", "/b", "/c")])
+def test_other_properties_are_wrong_usage(tmp_path: Path, runs: Runs, words: tuple[str, ...]) -> None:
+    code, said = runs("prove", store(tmp_path / "store"), *words, "-o", tmp_path / "proof.json")
+    assert code == 2
+    assert "no-flow FROM TO" in said
+
+
+def test_a_certificate_written_by_hand_fits_the_schema(tmp_path: Path) -> None:
+    schema("certificate").validate(by_hand(store(tmp_path)))
