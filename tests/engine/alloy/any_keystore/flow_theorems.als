@@ -71,7 +71,8 @@ check AKeyTakesNothingAway {
 check HopsNeedAJoinedDomain {
 	all a, b: Enclave, c: Channel | hop[a, c, b, nobody, nobody]
 		implies some sending, receiving: TrustDomain |
-			c.in_domain in a.(joins[receiving]) & b.(joins[receiving]) & b.(joins[sending])
+			c.in_domain in a.(joins[receiving]) & b.(joins[sending])
+			and (c.in_domain in b.(joins[receiving]) or c in b.(takes_alone[receiving]))
 	all c: Channel | some hops[c, everybody, everybody] :> Enclave
 		implies c in Enclave.reads_alone + TrustDomain.in_clear or some trust_domain: TrustDomain |
 			c.in_domain in Enclave.(joins[trust_domain])
