@@ -19,7 +19,7 @@ from keystore_audit.certificate.documents import Domains
 from keystore_audit.certificate.errors import CannotTell, Refused
 from keystore_audit.certificate.kinds import Row, row
 from keystore_audit.certificate.names import Expressions, matches
-from keystore_audit.certificate.powers import OUTSIDER, Because, Name, Peers, Question
+from keystore_audit.certificate.powers import OUTSIDER, Because, Name, Peers
 from keystore_audit.certificate.reading import Enclave, Store, read
 
 AMBIENT: Final = ("rt/clock", "rt/parameter_events", "rt/rosout", "ros_discovery_info")
@@ -94,8 +94,8 @@ class Given(Struct, frozen=True):
     profiles: tuple[str, ...]
     at: datetime
     not_assumed: tuple[str, ...] = ()
-    identity_cas: tuple[str, ...] = ()
-    permissions_cas: tuple[str, ...] = ()
+    identity_cas: frozenset[str] = frozenset()
+    permissions_cas: frozenset[str] = frozenset()
 
 
 def encoded(certificate: Certificate) -> bytes:
@@ -118,7 +118,7 @@ class Checker:
         self._implementations: dict[Row, Implementation] = {}
         for each in self.store.enclaves:
             for ca, trusted in ((each.identity_ca, given.identity_cas), (each.permissions_ca, given.permissions_cas)):
-                if trusted and not {ca.fingerprint, ca.key} & {*trusted}:
+                if trusted and not {ca.fingerprint, ca.key} & trusted:
                     raise Refused(f"{ca.path} is not the authority that is trusted")
 
     def check(self, content: bytes) -> None:
@@ -155,25 +155,24 @@ class Checker:
         """The keystore as an implementation has it; one for all that do the same."""
         found = row(name)
         if found not in self._implementations:
-            truthful = "truthful-announcements" not in self._given.not_assumed
-            question = Question(found, self._given.at, truthful)
             if found.matches_octets and any("?" in text for text in self._written):
                 raise CannotTell("? stands for a character or an octet, as the locale of a process has it")
-            self._implementations[found] = Implementation(self, self._asked, question)
+            self._implementations[found] = Implementation(self, self._asked, self._given, found)
         return self._implementations[found]
 
 
 class Implementation:
     """A keystore as one implementation has it, and a property of it."""
 
-    def __init__(self, checker: Checker, asked: Property, question: Question) -> None:
+    def __init__(self, checker: Checker, asked: Property, given: Given, found: Row) -> None:
         self._store, self._asked = checker.store, asked
         self.names, self._expressions = checker.names, checker.expressions
         alike: dict[object, list[Enclave]] = {}
         for each in self._store.enclaves:
             trusted = each.identity_ca.fingerprint, each.permissions_ca.fingerprint, each.governance.text
             alike.setdefault(trusted, []).append(each)
-        self.peers = [Peers(self._store, members, self._expressions, question) for members in alike.values()]
+        same = self._expressions, found, given.at, not given.not_assumed
+        self.peers = [Peers(self._store, members, *same) for members in alike.values()]
         self.participants = [*(each.path for each in self._store.enclaves), OUTSIDER]
         self._source, self._target = (self._enclaves(place) for place in (asked.source, asked.target))
         self._listening = {"relays": {*self.participants}}.get(asked.attacker, {OUTSIDER})

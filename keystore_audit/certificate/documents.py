@@ -18,45 +18,35 @@ Domains = tuple[tuple[int, int], ...]
 """Closed intervals."""
 
 SUBJECT: Final = re.compile(r"CN=(?:/[A-Za-z0-9_]+){1,19}")
-_DATE: Final = r"(?:19[7-9]|2[01]\d)\d-\d\d-\d\dT\d\d:\d\d:\d\d(?:Z|\+00:00)?"
-_KIND: Final = "NONE|(?:SIGN|ENCRYPT)(?:_WITH_ORIGIN_AUTHENTICATION)?"
-_FLAG: Final = "true|false"
-_RULE: Final = "domains (publish )*(subscribe )*"
-_FORMS: Final = {
-    "dds": "(domain_access_rules|permissions) ",
-    "domain_access_rules": "(domain_rule )+",
-    "domain_rule": "domains allow_unauthenticated_participants enable_join_access_control discovery_protection_kind "
-    "liveliness_protection_kind rtps_protection_kind topic_access_rules ",
-    "domains": "((id|id_range) )+",
-    "id_range": "min max ",
-    "topic_access_rules": "(topic_rule )+",
-    "topic_rule": "topic_expression enable_discovery_protection enable_liveliness_protection "
-    "enable_read_access_control enable_write_access_control metadata_protection_kind data_protection_kind ",
-    "permissions": "(grant )+",
-    "grant": "subject_name validity ((allow_rule|deny_rule) )*default ",
-    "validity": "not_before not_after ",
-    "allow_rule": _RULE,
-    "deny_rule": _RULE,
-    "publish": "topics ",
-    "subscribe": "topics ",
-    "topics": "(topic )+",
-}
-"""What elements hold: a regular expression over the names of their children, each with a blank behind it."""
-
-_TEXTS: Final = {
-    **dict.fromkeys(("id", "min", "max"), "[0-9]{1,3}"),
-    **dict.fromkeys(("discovery_protection_kind", "liveliness_protection_kind", "rtps_protection_kind"), _KIND),
-    "metadata_protection_kind": _KIND,
-    "data_protection_kind": "NONE|SIGN|ENCRYPT",
-    **dict.fromkeys(("allow_unauthenticated_participants", "enable_join_access_control"), _FLAG),
-    **dict.fromkeys(("enable_discovery_protection", "enable_liveliness_protection"), _FLAG),
-    **dict.fromkeys(("enable_read_access_control", "enable_write_access_control"), _FLAG),
-    "default": "ALLOW|DENY",
-    "subject_name": SUBJECT.pattern,
-    **dict.fromkeys(("not_before", "not_after"), _DATE),
-    **dict.fromkeys(("topic", "topic_expression"), "[!-~]+"),
-}
-"""What other elements say."""
+_PLAIN: Final = re.compile(
+    rf"""
+    dds:<(domain_access_rules|permissions)>
+    |domain_access_rules:(<domain_rule>)+
+    |domain_rule:<domains><allow_unauthenticated_participants><enable_join_access_control>
+        <discovery_protection_kind><liveliness_protection_kind><rtps_protection_kind><topic_access_rules>
+    |domains:(<id>|<id_range>)+
+    |id_range:<min><max>
+    |topic_access_rules:(<topic_rule>)+
+    |topic_rule:<topic_expression><enable_discovery_protection><enable_liveliness_protection>
+        <enable_read_access_control><enable_write_access_control><metadata_protection_kind><data_protection_kind>
+    |permissions:(<grant>)+
+    |grant:<subject_name><validity>(<allow_rule>|<deny_rule>)*<default>
+    |validity:<not_before><not_after>
+    |(allow|deny)_rule:<domains>(<publish>)*(<subscribe>)*
+    |(publish|subscribe):<topics>
+    |topics:(<topic>)+
+    |(id|min|max):[0-9]{{1,3}}
+    |(discovery|liveliness|rtps|metadata)_protection_kind:(NONE|(SIGN|ENCRYPT)(_WITH_ORIGIN_AUTHENTICATION)?)
+    |data_protection_kind:(NONE|SIGN|ENCRYPT)
+    |(allow_unauthenticated_participants|enable_[a-z_]+):(true|false)
+    |default:(ALLOW|DENY)
+    |subject_name:{SUBJECT.pattern}
+    |not_(before|after):(19[7-9]|2[01][0-9])[0-9]-[0-9]{{2}}-[0-9]{{2}}T[0-9]{{2}}:[0-9]{{2}}:[0-9]{{2}}(Z|[+]00:00)?
+    |topic(_expression)?:[!-~]+
+    """,
+    re.VERBOSE,
+)
+"""By the name of an element, what it holds: its children, or a text, in which there is no `<`."""
 
 _DECLARATION: Final = re.compile(rb"""\A<\?xml version="1\.0" encoding="(?:utf|UTF)-8"\?>""")
 _LOCATION: Final = "{http://www.w3.org/2001/XMLSchema-instance}noNamespaceSchemaLocation"
@@ -133,11 +123,9 @@ def _root(text: bytes) -> etree._Element:
     except etree.XMLSyntaxError as error:
         raise CannotTell(f"is no XML: {error}") from error
     for each in root.iter():
-        tag, inside = str(each.tag), (each.text or "")
-        if tag in _FORMS:
-            plain = not inside.strip() and re.fullmatch(_FORMS[tag], "".join(f"{child.tag} " for child in each))
-        else:
-            plain = not len(each) and re.fullmatch(_TEXTS.get(tag, "(?!)"), inside)
+        tag, text_inside = str(each.tag), each.text or ""
+        children = "".join(f"<{child.tag}>" for child in each)
+        plain = _PLAIN.fullmatch(f"{tag}:{children or text_inside}") and not (children and text_inside.strip())
         known = {"name"} if tag == "grant" else {_LOCATION} if each is root else set[str]()
         if not plain or (each.tail or "").strip() or {*each.attrib} - known or {*each.nsmap} - {"xsi"}:
             raise CannotTell(

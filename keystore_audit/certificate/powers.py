@@ -52,21 +52,18 @@ class Powers(Struct, frozen=True):
     own_reads: bool = False
 
 
-class Question(Struct, frozen=True):
-    """What peers are asked with: the implementation, the instant, and whether announcements are truthful."""
-
-    row: Row
-    at: datetime
-    truthful: bool
-
-
 class Peers:
-    """One trust domain: enclaves with equal authorities and governance."""
+    """One trust domain: enclaves with equal authorities and governance, as an implementation has it at an instant.
 
-    def __init__(self, store: Store, members: Sequence[Enclave], expressions: Expressions, question: Question) -> None:
+    `truthful`: whether everybody announces endpoints truthfully.
+    """
+
+    def __init__(
+        self, store: Store, members: Sequence[Enclave], expressions: Expressions, row: Row, at: datetime, truthful: bool
+    ) -> None:
         self.members = {each.path for each in members}
         self.first = members[0]
-        self._store, self._row, self._question = store, question.row, question
+        self._store, self._row, self._at, self._truthful = store, row, at, truthful
         self._expressions = expressions
         self._enclaves = {each.path: each for each in store.enclaves}
         self._own = {each.identity.fingerprint for each in store.enclaves}
@@ -113,7 +110,7 @@ class Peers:
                 anything or not controlled or any(self._may(operation, name, grant) for grant in grants)
                 for operation, controlled in (("subscribe", topic.read), ("publish", topic.write))
             )
-            unasked = self._row.trusts_declarations and not self._question.truthful
+            unasked = self._row.trusts_declarations and not self._truthful
             origin = topic.metadata.endswith("ORIGIN_AUTHENTICATION")
             overhears = overhears or unasked or all(clear[:2])
             forges = forges or unasked or (not origin and (reads or made))
@@ -178,7 +175,7 @@ class Peers:
 
     def _in_force(self, grant: Grant) -> bool:
         """Whether it is, in whatever zone the robot is."""
-        at = self._question.at
+        at = self._at
         if grant.start + _ANY_ZONE <= at <= grant.end - _ANY_ZONE:
             return True
         if at < grant.start - _ANY_ZONE or at > grant.end + _ANY_ZONE:

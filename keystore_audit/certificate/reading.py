@@ -29,8 +29,6 @@ _PLACE: Final = re.compile(
     r"|enclaves/(?:.+/)?governance\.(?:p7s|xml)|enclaves/.+/permissions\.(?:p7s|xml)"
     r"|enclaves/.+/(?:key|cert|identity_ca\.cert|permissions_ca\.cert)\.pem"
 )
-_KINDS: Final = ("ca.cert.pem", "cert.pem", "key.pem", "governance.p7s", "permissions.p7s", ".xml")
-"""How names of files end, and what they are."""
 _NEEDED: Final = ("cert.pem", "identity_ca.cert.pem", "permissions_ca.cert.pem", "governance.p7s", "permissions.p7s")
 _BLOCK: Final = re.compile(rb"-----BEGIN ([A-Z ]+)-----\n[A-Za-z0-9+/=\n]+-----END \1-----\n?")
 _EXTENSIONS: Final = frozenset({"Basic Constraints", "Key Usage", "Subject Key Identifier", "Authority Key Identifier"})
@@ -104,7 +102,7 @@ def read(root: Path) -> Store:
 
 
 def _kind(path: str) -> str:
-    return next(kind for kind in _KINDS if path.endswith(kind))
+    return re.sub(".*/|identity_|permissions_", "", path)
 
 
 def _files(top: Path) -> tuple[dict[str, bytes], dict[str, str]]:
@@ -140,16 +138,6 @@ def _openssl(content: bytes, *words: str) -> bytes | None:
 def _digest(pem: bytes) -> str:
     """That of what one block of PEM holds."""
     return sha256(b64decode(b"".join(pem.splitlines()[1:-1]))).hexdigest()
-
-
-def fingerprint(word: str) -> str:
-    """What `sha256:...` says, or the digest of the certificate in a file of PEM. Raises CannotTell."""
-    if word.startswith("sha256:"):
-        return word.removeprefix("sha256:").replace(":", "").lower()
-    content = Path(word).read_bytes()
-    if _BLOCK.fullmatch(content) is None:
-        raise CannotTell(f"{word} is not one certificate in PEM")
-    return _digest(content)
 
 
 @lru_cache(maxsize=1024)

@@ -21,19 +21,20 @@ if TYPE_CHECKING:
 FORM: Final = "no-flow FROM TO"
 
 
-def question(words: Sequence[str], given: Mapping[str, Any]) -> tuple[Property, Given]:
+def question(words: Sequence[str], keystore: str, given: Mapping[str, Any]) -> tuple[Property, Given]:
     """What is asked, and in which circumstances. Raises click.UsageError."""
     from keystore_audit.certificate.checking import Given, Property
-    from keystore_audit.certificate.reading import fingerprint
+    from keystore_audit.model.trust.chain import Authorities
     from keystore_audit.profiles import resolve
+    from keystore_audit.settings.settings import expected
 
     if len(words) != len(FORM.split()) or words[0] != FORM.split()[0]:
         raise click.UsageError(f"Expected the property as {FORM}.")
     asked = Property(words[1], words[2], given["attacker"], given["through"], given["include_ambient"])
-    trusted = (tuple(map(fingerprint, given[role])) for role in ("identity_cas", "permissions_cas"))
+    trusted = expected(Authorities(), given["identity_cas"], given["permissions_cas"], (keystore,))
     names = tuple(profile.name for profile in resolve(given["profiles"]))
     left_out = tuple(each.value for each in given["not_assumed"])
-    return asked, Given(names, given["at"] or now(), left_out, *trusted)
+    return asked, Given(names, given["at"] or now(), left_out, trusted.identity, trusted.permissions)
 
 
 @click.command("check", cls=Command, short_help="Check a certificate of a property, sharing no code with the audit.")
@@ -58,7 +59,7 @@ def command(file: Path, keystore: str, words: tuple[str, ...], **given: Any) -> 
     from keystore_audit.certificate.checking import Checker
     from keystore_audit.certificate.errors import CannotTell, NotAccepted
 
-    asked, circumstances = question(words, given)
+    asked, circumstances = question(words, keystore, given)
     try:
         Checker(Path(keystore), asked, circumstances).check(file.read_bytes())
     except NotAccepted as why:

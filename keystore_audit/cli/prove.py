@@ -40,7 +40,7 @@ def command(keystore: str, words: tuple[str, ...], file: Path, **given: Any) -> 
 
     target = output.Target(format="json", path=file)
     output.check((target,), (keystore,))
-    asked, told = question(words, given)
+    asked, told = question(words, keystore, given)
     try:
         proof = prove(
             Path(keystore), asked, opt.reading({**given, "at": told.at, "time_zone": None, "roots": ()}, None), told

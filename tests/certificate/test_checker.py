@@ -133,7 +133,7 @@ def test_a_certificate_written_by_hand_is_accepted(tmp_path: Path) -> None:
     assert verdict(content, Checker(root, Property("/c", "/b"), SPEC)) == "refused"
     assert verdict(content, Checker(root, NO_FLOW, Given(("spec", "cyclonedds-11"), AT))) == "refused"
     with pytest.raises(Refused):
-        Checker(root, NO_FLOW, Given(("spec",), AT, identity_cas=(OTHER.der.hex(),)))
+        Checker(root, NO_FLOW, Given(("spec",), AT, identity_cas=frozenset({OTHER.der.hex()})))
 
 
 FLIPS: list[tuple[str, dict[str, Any], str, bool]] = [
