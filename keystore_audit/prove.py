@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from msgspec import Struct
 from msgspec.structs import replace
 
 from keystore_audit.certificate.checking import Checker, Compartment, Given, Property, encoded
@@ -15,15 +14,10 @@ from keystore_audit.model.formal.asked import Attacker
 from keystore_audit.properties.result import Status
 
 
-class Proof(Struct, frozen=True):
-    """What the audit answers; and the certificate, None where the property does not hold for certain."""
+def prove(path: Path, asked: Property, given: Circumstances, told: Given) -> tuple[FlowAnswer, bytes | None]:
+    """What the audit answers about the keystore at `path`; and the certificate, None unless it holds for certain.
 
-    answer: FlowAnswer
-    certificate: bytes | None
-
-
-def prove(path: Path, asked: Property, given: Circumstances, told: Given) -> Proof:
-    """The certificate of a property of the keystore at `path`; `told` is what its checker is to be told.
+    `told` is what the checker is to be told.
 
     Raises certificate.errors.NotAccepted where the checker cannot follow, and what `find_flow` raises.
     """
@@ -36,14 +30,13 @@ def prove(path: Path, asked: Property, given: Circumstances, told: Given) -> Pro
     )
     answer = find_flow(path, question, given)
     if answer.status is not Status.HOLDS:
-        return Proof(answer, None)
+        return answer, None
     checker, inside = Checker(path, asked, told), reached(path, question, given)
     alike: dict[Compartment, list[str]] = {}
     for name in told.profiles:
         participants = {OUTSIDER if each is None else each for each in inside[name]}
         alike.setdefault(checker.implementation(name).compartment(participants), []).append(name)
     compartments = tuple(replace(each, profiles=tuple(names)) for each, names in alike.items())
-    certificate = checker.certificate(compartments)
-    content = encoded(certificate)
+    content = encoded(checker.certificate(compartments))
     checker.check(content)
-    return Proof(answer, content)
+    return answer, content

@@ -175,10 +175,10 @@ class Peers:
 
     def _in_force(self, grant: Grant) -> bool:
         """Whether it is, in whatever zone the robot is."""
-        at = self._at
-        if grant.start + _ANY_ZONE <= at <= grant.end - _ANY_ZONE:
+        early, late = self._at - _ANY_ZONE, self._at + _ANY_ZONE
+        if grant.start <= early and late <= grant.end:
             return True
-        if at < grant.start - _ANY_ZONE or at > grant.end + _ANY_ZONE:
+        if late < grant.start or grant.end < early:
             return False
         raise CannotTell(f"a grant for {grant.subject} begins or ends within 14 hours of the instant")
 
@@ -198,10 +198,9 @@ class Peers:
             return (protected,)
         if not self.known(who):
             return (Because("not vouched for", self.first.identity_ca.path, 1),)
-        asked: list[str] = [operation]
-        if operation == "publish" and not topic.metadata.endswith("ORIGIN_AUTHENTICATION"):
-            asked.append("subscribe")  # whoever reads can forge
-        found = []
+        found, asked = list[Because](), [operation]
+        if not topic.metadata.endswith("ORIGIN_AUTHENTICATION"):
+            asked = [*dict.fromkeys((operation, "subscribe"))]  # whoever reads can forge
         for document, grant in self._grants(who):
             for each in asked:
                 _allows, rule = self._decided(each, name, grant, binds=True)

@@ -131,7 +131,10 @@ def _told(path: str, reads: Callable[..., _T], *said: object) -> _T:
 
 def _openssl(content: bytes, *words: str) -> bytes | None:
     """What openssl says of the content, None where it does not do it."""
-    done = subprocess.run(["openssl", *words], input=content, capture_output=True, timeout=_SECONDS, check=False)
+    try:
+        done = subprocess.run(["openssl", *words], input=content, capture_output=True, timeout=_SECONDS, check=False)
+    except (OSError, subprocess.SubprocessError) as error:
+        raise CannotTell(f"cannot be asked of openssl: {error}") from error
     return done.stdout if done.returncode == 0 else None
 
 
@@ -221,14 +224,10 @@ def _check_use(
     if len({*keys}) < len(keys) or not enclaves:
         raise CannotTell("two certificates have one key, or there is no enclave")
     for each in certificates:
-        if each.authority is not each.path.endswith("ca.cert.pem") or each.fingerprint not in trusted | _own(enclaves):
+        if len({each.authority, each.path.endswith("ca.cert.pem"), each.fingerprint in trusted}) > 1:
             raise CannotTell(f"{each.path} is an authority that no enclave trusts, or an identity that is one")
     for enclave in enclaves:
         vouched = (enclave.identity_ca.fingerprint, enclave.identity.fingerprint) in issued
         signed = enclave.governance.signer == enclave.permissions_ca.fingerprint
         if not (vouched and signed and SUBJECT.fullmatch(enclave.identity.subject)):
             raise CannotTell(f"{enclave.path} has a subject that is not CN=/NAME, or files of other authorities")
-
-
-def _own(enclaves: Sequence[Enclave]) -> dict[str, str]:
-    return {each.identity.fingerprint: each.identity.key for each in enclaves}

@@ -42,13 +42,13 @@ def command(keystore: str, words: tuple[str, ...], file: Path, **given: Any) -> 
     output.check((target,), (keystore,))
     asked, told = question(words, keystore, given)
     try:
-        proof = prove(
+        answer, certificate = prove(
             Path(keystore), asked, opt.reading({**given, "at": told.at, "time_zone": None, "roots": ()}, None), told
         )
     except NotAccepted as why:
         raise AuditError(f"The checker cannot follow: {why}.") from why
-    if proof.certificate is None:
-        output.write_stdout(rendered(proof.answer, "text"))
-        return exit_code(proof.answer.status)
-    output.write(target, proof.certificate.decode())
+    if certificate is None:
+        output.write_stdout(rendered(answer, "text"))
+        return exit_code(answer.status)
+    output.write(target, certificate.decode())
     return 0
