@@ -16,7 +16,7 @@ from keystore_audit.keystore.keystore import read_keystore
 from keystore_audit.model.access_view import AccessViews
 from keystore_audit.model.inventory import documents_of
 from keystore_audit.model.participants.lone_endpoints import LoneEndpoints
-from keystore_audit.model.participants.views import Kind
+from keystore_audit.model.participants.views import Fleet, Kind
 from keystore_audit.model.systems import SystemBuilder
 from keystore_audit.profiles import VARIANTS, Access
 from tests.keystore.builder import Signed, authority
@@ -82,7 +82,8 @@ def test_what_one_system_stands_for_is_equal(store: Path) -> None:
     assert sorted(name for system in systems for name in system.profiles) == sorted(VARIANTS)
     for system in systems:
         for name in system.profiles:
-            assert builder.build(alone(name), profiles=system.profiles, may=True) == system, name
+            built = builder.build(Fleet((alone(name),)), may=True)
+            assert replace(built, profiles=system.profiles) == system, name
 
 
 def test_whoever_pins_takes_the_first_of_a_number_by_its_key(tmp_path: Path) -> None:
@@ -93,7 +94,7 @@ def test_whoever_pins_takes_the_first_of_a_number_by_its_key(tmp_path: Path) -> 
     for name, file, signer in (("a", first.pem + twin.pem, renewed), ("b", renewed.pem, first), ("c", twin.pem, twin)):
         _ca("of the test", file, signer).build(tmp_path / "enclaves" / name)
     builder, alone = builder_of(tmp_path, at)
-    system = builder.build(alone("fastdds-3.6"), profiles=(), may=True)
+    system = builder.build(Fleet((alone("fastdds-3.6"),)), may=True)
     trust_domains = {
         enclave.label: system.trust_domains[enclave.trust_domain].permissions_ca for enclave in system.enclaves
     }
@@ -121,7 +122,7 @@ def test_whoever_does_not_pin_takes_the_first_of_a_number_in_the_message(tmp_pat
         enclave = recipe.build(tmp_path / "enclaves" / name)
         (enclave / "permissions.p7s").write_bytes(bringing(recipe.permissions.encode(), signer, *brought))
     builder, alone = builder_of(tmp_path, datetime.fromisoformat("2026-11-21T12:00:00+00:00"))
-    system = builder.build(alone("fastdds-2.9"), profiles=(), may=True)
+    system = builder.build(Fleet((alone("fastdds-2.9"),)), may=True)
     signers = {document.location.path.split("/")[1]: document.signers for document in system.documents}
     assert (len(signers["a"]), signers["b"]) == (1, frozenset())
 
