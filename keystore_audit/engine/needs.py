@@ -72,7 +72,7 @@ def with_needs(
             for least, those in asked.needs(names, made - known, known).items():
                 needs.update({(profile, name): least for profile in profiles for name in those})
                 enough = (replace(each, profiles=tuple(profiles)) for each in asked.assuming(known | least))
-                found += [Minimal(each, frozenset(those)) for each in enough]
+                found += [Minimal(_of(each, those), frozenset(those)) for each in enough]
 
     def needing(result: R) -> R:
         def needed(profile: str, held: ProfileResult) -> ProfileResult:
