@@ -88,8 +88,9 @@ def in_scope(distributions: Sequence[str], middleware: Sequence[str], names: Seq
 def fleets(profiles: Sequence[Profile], runs: Mapping[str, Sequence[str]]) -> tuple[Profile, ...]:
     """Each profile as all run it whom `runs` does not name; by the path of an enclave, what one may run instead.
 
-    Of several the one counts that is shipped with the profile, and that is among `profiles` if one of those is. Raises
-    UsageError where that leaves more than one.
+    Of several the one counts that is shipped with the profile, and that is among `profiles` if one of those is. Where
+    that leaves more than one, the specification, which nobody ships, is judged as if all ran it, if others are judged
+    too. Raises UsageError of any other profile.
     """
     return tuple(_fleet(profile, profiles, runs) for profile in profiles)
 
@@ -100,6 +101,8 @@ def _fleet(profile: Profile, profiles: Sequence[Profile], runs: Mapping[str, Seq
         found = [VARIANTS[name] for name in names]
         found = [each for each in found if {*each.distributions} & {*profile.distributions}] or found
         found = [each for each in found if each in profiles] or found
+        if len(found) > 1 and profile == SPEC and len(profiles) > 1:
+            return profile
         if len(found) > 1:
             raise UsageError(
                 f"{path} may run {' or '.join(each.name for each in found)} in a fleet on {profile.name}: name one as "

@@ -147,6 +147,7 @@ def test_a_receiver_judges_by_its_own_implementation(
         (("fastdds-2.6", "cyclonedds-0.10"), "fastdds", {"fastdds-2.6": None, "cyclonedds-0.10": "fastdds-2.6"}),
         (("cyclonedds-0.10",), "fastdds", None),
         (("spec",), "cyclonedds", None),
+        (("spec", "fastdds-2.6"), "cyclonedds", {"spec": None, "fastdds-2.6": "cyclonedds-0.10"}),
     ],
 )
 def test_an_alias_stands_for_what_is_shipped_with_the_others(
