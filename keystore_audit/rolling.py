@@ -24,8 +24,8 @@ from keystore_audit.model.participants.usability import Usabilities
 from keystore_audit.properties import Answer, Property, Role, Status, Witness, stated
 from keystore_audit.properties.result import Passage, PropertyResult, RollingAnswer
 
-MAX_WORK: Final = 12_000
-"""Enclaves that differ, over the states that are asked one by one, and over as many others: a minute each."""
+MAX_WORK: Final = 3_000
+"""Enclaves that differ, over the states that are asked one by one, and over as many others: a quarter of a minute."""
 
 MAX_SMALLER: Final = 300
 """Choices that are tried for the fewest enclaves with whom a property fails, where some are known."""
@@ -38,6 +38,8 @@ RESTING_ON_GRANTS: Final = {
 }
 """Properties that another document may make hold: what it grants is no violation any more."""
 
+_MISMATCH: Final = "endpoints under governances that differ need not match (KA416), and those of OLD and NEW differ"
+
 State = frozenset[Version]
 """Which enclaves carry which files; those of which nothing is said are not there."""
 
@@ -45,7 +47,7 @@ State = frozenset[Version]
 def find_passages(
     old: str | os.PathLike[str], new: str | os.PathLike[str], given: Circumstances, claims: Sequence[Claim] = ()
 ) -> RollingAnswer:
-    """What fails on the way from the keystore at `old` to that at `new`, of all properties and the claims.
+    """What fails on the way from the keystore at `old` to that at `new`, or in that, of all properties and the claims.
 
     Raises errors.NothingToAudit, errors.UsageError for a claim of what is not in both, and errors.BudgetExceeded where
     there are too many classes of names.
@@ -79,6 +81,7 @@ class _States:
     def __init__(self, way: RollOut, given: Circumstances, claims: Sequence[Claim]) -> None:
         self._way, self._given, self._claims = way, given, claims
         self._others = {*RESTING_ON_GRANTS, *(each.id for each in claims if each.kind is not ClaimKind.NO_FLOW)}
+        self._able = {each.id for each in claims if each.kind is ClaimKind.ABLE}
         self._done = frozenset((path, True) for path in way.changing)
         self._known: dict[State, Mapping[str, PropertyResult]] = {}
 
@@ -99,6 +102,13 @@ class _States:
         prop, left, staying = becomes.prop, _under(becomes, Status.HOLDS), _under(was, Status.HOLDS)
         if unknown := sorted({name for each in (was, becomes) for name in _under(each, Status.UNKNOWN)}):
             yield Passage(prop=prop, profiles=tuple(unknown), reason="unknown in OLD or in NEW")
+        if lost := [name for name in _under(becomes, Status.VIOLATED) if name in staying]:
+            example = becomes.profiles[lost[0]].counterexample
+            reason = "it holds in OLD and not in NEW"
+            yield Passage(prop=prop, status=Status.VIOLATED, profiles=tuple(lost), example=example, reason=reason)
+        if left and self._way.governances_differ and prop.id in self._able:
+            yield Passage(prop=prop, profiles=tuple(left), reason=_MISMATCH)
+            return
 
         def fails(state: State) -> bool:
             return self._state(state)[prop.id].profiles[left[0]].status is not Status.HOLDS

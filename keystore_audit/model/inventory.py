@@ -331,12 +331,16 @@ def governance_alike(file: GovernanceFile) -> GovernanceFile:
     It may be of another keystore, so that it is there to compare with. All that implementations make of a governance
     follows from these. One of several meanings, or in a message that we refuse to interpret, is like its copies alone.
     """
-    judged, said = envelope(file.signed), file.readings.common
-    one_meaning = said is not None and judged.verdict is not Truth.UNKNOWN
+    judged = envelope(file.signed)
     signers, embedded = (tuple([each.sha256 for each in some]) for some in (judged.signers, file.signed.embedded))
-    return first_alike(
-        file, judged.verdict, signers, embedded, _unplaced(said) if one_meaning else file.signed.file.sha256
-    )
+    return first_alike(file, judged.verdict, signers, embedded, governance_says(file))
+
+
+def governance_says(file: GovernanceFile) -> object:
+    """What it says, wherever it stands; its bytes where that is not one meaning."""
+    said = file.readings.common
+    one_meaning = said is not None and envelope(file.signed).verdict is not Truth.UNKNOWN
+    return _unplaced(said) if one_meaning else file.signed.file.sha256
 
 
 def _unplaced(part: object) -> object:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from msgspec.structs import replace
+
 from keystore_audit.assumptions import Needed, holds_if
 from keystore_audit.findings import Location
 from keystore_audit.grouped import grouped
@@ -311,8 +313,11 @@ def falls_json(
 
 
 def assumptions(results: Iterable[tuple[Attacker, AssertedResult]]) -> tuple[Needed, ...]:
-    """What it rests on that there is no flow."""
-    return conditions_of(result for _attacker, result in results)
+    """What it rests on that there is no flow, under the profiles that have none."""
+    return conditions_of(
+        replace(result, profiles={n: each for n, each in result.profiles.items() if each.status is Status.HOLDS})
+        for _attacker, result in results
+    )
 
 
 def _answer(answer: ProfileResult) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from keystore_audit.keystore.smime import Candidates
 from keystore_audit.keystore.typed import GovernanceFile, read_governance, read_permissions
 from keystore_audit.keystore.unmanaged import UnmanagedDocument, UnmanagedIdentity
 from keystore_audit.model.comparison.sides import BEFORE
-from keystore_audit.model.inventory import Typed
+from keystore_audit.model.inventory import Typed, governance_says
 
 Version = tuple[str, bool]
 """The path of an enclave, and whether it carries the files of NEW."""
@@ -29,7 +29,7 @@ class RollOut:
     """The way from OLD to NEW. Places in OLD begin with `BEFORE`.
 
     `changing`: the paths of enclaves whose files differ, in order; of one that only one side has, the other version is
-    that it is not there.
+    that it is not there. `governances_differ`: some enclave gets one that says other things.
     """
 
     def __init__(self, old: Keystore, new: Keystore) -> None:
@@ -61,6 +61,8 @@ class RollOut:
         paths = sorted({*before, *after})
         self.changing = tuple(p for p in paths if _content(before.get(p, ())) != _content(after.get(p, ())))
         self._same = [each for path in paths if path not in self.changing for each in after[path]]
+        was_said, says = ({path: _says(each) for path, each in side.items()} for side in (before, after))
+        self.governances_differ = any(was_said[path] != says[path] for path in was_said.keys() & says)
         sides = enumerate((before, after))
         self._versions = {(path, new): side.get(path, []) for new, side in sides for path in self.changing}
 
@@ -104,6 +106,10 @@ class RollOut:
 def _was(file: File) -> File:
     """A file of OLD in a place of its own."""
     return replace(file, path=BEFORE + file.place, resolved=None)
+
+
+def _says(enclaves: Iterable[Enclave]) -> list[object]:
+    return [each.governance and governance_says(each.governance) for each in enclaves]
 
 
 def _documents(enclaves: Iterable[Enclave]) -> Iterator[Typed]:
