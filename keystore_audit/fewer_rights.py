@@ -1,35 +1,35 @@
 """The smallest change of rights after which nothing gets through: what to take from whom.
 
-Whatever lets something through rests on the lines that its example names. Each change that is enough takes at least one
-of these away; so these are tried, one, then two together, and each time the keystore so changed is read anew.
+Whatever lets something through rests on rights of those at its hops. Each change that is enough takes at least one of
+these away; so these are tried, one, then two together, and each time the keystore so changed is read anew.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any, Final
 
 from msgspec.structs import replace
 
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.counterexample_claims import describe_claim
 from keystore_audit.engine.engines import Engines, run_engines, run_falls
 from keystore_audit.engine.native import NativeEngine
 from keystore_audit.engine.native_claims import fallen
 from keystore_audit.keystore.keystore import Enclave, Keystore
-from keystore_audit.keystore.typed import Criterion, Grant, Permissions, PermissionsFile, Rule
+from keystore_audit.keystore.typed import Criterion, Grant, Operation, Permissions, PermissionsFile, Rule
 from keystore_audit.model.claims.stated import Claim
-from keystore_audit.model.formal.asked import Attacker
+from keystore_audit.model.formal.flow import Leg
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import claimed_systems, usability_by_profile
 from keystore_audit.model.participants.usability import Usabilities
-from keystore_audit.properties.result import Answer, Change, Right, Status
+from keystore_audit.properties.result import Change, Right, Status
 
 MAX_TAKEN: Final = 3
 """Rights that a change takes at most."""
 
-MAX_TRIED: Final = 100
-"""Changes that are tried: 100 times what one answer takes."""
+MAX_TRIED: Final = 300
+"""Changes that are tried: 300 times what one answer takes."""
 
 
 def smallest_change(
@@ -51,7 +51,7 @@ def smallest_change(
             changed = _systems(_without(keystore, taken), asked, given)
             if taken and not kept <= _holding(changed, able, Engines()):
                 continue
-            rights = _rights_of_a_flow(changed, most, keystore)
+            rights = _rights_of_a_flow(changed, most)
             if rights is None:
                 if _confirmed(changed, most, able, kept, engines):
                     return Change(tuple(sorted(taken)), len(able))
@@ -90,19 +90,32 @@ def _holding(systems: Sequence[System], able: Sequence[Claim], engines: Engines)
     return frozenset(every - failed) if told else frozenset()
 
 
-def _rights_of_a_flow(systems: Sequence[System], most: int, keystore: Keystore) -> list[Right] | None:
-    """The rights that a flow rests on which some set of compromised participants makes; None where there is none."""
-    places = {file.signed.file.place for file in _permissions(keystore)}
+def _rights_of_a_flow(systems: Sequence[System], most: int) -> set[Right] | None:
+    """The rights that a flow may rest on which some set of compromised participants makes; None where there is none."""
     for system in _about(systems, slice(1)):
         for fall in fallen(system, most):
-            told = Answer(status=Status.VIOLATED, witnesses=({},), path=fall.legs)
-            example = describe_claim(system, replace(system.claims[0], attacker=Attacker.RELAYS), told)
-            return [
-                Right(step.path, step.line, step.expression or step.witness, step.enclave or "")
-                for step in example.steps
-                if step.path is not None and step.line is not None and step.path in places
-            ]
+            return {right for leg in fall.legs for right in _rights_at(system, leg)}
     return None
+
+
+def _rights_at(system: System, leg: Leg) -> Iterator[Right]:
+    """Whatever grants name those at a hop, or have their keys, for what it takes or what meets that there.
+
+    Who reads can forge, so that each operation counts.
+    """
+    at_it = {each for each in (leg.sender, leg.receiver) if each is not None}
+    keys = {system.key_of(each) for each in at_it} - {None}
+    at_it |= {number for number in range(len(system.enclaves)) if system.key_of(number) in keys}
+    channels = {leg.channel, *(number for number, met in enumerate(system.meets) if leg.channel in met)}
+    certificates = {system.enclaves[each].identity: system.enclaves[each].label for each in sorted(at_it, reverse=True)}
+    for rule in (rule for rule in system.rules if rule.allow):
+        named = system.grants[rule.grant].names & certificates.keys()
+        for operation, channel in product(Operation, channels if named else ()):
+            if channel in rule.named(operation):
+                place = system.place(rule, operation, channel)
+                text = place.message or system.channels[channel].topic
+                if place.line is not None:
+                    yield Right(place.path, place.line, text, min(map(certificates.__getitem__, named)))
 
 
 def _confirmed(

@@ -38,7 +38,7 @@ def question(words: Sequence[str], keystore: str, given: Mapping[str, Any]) -> t
 
 
 @click.command("check", cls=Command, short_help="Check a certificate of a property, sharing no code with the audit.")
-@click.argument("file", metavar="FILE", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("file", metavar="FILE", type=click.Path(path_type=Path))
 @click.argument("keystore", metavar="KEYSTORE", type=types.keystore_path)
 @click.argument("words", metavar="PROPERTY", nargs=-1, required=True)
 @opt.certifying_options
@@ -61,7 +61,11 @@ def command(file: Path, keystore: str, words: tuple[str, ...], **given: Any) -> 
 
     asked, circumstances = question(words, keystore, given)
     try:
-        Checker(Path(keystore), asked, circumstances).check(file.read_bytes())
+        content = file.read_bytes()
+    except OSError as error:
+        raise click.UsageError(f"The certificate cannot be read: {error.strerror or error}.") from error
+    try:
+        Checker(Path(keystore), asked, circumstances).check(content)
     except NotAccepted as why:
         cannot = isinstance(why, CannotTell)
         output.write_stdout(f"{'cannot tell' if cannot else 'refused'}: {terminal(str(why))}\n")

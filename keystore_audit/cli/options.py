@@ -246,7 +246,7 @@ def reading(given: Mapping[str, Any], settings: Settings | None, *, uniform: str
     if uniform and runs:
         raise UsageError(f"{uniform} knows no mixed fleets yet: name settings without [enclaves].")
     return Circumstances(
-        profiles=fleets(resolve(given["profiles"]), runs),
+        profiles=fleets(resolve(given["profiles"] or (settings.scope if settings else ())), runs),
         at=given["at"] or now(),
         zone=given["time_zone"],
         domain=given.get("domain"),

@@ -95,7 +95,8 @@ def _restoring(change: Change | None) -> Iterator[str]:
         return
     took = (f"`{each.expression}` ({each.path}:{each.line}) from {each.enclave}" for each in change.take)
     keeps = f" It keeps what {counted(change.keeps, 'claim')} `able` of the settings held." if change.keeps else ""
-    yield f"The smallest change of rights that restores it: take {', and '.join(took)}.{keeps}"
+    said = f"The smallest change of rights that restores it: take {', and '.join(took)}.{keeps}"
+    yield f"{said} What was signed before still counts until it ends."
 
 
 def _survived(most: int, every: Sequence[str], falls: Sequence[FallResult]) -> dict[str, int]:
