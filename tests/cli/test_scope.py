@@ -158,3 +158,14 @@ def test_settings_declare_the_scope_of_a_gate(
         assert [*json.loads(done.stdout)["enclaves"][0]["profiles"]] == judged_as
     if code == 2:
         assert "settings.toml" in done.stderr
+
+
+@pytest.mark.parametrize(("given", "judged"), [((), ["fastdds-2.14"]), (("--profile", "spec"), ["spec"])])
+def test_questions_go_by_the_scope_that_settings_declare(
+    given: tuple[str, ...], judged: list[str], tmp_path: Path
+) -> None:
+    settings = tmp_path / "settings.toml"
+    settings.write_text('[scope]\ndistro = ["jazzy"]\nrmw = ["fastdds"]\n')
+    at = ("--at", "2026-11-23T00:00:00Z")
+    asked = ("can", "talker_listener", "/talker", "publish", "/chatter", *at, "--settings", str(settings), *given)
+    assert [*json.loads(run_at(STOCK, *asked, "-f", "json").stdout)["decisions"]] == judged
