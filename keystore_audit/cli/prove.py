@@ -13,6 +13,7 @@ from keystore_audit.cli.check import question
 from keystore_audit.cli.flow import exit_code, rendered
 from keystore_audit.cli.program import Command
 from keystore_audit.errors import AuditError
+from keystore_audit.text import terminal
 
 
 @click.command("prove", cls=Command, short_help="Write a certificate of a property that holds.")
@@ -51,4 +52,5 @@ def command(keystore: str, words: tuple[str, ...], file: Path, **given: Any) -> 
         output.write_stdout(rendered(answer, "text"))
         return exit_code(answer.status)
     output.write(target, certificate.decode())
+    output.write_stdout(f"proved: {terminal(str(file))}\n")
     return 0

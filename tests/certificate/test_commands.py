@@ -35,7 +35,7 @@ def runs(capsys: pytest.CaptureFixture[str]) -> Runs:
 
 def test_what_prove_writes_check_accepts(tmp_path: Path, runs: Runs) -> None:
     root, file = store(tmp_path / "store"), tmp_path / "proof.json"
-    assert runs("prove", root, *HOLDS, "-o", file) == (0, "")
+    assert runs("prove", root, *HOLDS, "-o", file) == (0, f"proved: {file}\n")
     schema("certificate").validate(json.loads(file.read_bytes()))
     assert runs("check", file, root, *HOLDS) == (0, "accepted\n")
     code, said = runs("check", file, root, "no-flow", "/c", "/b")

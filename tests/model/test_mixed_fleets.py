@@ -82,7 +82,7 @@ def test_both_engines_answer_alike_about_random_mixed_fleets(tmp_path: Path) -> 
         here = [path for path in PATHS if (root / f"enclaves{path}").is_dir()]
         profile, other, third = chance.sample(PROFILES, 3)
         mixed = settings(tmp_path / "mixed.toml", {here[0]: other, here[-1]: third})
-        report = audit(root, Options(at=AT, profiles=(profile,), settings=mixed, engine="both"))
+        report = audit(root, Options(at=AT, profiles=(profile,), settings=mixed, engine="auto"))
         assert report.engines_agree, seed
         assert {run.status for run in report.engines} == {EngineStatus.OK}
 
