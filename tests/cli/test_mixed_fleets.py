@@ -83,4 +83,7 @@ def test_a_command_that_knows_no_mixed_fleets_refuses(
 
 
 def test_what_leaves_open_which_release_runs_is_an_error(settings: tuple[str, str]) -> None:
-    assert answer("audit", STOCK, *AT, *settings)[0] == 2
+    """Not so of the specification beside others, as in the default scope."""
+    assert answer("audit", STOCK, *AT, *settings, "--profile", "spec")[0] == 2
+    code, said = answer("audit", STOCK, *AT, *settings, "--engine", "native")
+    assert (code, "/listener on Cyclone DDS 0.10 or Cyclone DDS 11, declared" in " ".join(said.split())) == (1, True)
