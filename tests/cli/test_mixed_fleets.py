@@ -26,7 +26,7 @@ def settings(tmp_path: Path) -> tuple[str, str]:
 def test_the_audit_says_which_fleet_it_judged(settings: tuple[str, str]) -> None:
     """On Fast DDS alone the stock keystore passes; the listener on Cyclone DDS takes what the talker signs itself."""
     assert answer("audit", STOCK, *AT, *HUMBLE)[0] == 0
-    code, said = answer("audit", STOCK, *AT, *HUMBLE, *settings, "-f", "json", "--engine", "both")
+    code, said = answer("audit", STOCK, *AT, *HUMBLE, *settings, "-f", "json", "--engine", "auto")
     report = json.loads(said)
     assert code == 1
     assert report["engines_agree"] is True

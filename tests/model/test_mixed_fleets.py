@@ -76,7 +76,7 @@ def test_what_one_fleet_has_over_another_is_what_its_enclaves_run(tmp_path: Path
 @pytest.mark.alloy
 @pytest.mark.xdist_group("alloy")
 def test_both_engines_answer_alike_about_random_mixed_fleets(tmp_path: Path) -> None:
-    for seed in range(tried(20)):
+    for seed in range(tried(10)):
         chance = random.Random(f"both {seed}")
         root = keystore(chance, tmp_path / str(seed))
         here = [path for path in PATHS if (root / f"enclaves{path}").is_dir()]
