@@ -123,7 +123,7 @@ def start(_share: float) -> Figure:
 @row("Alloy's part for 4 to 7 enclaves / a JVM that solves one trivial command", "1.3", "1")
 def alloy(_share: float) -> Figure:
     def runs(keystore: Path) -> list[Run]:
-        return least(3, lambda: alone("native", keystore), lambda: alone("both", keystore), trivial_command)
+        return least(3, lambda: alone("native", keystore), lambda: alone("auto", keystore), trivial_command)
 
     native, both, trivial = (mean(run.cpu for run in each) for each in zip(*map(runs, FEW), strict=True))
     return Figure(f"{(both - native) / trivial:.2f}", f"{both - native:.2f} s", f"{trivial:.2f} s")
@@ -131,7 +131,7 @@ def alloy(_share: float) -> Figure:
 
 @row("an audit of 4 enclaves with both engines, by the clock", "0.8 s")
 def both(_share: float) -> Figure:
-    (run,) = least(5, lambda: alone("both", FEW[0]))
+    (run,) = least(5, lambda: alone("auto", FEW[0]))
     return Figure(f"{run.clock:.2f} s", f"{run}")
 
 
@@ -153,13 +153,13 @@ def trivial_command() -> Run:
 @row("a fleet of 500 keystores of 5, alike robots: both engines / native", "1.5", "1")
 def fleet_alike(share: float) -> Figure:
     robots = build_fleet(count(500, share), different=False)
-    return held_against(fleet("native", robots), lambda: fleet("both", robots))
+    return held_against(fleet("native", robots), lambda: fleet("auto", robots))
 
 
 @row("a fleet of 500 keystores of 5, all models different: both engines / native", "6", "5")
 def fleet_different(share: float) -> Figure:
     robots = build_fleet(count(500, share), different=True)
-    return held_against(fleet("native", robots), lambda: fleet("both", robots))
+    return held_against(fleet("native", robots), lambda: fleet("auto", robots))
 
 
 @row("one more keystore of 5 in a fleet, natively / the floor of its files", "5", "1")
@@ -215,13 +215,13 @@ def split(share: float) -> Figure:
 
 @row("100 enclaves with both engines, the same governance signed for each by itself / stock shape", "2", "1")
 def own_alloy(share: float) -> Figure:
-    return against_stock("own", count(100, share), "both")
+    return against_stock("own", count(100, share), "auto")
 
 
 @row("100 enclaves on 200 topics, wired at random: both engines / native")
 def wired(share: float) -> Figure:
     store = build_wired(count(100, share), count(200, share))
-    return held_against(alone("native", store), lambda: alone("both", store))
+    return held_against(alone("native", store), lambda: alone("auto", store))
 
 
 @row("memory of one more enclave, of 10,000", "40 KB", "10 KB")
