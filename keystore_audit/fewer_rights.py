@@ -15,14 +15,13 @@ from msgspec.structs import replace
 from keystore_audit.circumstances import Circumstances
 from keystore_audit.engine.engines import Engines, run_engines, run_falls
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.engine.native_claims import fallen
+from keystore_audit.engine.native_claims import first_fall
 from keystore_audit.keystore.keystore import Enclave, Keystore
 from keystore_audit.keystore.typed import Criterion, Grant, Operation, Permissions, PermissionsFile, Rule
 from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.flow import Leg
 from keystore_audit.model.formal.system import System
-from keystore_audit.model.interpret import claimed_systems, usability_by_profile
-from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.interpret import stated_systems
 from keystore_audit.properties.result import Change, Right, Status
 
 MAX_TAKEN: Final = 3
@@ -40,32 +39,30 @@ def smallest_change(
     Raises errors.BudgetExceeded as whoever asks about the keystore as it is.
     """
     asked = (claim, *able)
-    kept = _holding(_systems(keystore, asked, given), able, Engines())
-    edge, tried = [frozenset[Right]()], 0
-    for size in range(MAX_TAKEN + 1):
+    systems = _systems(keystore, asked, given)
+    kept = _holding(systems, able, Engines())
+    edge = sorted((frozenset({right}) for right in _rights_of_a_flow(systems, most) or ()), key=sorted)
+    tried = 1  # the keystore as it is
+    for _size in range(MAX_TAKEN):
         wider: set[frozenset[Right]] = set()
         for taken in edge:
             tried += 1
             if tried > MAX_TRIED:
                 return Change(None, len(able))
             changed = _systems(_without(keystore, taken), asked, given)
-            if taken and not kept <= _holding(changed, able, Engines()):
+            if not kept <= _holding(changed, able, Engines()):
                 continue
             rights = _rights_of_a_flow(changed, most)
-            if rights is None:
-                if _confirmed(changed, most, able, kept, engines):
-                    return Change(tuple(sorted(taken)), len(able))
-            elif size < MAX_TAKEN:
+            if rights is not None:
                 wider.update(taken | {right} for right in rights)
+            elif _confirmed(changed, most, able, kept, engines):
+                return Change(tuple(sorted(taken)), len(able))
         edge = sorted(wider, key=sorted)
     return Change(None, len(able))
 
 
 def _systems(keystore: Keystore, claims: tuple[Claim, ...], given: Circumstances) -> tuple[System, ...]:
-    accesses = given.accesses(keystore)
-    usabilities = Usabilities(given.domain, accesses)
-    usability = usability_by_profile(keystore.enclaves, given.profiles, given.at, usabilities)
-    return claimed_systems(keystore, given.profiles, given.at, accesses, usabilities, usability, claims)[0]
+    return stated_systems(keystore, given.profiles, given.at, given.accesses(keystore), given.domain, claims)
 
 
 def _about(systems: Sequence[System], claims: slice) -> list[System]:
@@ -93,7 +90,8 @@ def _holding(systems: Sequence[System], able: Sequence[Claim], engines: Engines)
 def _rights_of_a_flow(systems: Sequence[System], most: int) -> set[Right] | None:
     """The rights that a flow may rest on which some set of compromised participants makes; None where there is none."""
     for system in _about(systems, slice(1)):
-        for fall in fallen(system, most):
+        fall = first_fall(system, most)
+        if fall is not None:
             return {right for leg in fall.legs for right in _rights_at(system, leg)}
     return None
 

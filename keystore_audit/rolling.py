@@ -19,8 +19,7 @@ from keystore_audit.model.comparison.mixed import RollOut, Version
 from keystore_audit.model.comparison.sides import BEFORE
 from keystore_audit.model.formal.asked import ClaimKind
 from keystore_audit.model.formal.system import System
-from keystore_audit.model.interpret import claimed_systems, usability_by_profile
-from keystore_audit.model.participants.usability import Usabilities
+from keystore_audit.model.interpret import stated_systems
 from keystore_audit.properties import Answer, Property, Role, Status, Witness, stated
 from keystore_audit.properties.result import Passage, PropertyResult, RollingAnswer
 
@@ -88,10 +87,8 @@ class _States:
     def results(self, keystore: Keystore, *, checked: bool) -> Mapping[str, PropertyResult]:
         """Every property and claim, natively. `checked`: as `claimed_systems`."""
         given, claims, accesses = self._given, self._claims, self._given.accesses(keystore)
-        usabilities = Usabilities(given.domain, accesses)
-        usability = usability_by_profile(keystore.enclaves, given.profiles, given.at, usabilities)
-        about = keystore, given.profiles, given.at, accesses, usabilities, usability, claims
-        systems, _builder, _accesses = claimed_systems(*about, checked=checked)
+        about = keystore, given.profiles, given.at, accesses, given.domain, claims
+        systems = stated_systems(*about, checked=checked)
         told = NativeEngine(systems).answers
         answers = {"native": [_of_versions(*each) for each in zip(systems, told, strict=True)]}
         asserted = with_sessions(claims, combine_claims(claims, systems, answers, given.names), accesses.assumed)

@@ -201,11 +201,20 @@ def fallen(system: System, most: int, told: Iterable[frozenset[int]] | None = No
 
     `told`: by another engine, of whose sets each gets its flow, which is empty where it has none.
     """
-    [claim] = system.claims
-    flows, search = Flows(system, trust_domain_views(system)), search_of(claim)
+    flows, search = _who_falls(system)
     if told is None:
         return tuple(falls(flows, search, most))
     return tuple(Fall(each, flows.shortest(replace(search, compromised=each)) or ()) for each in told)
+
+
+def first_fall(system: System, most: int) -> Fall | None:
+    """The first of these sets, None where there is none: nobody looks for the others."""
+    return next(falls(*_who_falls(system), most), None)
+
+
+def _who_falls(system: System) -> tuple[Flows, Search]:
+    [claim] = system.claims
+    return Flows(system, trust_domain_views(system)), search_of(claim)
 
 
 def _violated(found: Found, moment: int) -> Answer:

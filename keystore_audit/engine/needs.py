@@ -30,13 +30,13 @@ R = TypeVar("R", bound=PropertyResult)
 
 Needs = frozenset[Assumption]
 
-TRUTHFUL: Final = frozenset({Assumption.TRUTHFUL_ANNOUNCEMENTS})
+_TRUTHFUL: Final = frozenset({Assumption.TRUTHFUL_ANNOUNCEMENTS})
 
 _READ_TOGETHER: Final = (
     frozenset({Assumption.ROBOTS_ENFORCE}),
     IDENTITIES,
     DOCUMENTS,
-    TRUTHFUL,
+    _TRUTHFUL,
 )
 """Of these the engines ask only whether all are made."""
 
@@ -62,13 +62,13 @@ def with_needs(
                 holding.setdefault(profile, []).append(result.prop.id)
     needs: dict[tuple[str, str], Needs] = {}
     by_profile = {profile: system for system in native.systems for profile in system.profiles}
-    believing = {name for name in holding if any(map(is_announced_to, (name, *by_profile[name].others)))}
+    believing = {name for name in holding if any(map(_is_announced_to, (name, *by_profile[name].others)))}
     found: list[Minimal] = []
     for numbers, alike in grouped(holding, lambda profile: _numbers(native.systems, profile)).items():
         asked = _Asked(native, [native.systems[number] for number in numbers], made)
         for announced, profiles in grouped(alike, believing.__contains__).items():
             names = frozenset(name for profile in profiles for name in holding[profile])
-            known = frozenset[Assumption]() if announced else TRUTHFUL
+            known = frozenset[Assumption]() if announced else _TRUTHFUL
             for least, those in asked.needs(names, made - known, known).items():
                 needs.update({(profile, name): least for profile in profiles for name in those})
                 enough = (replace(each, profiles=tuple(profiles)) for each in asked.assuming(known | least))
@@ -76,11 +76,11 @@ def with_needs(
 
     def needing(result: R) -> R:
         def needed(profile: str, held: ProfileResult) -> ProfileResult:
-            every = made if profile in believing else made - TRUTHFUL
+            every = made if profile in believing else made - _TRUTHFUL
             found = needs.get((profile, result.prop.id), every)
             return replace(held, needs=_ordered(found.union(held.needs)), survives_without=_ordered(every - found))
 
-        return where_it_holds(result, needed)
+        return _where_it_holds(result, needed)
 
     return tuple(map(needing, results)), tuple(found)
 
@@ -130,12 +130,12 @@ def solved_again(
                 return held
             return replace(held, status=Status.UNKNOWN, engines={**held.engines, run.name: Status.VIOLATED})
 
-        return where_it_holds(result, doubted)
+        return _where_it_holds(result, doubted)
 
     return tuple(map(again, results)), runs
 
 
-def where_it_holds(result: R, change: Callable[[str, ProfileResult], ProfileResult]) -> R:
+def _where_it_holds(result: R, change: Callable[[str, ProfileResult], ProfileResult]) -> R:
     """The result, changed under each profile under which it holds."""
     held = {name: change(name, each) for name, each in result.profiles.items() if each.status is Status.HOLDS}
     return replace(result, profiles={**result.profiles, **held})
@@ -147,7 +147,7 @@ def resting_on(assumption: Assumption, results: Sequence[R], assumed: Collection
     def rests(_profile: str, held: ProfileResult) -> ProfileResult:
         return replace(held, needs=(assumption,)) if assumption in assumed else replace(held, status=Status.UNKNOWN)
 
-    return tuple(where_it_holds(each, rests) for each in results)
+    return tuple(_where_it_holds(each, rests) for each in results)
 
 
 def with_sessions(claims: Iterable[Claim], results: Sequence[R], assumed: Collection[Assumption]) -> tuple[R, ...]:
@@ -244,6 +244,6 @@ def taken_for_granted(
     return frozenset(assumed) - known
 
 
-def is_announced_to(profile: str) -> bool:
+def _is_announced_to(profile: str) -> bool:
     """Whether the implementation goes by what peers announce of their endpoints."""
     return VARIANTS[profile].trust.trusts_declarations

@@ -124,6 +124,23 @@ def claimed_systems(
     return systems, builder, accesses
 
 
+def stated_systems(
+    keystore: Keystore,
+    profiles: Sequence[Profile],
+    at: datetime,
+    accesses: AccessViews,
+    domain: int | None,
+    claims: Sequence[Claim],
+    *,
+    checked: bool = True,
+) -> tuple[System, ...]:
+    """The systems with the claims, of a keystore of which nothing else is asked. As `claimed_systems`."""
+    usabilities = Usabilities(domain, accesses)
+    usability = usability_by_profile(keystore.enclaves, profiles, at, usabilities)
+    about = keystore, profiles, at, accesses, usabilities, usability, claims
+    return claimed_systems(*about, checked=checked)[0]
+
+
 def _wires(nodes: Sequence[WiredNode]) -> tuple[ReadRegion, ...]:
     """The topics that nodes use."""
     if not nodes:

@@ -70,11 +70,11 @@ def examine(
     """Ask the Analyzer about each system, merged (`merging`), by a question each.
 
     `expected`: what is expected to be so is asked together. `names`: by system, what alone is asked about, at the audit
-    instant; None: everything. More questions are about claims at later moments, and what
-    is not as expected. `timeout`: seconds for each question; `memory_mb`: MiB of Java heap of each JVM. All or nothing:
-    raises EngineOutOfScale before anything is started if a system is too large, EngineTimeout, EngineMissing (no Java
-    at `java`) or EngineFailed if one of them was not answered completely. Nothing is left running, or on disk, when
-    the run ends (`kept`).
+    instant; None: everything. More questions are about claims at later moments, and what is not as expected.
+    `timeout`: seconds for each question; `memory_mb`: MiB of Java heap of each JVM. All or nothing: raises
+    EngineOutOfScale before anything is started if a system is too large, EngineTimeout, EngineMissing (no Java at
+    `java`) or EngineFailed if one of them was not answered completely. Nothing is left running, or on disk, when the
+    run ends (`kept`).
     """
     analyzer = Analyzer(java=java, jar=jar, timeout=timeout, memory_mb=memory_mb)
     if names is not None:

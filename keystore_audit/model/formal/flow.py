@@ -381,16 +381,16 @@ class _Walk:
         """The hops to `node`, and how many are attacks, by those to each before it."""
         hops = ((attacks, legs, sender, self._hop(sender, node)) for sender, (attacks, legs) in best.items())
         found = [(attacks + hop[0], legs, sender, hop[1]) for attacks, legs, sender, hop in hops if hop]
-        attacks, legs, sender, channel = min(found, key=itemgetter(0))
-        return attacks, (*legs, Leg(self._name(sender), channel, self._name(node)))
+        attacks, legs, sender, channels = min(found, key=itemgetter(0))
+        return attacks, (*legs, Leg(self._name(sender), self._one(channels), self._name(node)))
 
     def _hop(self, sender: int, node: int) -> tuple[int, int] | None:
-        """Whether it is an attack that one hands a sample to the other, and on which channel; None: there is no hop."""
+        """Whether it is an attack that one hands a sample to the other, and on which channels; None: there is none."""
         if sender != node:
             for attack, lanes in enumerate((self._flows.by_rights(self._search), self._lanes)):
                 common = union(lane.puts[sender] & lane.gets[node] for lane in lanes) & ~self._left_out
                 if common:
-                    return attack, self._one(common)
+                    return attack, common
         return None
 
     def _one(self, channels: int) -> int:
