@@ -22,7 +22,7 @@ from keystore_audit.model.claims.stated import Claim
 from keystore_audit.model.formal.flow import Leg
 from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import stated_systems
-from keystore_audit.properties.result import Change, Right, Status
+from keystore_audit.properties.result import Change, EngineStatus, Right, Status
 
 MAX_TAKEN: Final = 3
 """Rights that a change takes at most."""
@@ -120,8 +120,9 @@ def _confirmed(
     systems: Sequence[System], most: int, able: Sequence[Claim], kept: Collection[tuple[str, str]], engines: Engines
 ) -> bool:
     """Whether all engines that are asked say so of the changed keystore."""
-    _runs, told = run_falls(_about(systems, slice(1)), most, engines)
-    survives = bool(told) and not any(falls for answers in told.values() for falls in answers)
+    runs, told = run_falls(_about(systems, slice(1)), most, engines)
+    answered = all(run.status is EngineStatus.OK for run in runs if run.required)
+    survives = answered and bool(told) and not any(falls for answers in told.values() for falls in answers)
     return survives and (not able or _holding(systems, able, engines) >= frozenset(kept))
 
 

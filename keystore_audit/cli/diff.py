@@ -94,7 +94,9 @@ def _rolling(old: str, new: str, settings: Settings | None, given: Mapping[str, 
     from keystore_audit.report import rolling
     from keystore_audit.rolling import find_passages
 
-    answer = find_passages(old, new, opt.reading(given, settings), settings.claims if settings else ())
+    answer = find_passages(
+        old, new, opt.reading(given, settings, uniform="diff --rolling"), settings.claims if settings else ()
+    )
     output.write_stdout((rolling.json if given["form"] == "json" else rolling.text)(answer))
     return {"holds": 0, "violated": EXIT_CHANGED}.get(answer.status.value, EXIT_INCOMPLETE)
 

@@ -68,6 +68,7 @@ def test_questions_are_about_that_fleet(settings: tuple[str, str]) -> None:
     "asked",
     [
         ("diff", STOCK, STOCK),
+        ("diff", STOCK, STOCK, "--rolling"),
         ("suggest", STOCK, "--policy", "POLICY"),
         ("flow", STOCK, "/talker", "/listener", "--compromised", "1"),
         ("flow", STOCK, "--from-compromised", "/talker"),
