@@ -12,7 +12,7 @@ from pathlib import Path
 from statistics import mean
 from typing import NamedTuple
 
-from benchmarks import hostile
+from benchmarks import example, hostile
 from benchmarks.keystores import build, build_fleet, build_wired
 from benchmarks.program import LIMIT, NotDecided, Run, audit, measured
 from keystore_audit.engine.alloy.answers import Command
@@ -133,6 +133,27 @@ def alloy(_share: float) -> Figure:
 def both(_share: float) -> Figure:
     (run,) = least(5, lambda: alone("auto", FEW[0]))
     return Figure(f"{run.clock:.2f} s", f"{run}")
+
+
+@row("4 enclaves with both engines / the example model of TurtleSim", "3", "1")
+def example_few(_share: float) -> Figure:
+    return ratio(*least(3, lambda: alone("auto", FEW[0]), lambda: example_model(example.EXAMPLE)))
+
+
+@row("100 enclaves on 200 topics with both engines / the example model of as many", "3", "1")
+def example_many(share: float) -> Figure:
+    model, keystore, settings = example.build_both(count(100, share), count(200, share))
+    return ratio(*least(2, lambda: audit("--settings", settings, keystore), lambda: example_model(model)))
+
+
+def example_model(place: Path) -> Run:
+    """All commands of the example model, as the Analyzer's own command line solves them."""
+    if not place.is_dir():
+        raise NotDecided(f"{place} is not here")
+    engine = locate(None, offline=True, ci=False)
+    with tempfile.TemporaryDirectory() as out:
+        given = ("exec", "-f", "-d", "0", "-s", "sat4j", "-o", out, str(place / "audit.als"))
+        return measured([str(engine.java), "-Xss64m", "-jar", str(engine.jar), *given])
 
 
 def trivial_command() -> Run:
