@@ -22,7 +22,7 @@ from keystore_audit.engine.engines import (
 )
 from keystore_audit.engine.horizon import Horizon, horizon
 from keystore_audit.engine.native import NativeEngine
-from keystore_audit.engine.needs import resting_on, solved_again, taken_for_granted, with_needs, with_sessions
+from keystore_audit.engine.needs import solved_again, taken_for_granted, with_needs, with_rounds, with_sessions
 from keystore_audit.gate import (
     assumptions,
     complete,
@@ -128,7 +128,7 @@ def audit(
     names = [profile.name for profile in profiles]
     asserted = with_sessions(claims, _asserted(claims, meaning, answers, names), accesses.assumed)
     determined = combine_determinism(declared.claims, meaning.systems, answers, names) if declared else ()
-    determined = resting_on(Assumption.LOCKSTEP_ROUNDS, determined, accesses.assumed)
+    determined = with_rounds(determined, meaning.systems, accesses.assumed)
     in_alloy: tuple[AlloyResult, ...] = ()
     if options.alloy_properties:
         from keystore_audit.engine.alloy.user_properties import decide_files

@@ -141,21 +141,39 @@ def _where_it_holds(result: R, change: Callable[[str, ProfileResult], ProfileRes
     return replace(result, profiles={**result.profiles, **held})
 
 
-def resting_on(assumption: Assumption, results: Sequence[R], assumed: Collection[Assumption]) -> tuple[R, ...]:
-    """The results, all of which need the assumption: where it is not made, what holds is unknown."""
-
-    def rests(_profile: str, held: ProfileResult) -> ProfileResult:
-        return replace(held, needs=(assumption,)) if assumption in assumed else replace(held, status=Status.UNKNOWN)
-
-    return tuple(_where_it_holds(each, rests) for each in results)
-
-
 def with_sessions(claims: Iterable[Claim], results: Sequence[R], assumed: Collection[Assumption]) -> tuple[R, ...]:
     """The results; what is claimed of a time is unknown where sessions may outlast their grants."""
-    over_time, rest = {claim.id for claim in claims if claim.until is not None}, Assumption.SESSIONS_END_WITH_GRANTS
-    return tuple(
-        resting_on(rest, (result,), assumed)[0] if result.prop.id in over_time else result for result in results
-    )
+    over_time = {claim.id for claim in claims if claim.until is not None}
+    return _resting(Assumption.SESSIONS_END_WITH_GRANTS, results, assumed, lambda name, _profile: name in over_time)
+
+
+def with_rounds(results: Sequence[R], systems: Sequence[System], assumed: Collection[Assumption]) -> tuple[R, ...]:
+    """The results of claims of determinism; what forwards show is unknown where they may act in their own time."""
+    forwarded = {
+        (claim.id, profile)
+        for system in systems
+        for claim in system.determinism
+        for behaviour in claim.behaviours
+        if max(behaviour.seen(), default=0) >= len(behaviour.inputs)
+        for profile in system.profiles
+    }
+    return _resting(Assumption.LOCKSTEP_ROUNDS, results, assumed, lambda *those: those in forwarded)
+
+
+def _resting(
+    on: Assumption, results: Iterable[R], assumed: Collection[Assumption], rests: Callable[[str, str], bool]
+) -> tuple[R, ...]:
+    """The results; those that rest on the assumption, by id and profile, are unknown where it is not made."""
+
+    def changed(result: R) -> R:
+        def change(profile: str, held: ProfileResult) -> ProfileResult:
+            if not rests(result.prop.id, profile):
+                return held
+            return replace(held, needs=(on,)) if on in assumed else replace(held, status=Status.UNKNOWN)
+
+        return _where_it_holds(result, change)
+
+    return tuple(map(changed, results))
 
 
 class _Asked:

@@ -69,12 +69,17 @@ def random_behaviour(seed: int) -> Behaviour:
     return behaviour(topics, forwards, inputs[:3], [low])
 
 
-def next_runs(asked: Behaviour, waiting: Run, came: Run) -> Iterator[tuple[Run, Run]]:
-    """Each (what is published, by writer; what waits afterwards) that may be, of one run."""
+def next_runs(asked: Behaviour, waiting: Run, came: Run, *, resting: bool = False) -> Iterator[tuple[Run, Run]]:
+    """Each (what is published, by writer; what waits afterwards) that may be, of one run.
+
+    `resting`: a forward may let the round pass.
+    """
     picks = []
     for number, forward in enumerate(asked.forwards):
         ready = [n for n, slot in enumerate(asked.slots) if slot.forward == number and waiting[n] is not None]
         picks.append([ready[0]] if ready and forward.scheduler is Scheduler.PRIORITY else ready or [-1])
+        if resting and ready:
+            picks[-1] = [*picks[-1], -1]
     for picked in product(*picks):
         sent = (*came, *(None if slot < 0 else waiting[slot] for slot in picked))
         writers = (*asked.inputs, *asked.forwards)
@@ -104,3 +109,44 @@ def deterministic(asked: Behaviour, free: frozenset[int], values: int) -> bool:
                         known.add((after, then))
                         pending.append((after, then))
     return True
+
+
+def deterministic_freely(asked: Behaviour, free: frozenset[int], rounds: int) -> bool:
+    """Whether no two runs of so many rounds, in which each forward acts in its own time, differ up to stuttering.
+
+    Of each writer that is seen, one run shows a beginning of what the other one shows, however often it repeats it.
+    """
+    watched = [n for n in range(asked.writers) if n in asked.seen()]
+    empty: Run = (None,) * len(asked.slots)
+    nothing = ((),) * len(watched)
+    known = {(empty, nothing, empty, nothing)}
+    for _round in range(rounds):
+        after = set()
+        for one, said, other, told in known:
+            for mine in product((None, 0, 1), repeat=len(asked.inputs)):
+                for yours in product(*((None, 0, 1) if n in free else (mine[n],) for n in range(len(mine)))):
+                    here, there = (
+                        {
+                            (then, _shown(shown, sent, watched))
+                            for sent, then in next_runs(asked, state, came, resting=True)
+                        }
+                        for state, shown, came in ((one, said, mine), (other, told, yours))
+                    )
+                    after |= {(*left, *right) for left, right in product(here, there)}
+        known = after
+        if any(not _alike(a, b) for _one, said, _other, told in known for a, b in zip(said, told, strict=True)):
+            return False
+    return True
+
+
+def _shown(before: tuple[Run, ...], sent: Run, watched: list[int]) -> tuple[Run, ...]:
+    """By writer, what it has shown, without repeats."""
+    new = (sent[writer] for writer in watched)
+    return tuple(
+        old if value is None or old[-1:] == (value,) else (*old, value) for old, value in zip(before, new, strict=True)
+    )
+
+
+def _alike(one: Run, other: Run) -> bool:
+    shorter = min(len(one), len(other))
+    return one[:shorter] == other[:shorter]

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
+from keystore_audit.assumptions import Assumption
 from keystore_audit.engine.alloy.user_file import read_user_files
 from keystore_audit.errors import UsageError
 from keystore_audit.options import Options
@@ -70,12 +71,13 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path: Path, text: str, where: s
     assert what in said
 
 
-def report(tmp_path: Path, keystore: Path, text: str, *profiles: str) -> Report:
+def report(tmp_path: Path, keystore: Path, text: str, *profiles: str, not_assumed: tuple[str, ...] = ()) -> Report:
     options = Options(
         at=datetime(2026, 11, 21, 12, tzinfo=timezone.utc),
         engine="native",
         profiles=profiles or ("fastdds",),
         settings=read(tmp_path, text),
+        not_assumed=frozenset(map(Assumption, not_assumed)),
     )
     return audit(keystore, options)
 
@@ -106,6 +108,17 @@ def test_the_turtlesim_is_decided(tmp_path: Path, text: str, expected: str) -> N
     found = report(tmp_path, TURTLESIM, text)
     assert status(found) == expected
     assert found.exit_code == {"holds": 0, "violated": 1}[expected]
+
+
+@pytest.mark.parametrize(
+    ("text", "rounds", "freely"),
+    [(FORWARD + MOVED, True, "unknown"), (asked("/high_priority", "/random"), False, "holds")],
+)
+def test_rounds_are_needed_where_a_forward_is_seen(tmp_path: Path, text: str, rounds: bool, freely: str) -> None:
+    needs = next(each.needs for each in report(tmp_path, TURTLESIM, text).properties if each.prop.id == "moved")
+    assert (Assumption.LOCKSTEP_ROUNDS in needs) == rounds
+    found = report(tmp_path, TURTLESIM, text, not_assumed=("lockstep-rounds",))
+    assert status(found) == freely
 
 
 def test_an_id_is_given_once(tmp_path: Path) -> None:

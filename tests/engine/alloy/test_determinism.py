@@ -29,7 +29,15 @@ from keystore_audit.model.formal.asked import Behaviour, DeterminismAtom, Differ
 from keystore_audit.properties.result import Answer, Round, Status
 from tests.amount import tried
 from tests.engine.alloy_batch import outcomes
-from tests.engine.behaviours import Run, behaviour, deterministic, multiplexer, next_runs, random_behaviour
+from tests.engine.behaviours import (
+    Run,
+    behaviour,
+    deterministic,
+    deterministic_freely,
+    multiplexer,
+    next_runs,
+    random_behaviour,
+)
 from tests.engine.systems import healthy
 
 ANY, PRIORITY = Scheduler.ANY, Scheduler.PRIORITY
@@ -287,3 +295,60 @@ def test_names_stand_in_comments_alone() -> None:
     text = write_behaviour(replace(RELAY, topics=("rt/x\n} check Evil { none }", "rt/*/--")), 3)
     for line in text.splitlines():
         assert "Evil" not in line or line.startswith("--")
+
+
+IN_ITS_OWN_TIME = (
+    "some of.forward & ready[side] implies one of.forward & side.taken",
+    "lone of.forward & side.taken",
+)
+"""What lets a forward rest for a round."""
+
+FIRST_ALIKE = """
+pred first[side: Run, writer: Writer, value: Value] { no side.sent[writer] until side.sent[writer] = value }
+
+check FirstAlike {
+	two_runs[none] implies no writer: watched, disj said, told: Value |
+		first[Left, writer, said] and first[Right, writer, told]
+} for 0 but 1..5 steps
+"""
+
+
+def is_forwarded(asked: Behaviour) -> bool:
+    """Whether a forward ever shows something on a low topic."""
+    low = {len(asked.inputs) + n for n, each in enumerate(asked.forwards) if each.targets & asked.low}
+    states, before = {(None,) * len(asked.slots)}, set[Run]()
+    while states != before:
+        before = {*states}
+        for state, came in product(before, product((None, 0), repeat=len(asked.inputs))):
+            for sent, after in next_runs(asked, state, came):
+                if any(sent[writer] is not None for writer in low):
+                    return True
+                states.add(after)
+    return False
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_no_forward_is_deterministic_in_its_own_time(name: str, tmp_path: Path) -> None:
+    """A sample that comes while it rests replaces the one before: Alloy, and all runs of three rounds, say so."""
+    asked, _expected = EXAMPLES[name]
+    asked = replace(asked, inputs=tuple(replace(each, differs=SAME) for each in asked.inputs))
+    assert deterministic_freely(asked, frozenset(), 3) != is_forwarded(asked)
+    files = {**modules(rests=IN_ITS_OWN_TIME), MAIN: write_behaviour(asked, 5) + FIRST_ALIKE}
+    assert outcomes(tmp_path, files, MAIN)["FirstAlike"] == is_forwarded(asked)
+    in_rounds = outcomes(tmp_path, {**modules(), MAIN: write_behaviour(asked, 5) + FIRST_ALIKE}, MAIN)
+    assert in_rounds["FirstAlike"] <= natively(asked)[CERTAIN]
+
+
+def test_what_no_forward_shows_is_the_same_in_rounds_and_without() -> None:
+    """Of random behaviours: with nothing shown but inputs, both answers are one; else no free one holds."""
+    kinds = Counter[bool]()
+    for seed in range(tried(40)):
+        asked = random_behaviour(seed)
+        if len(asked.slots) > 2 or len(asked.inputs) > 2:
+            continue
+        free = asked.free(perhaps=False)
+        freely = deterministic_freely(asked, free, 3)
+        assert freely == (not is_forwarded(asked) and deterministic(asked, free, 2)), seed
+        kinds[freely] += 1
+    assert kinds[True]
+    assert kinds[False]
