@@ -34,7 +34,6 @@ from keystore_audit.properties.result import (
     Change,
     CompromiseAnswer,
     EngineRun,
-    EngineStatus,
     FallResult,
     KeyAnswer,
     ProfileRadius,
@@ -83,8 +82,7 @@ class FlowAnswer(Struct, frozen=True, kw_only=True):
     def status(self) -> Status:
         """The worst of all: unknown, then violated (a flow), then holds (none)."""
         statuses = {result.status for _who, result in (*self.results, *self.falls)}
-        failed = any(run.required and run.status is not EngineStatus.OK for run in self.engines)
-        if failed or Status.UNKNOWN in statuses:
+        if Status.UNKNOWN in statuses or any(run.failed for run in self.engines):
             return Status.UNKNOWN
         return Status.VIOLATED if Status.VIOLATED in statuses else Status.HOLDS
 

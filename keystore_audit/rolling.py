@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import combinations, islice, product
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
+from keystore_audit.assumptions import Assumption
 from keystore_audit.circumstances import Circumstances
-from keystore_audit.engine.engines import combine, combine_claims
+from keystore_audit.engine.engines import NATIVELY, Engines, ask_alloy, combine, combine_claims
 from keystore_audit.engine.native import NativeEngine, shared_identities, shared_subjects
 from keystore_audit.engine.needs import with_sessions
-from keystore_audit.errors import BudgetExceeded
+from keystore_audit.errors import BudgetExceeded, EngineOutOfScale
 from keystore_audit.keystore.keystore import Keystore
 from keystore_audit.keystore.typed import PermissionsFile
 from keystore_audit.model.claims.stated import Claim
@@ -22,6 +23,10 @@ from keystore_audit.model.formal.system import System
 from keystore_audit.model.interpret import stated_systems
 from keystore_audit.properties import Answer, Property, Role, Status, Witness, stated
 from keystore_audit.properties.result import Passage, PropertyResult, RollingAnswer
+
+if TYPE_CHECKING:
+    from keystore_audit.engine.alloy.install import Engine
+    from keystore_audit.engine.alloy.rolling import Choice
 
 MAX_WORK: Final = 3_000
 """Enclaves that differ, over the states that are asked one by one, and over as many others: a quarter of a minute."""
@@ -44,9 +49,15 @@ State = frozenset[Version]
 
 
 def find_passages(
-    old: str | os.PathLike[str], new: str | os.PathLike[str], given: Circumstances, claims: Sequence[Claim] = ()
+    old: str | os.PathLike[str],
+    new: str | os.PathLike[str],
+    given: Circumstances,
+    claims: Sequence[Claim] = (),
+    engines: Engines | None = None,
 ) -> RollingAnswer:
     """What fails on the way from the keystore at `old` to that at `new`, or in that, of all properties and the claims.
+
+    `engines`: the native one finds what fails first; Alloy, if it is asked, whether anything does at all.
 
     Raises errors.NothingToAudit, errors.UsageError for a claim of what is not in both, and errors.BudgetExceeded where
     there are too many classes of names.
@@ -55,19 +66,63 @@ def find_passages(
     way = RollOut(before, after)
     states = _States(way, given, claims)
     was, becomes = (states.results(each, checked=True) for each in (before, after))
+    passages = [each for name in becomes for each in states.passages(was[name], becomes[name])]
+    runs, alone = [NATIVELY], frozenset[str]()
+    if engines is not None and engines.choice != "native":
+        run, told = ask_alloy(lambda engine: (states.asked_of_alloy(engine, engines), None), engines, None)
+        runs.append(run)
+        if told is not None:
+            alone = frozenset(each.id for each in claims if each.kind is ClaimKind.ABLE or each.until is not None)
+            passages += _disagreements(was, becomes, passages, told, alone)
     return RollingAnswer(
         old=before,
         new=after,
         at=given.at,
         profiles=given.names,
         changing=way.changing,
-        passages=tuple(each for name in becomes for each in states.passages(was[name], becomes[name])),
+        passages=tuple(passages),
+        engines=tuple(runs),
+        natively_alone=tuple(sorted(alone)),
     )
+
+
+def _disagreements(
+    was: Mapping[str, PropertyResult],
+    becomes: Mapping[str, PropertyResult],
+    passages: Sequence[Passage],
+    told: Mapping[str, frozenset[str]],
+    alone: Collection[str],
+) -> Iterator[Passage]:
+    """Of what holds in OLD and in NEW, that of which one engine alone says that it fails between; not of `alone`.
+
+    `told`: by profile, what Alloy says fails.
+    """
+    failing = {(each.prop.id, profile) for each in passages for profile in each.profiles}
+    undecided = {each.prop.id for each in passages if each.status is Status.UNKNOWN}
+    for name in becomes.keys() - undecided.union(alone):
+        staying = {*_under(was[name], Status.HOLDS)}.intersection(_under(becomes[name], Status.HOLDS))
+        if apart := sorted(each for each in staying if (name in told[each]) != ((name, each) in failing)):
+            yield Passage(prop=becomes[name].prop, profiles=tuple(apart), reason="the engines disagree")
 
 
 def _under(result: PropertyResult, status: Status) -> list[str]:
     """The profiles under which that is the answer."""
     return [name for name, each in result.profiles.items() if each.status is status]
+
+
+def choice(way: RollOut, system: System) -> Choice:
+    """What is free on the way in the system of all versions of all enclaves.
+
+    Raises errors.EngineOutOfScale where identities would come and go with enclaves, or an enclave is there twice.
+    """
+    from keystore_audit.engine.alloy.rolling import Choice
+
+    sides = {(each.label, each.location.path.startswith(BEFORE)): n for n, each in enumerate(system.enclaves)}
+    if len(sides) < len(system.enclaves) or way.leaves_identities or any(each.unmanaged for each in system.enclaves):
+        raise EngineOutOfScale("Identities without an enclave are not asked about here.")
+    versions = [[sides[path, old] for old in (True, False) if (path, old) in sides] for path in way.changing]
+    new = frozenset(sides[path, False] for path in way.changing if (path, False) in sides)
+    return Choice(system, versions, new, way.added)
 
 
 class _States:
@@ -82,17 +137,36 @@ class _States:
         self._others = {*RESTING_ON_GRANTS, *(each.id for each in claims if each.kind is not ClaimKind.NO_FLOW)}
         self._able = {each.id for each in claims if each.kind is ClaimKind.ABLE}
         self._done = frozenset((path, True) for path in way.changing)
+        self._every = frozenset(product(way.changing, (False, True)))
         self._known: dict[State, Mapping[str, PropertyResult]] = {}
 
     def results(self, keystore: Keystore, *, checked: bool) -> Mapping[str, PropertyResult]:
         """Every property and claim, natively. `checked`: as `claimed_systems`."""
-        given, claims, accesses = self._given, self._claims, self._given.accesses(keystore)
-        about = keystore, given.profiles, given.at, accesses, given.domain, claims
-        systems = stated_systems(*about, checked=checked)
+        given, claims = self._given, self._claims
+        systems, assumed = self._systems(keystore, checked=checked)
         told = NativeEngine(systems).answers
         answers = {"native": [_of_versions(*each) for each in zip(systems, told, strict=True)]}
-        asserted = with_sessions(claims, combine_claims(claims, systems, answers, given.names), accesses.assumed)
+        asserted = with_sessions(claims, combine_claims(claims, systems, answers, given.names), assumed)
         return {each.prop.id: each for each in (*combine(systems, answers, given.names), *asserted)}
+
+    def _systems(self, keystore: Keystore, *, checked: bool) -> tuple[Sequence[System], Collection[Assumption]]:
+        """How the implementations read the keystore, and what is taken for granted of it."""
+        accesses = self._given.accesses(keystore)
+        about = keystore, self._given.profiles, self._given.at, accesses, self._given.domain, self._claims
+        return stated_systems(*about, checked=checked), accesses.assumed
+
+    def asked_of_alloy(self, engine: Engine, engines: Engines) -> Mapping[str, frozenset[str]]:
+        """By profile, what fails in some state, as Alloy says. Raises EngineError."""
+        from keystore_audit.engine.alloy.rolling import failing
+        from keystore_audit.engine.alloy.runner import analyzer_of
+
+        systems, _assumed = self._systems(self._way.keystore(self._every), checked=False)
+        with analyzer_of(engine, engines.timeout) as analyzer:
+            told = failing([choice(self._way, each) for each in systems], analyzer)
+        of = {
+            profile: [n for n, each in enumerate(systems) if profile in each.profiles] for profile in self._given.names
+        }
+        return {profile: frozenset[str]().union(*(told[n] for n in numbers)) for profile, numbers in of.items()}
 
     def passages(self, was: PropertyResult, becomes: PropertyResult) -> Iterator[Passage]:
         """Where a property fails that `becomes` so in NEW, and under some profiles `was` so in OLD."""
@@ -129,7 +203,7 @@ class _States:
         if lasting or name in self._others:
             several = islice(self._each_state(), MAX_SMALLER if lasting else None)
             return next(filter(fails, several), self._done if lasting else None)
-        core = self._core(fails, frozenset(product(self._way.changing, (False, True))))
+        core = self._core(fails, self._every)
         smaller = (
             frozenset(zip(paths, each, strict=True))
             for fewer in range(1, len(core or ()))

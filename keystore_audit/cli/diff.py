@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 EXIT_CHANGED: Final = 1
 FORMATS: Final = ("text", "json", "markdown")
+ENGINES: Final = ("native", "auto", "both")
 FAIL_ON: Final = ("gained", "any", "none")
 
 
@@ -41,6 +42,8 @@ FAIL_ON: Final = ("gained", "any", "none")
     is_flag=True,
     help="Say instead what fails while enclaves are updated one by one, in any order, and after that.",
 )
+@opt.choice("--engine", words=ENGINES, default="native", help="Who decides about --rolling.")
+@opt.alloy_options
 @opt.observation_options
 @opt.interpretation_options
 @opt.no_assume_option
@@ -69,6 +72,7 @@ def command(old: str, new: str, **given: Any) -> int:
     read = opt.named_settings(given, old, new)
     if given["rolling"]:
         return _rolling(old, new, read, given)
+    opt.refuse(("engine", "alloy_jar"), "a comparison of both keystores alone")
     from keystore_audit.diff import compare_keystores
     from keystore_audit.model.comparison.change import FailOn
 
@@ -95,7 +99,11 @@ def _rolling(old: str, new: str, settings: Settings | None, given: Mapping[str, 
     from keystore_audit.rolling import find_passages
 
     answer = find_passages(
-        old, new, opt.reading(given, settings, uniform="diff --rolling"), settings.claims if settings else ()
+        old,
+        new,
+        opt.reading(given, settings, uniform="diff --rolling"),
+        settings.claims if settings else (),
+        opt.engines(given),
     )
     output.write_stdout((rolling.json if given["form"] == "json" else rolling.text)(answer))
     return {"holds": 0, "violated": EXIT_CHANGED}.get(answer.status.value, EXIT_INCOMPLETE)

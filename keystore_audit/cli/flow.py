@@ -75,7 +75,6 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         raise click.UsageError("Expected FROM and TO, or --from-compromised.")
     if given["fallen"] is not None and given["attacker"]:
         raise click.UsageError("--compromised says who attacks: give no --attacker.")
-    from keystore_audit.engine.engines import Engines
     from keystore_audit.flow import FlowQuestion, find_flow
     from keystore_audit.model.formal.asked import Attacker, ClaimKind
 
@@ -93,9 +92,7 @@ def command(keystore: str, source: str | None, target: str | None, **given: Any)
         keystore,
         question,
         opt.reading(given, settings, uniform="flow --compromised" if question.compromised is not None else ""),
-        engines=Engines(
-            choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"]
-        ),
+        engines=opt.engines(given),
     )
     output.write_stdout(rendered(answer, given["form"]))
     return exit_code(answer.status)

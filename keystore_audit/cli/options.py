@@ -18,6 +18,7 @@ from keystore_audit.profiles import MIDDLEWARE
 
 if TYPE_CHECKING:
     from keystore_audit.circumstances import Circumstances
+    from keystore_audit.engine.engines import Engines
     from keystore_audit.settings.settings import Settings
 
 ATTACKERS: Final = ("honest", "source", "relays")
@@ -223,6 +224,13 @@ alloy_options: Final = together(
     click.option("--timeout", type=seconds, default=120, metavar="SECONDS", help="The longest that Alloy may take."),
 )
 """Those that say where the Alloy Analyzer is, and how long it may take."""
+
+
+def engines(given: Mapping[str, Any]) -> Engines:
+    """Return who decides."""
+    from keystore_audit.engine.engines import Engines
+
+    return Engines(choice=given["engine"], jar=given["alloy_jar"], offline=given["offline"], timeout=given["timeout"])
 
 
 def named_settings(given: Mapping[str, Any], *keystores: str) -> Settings | None:

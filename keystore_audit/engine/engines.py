@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 Tell = Callable[[int, Answer], Counterexample | None]
 """Says what an answer about the system of this number means."""
 
-
 Answers = Mapping[str, Sequence[Mapping[str, Answer]]]
 """By engine what it said of each system, parallel to the systems asked."""
 
@@ -100,12 +99,9 @@ def run_falls(
 
     def ask(engine: Engine) -> Asked[Falls]:
         from keystore_audit.engine.alloy.fallen import smallest_sets
-        from keystore_audit.engine.alloy.kept import kept
-        from keystore_audit.engine.alloy.process import Analyzer
-        from keystore_audit.engine.alloy.runner import MEMORY_MB
+        from keystore_audit.engine.alloy.runner import analyzer_of
 
-        analyzer = Analyzer(java=engine.java, jar=engine.jar, timeout=engines.timeout, memory_mb=MEMORY_MB)
-        with kept():
+        with analyzer_of(engine, engines.timeout) as analyzer:
             return [fallen(system, most, smallest_sets(system, most, analyzer)) for system in systems], None
 
     return _run(lambda: [fallen(system, most) for system in systems], ask, engines, None)
@@ -128,7 +124,7 @@ def _run(
         runs.append(_not_run("native", "--engine alloy"))
     else:
         answers["native"] = natively()
-        runs.append(EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True))
+        runs.append(NATIVELY)
     return tuple(runs), answers
 
 
@@ -165,6 +161,10 @@ _FAILURES: Final[dict[type[EngineError], EngineStatus]] = {
     EngineTimeout: EngineStatus.TIMEOUT,
 }
 """What became of it; of other errors, it failed."""
+
+
+NATIVELY: Final = EngineRun(name="native", version=None, status=EngineStatus.OK, reason="", required=True)
+"""The native engine, where it was asked: it always answers."""
 
 
 def _not_run(name: str, reason: str) -> EngineRun:

@@ -208,6 +208,11 @@ class EngineRun(Struct, frozen=True, kw_only=True):
     required: bool
     atoms: tuple[int, int] | None = None
 
+    @property
+    def failed(self) -> bool:
+        """Whether it gave no answer, and one was needed."""
+        return self.required and self.status is not EngineStatus.OK
+
 
 class ProfileResult(Struct, frozen=True, kw_only=True):
     """The answer under one profile.
@@ -368,7 +373,10 @@ class Passage(Struct, frozen=True, kw_only=True):
 
 
 class RollingAnswer(Struct, frozen=True, kw_only=True):
-    """What fails on the way. `changing`: enclaves of which it is free when. `passages`: by property, in order."""
+    """What fails on the way. `changing`: enclaves of which it is free when. `passages`: by property, in order.
+
+    `natively_alone`: where Alloy was asked, the claims about which it was not.
+    """
 
     old: Keystore
     new: Keystore
@@ -376,11 +384,13 @@ class RollingAnswer(Struct, frozen=True, kw_only=True):
     profiles: tuple[str, ...]
     changing: tuple[str, ...]
     passages: tuple[Passage, ...]
+    engines: tuple[EngineRun, ...]
+    natively_alone: tuple[str, ...]
 
     @property
     def status(self) -> Status:
         """The worst of all: unknown, then violated, then holds."""
         statuses = {each.status for each in self.passages}
-        if Status.UNKNOWN in statuses:
+        if Status.UNKNOWN in statuses or any(each.failed for each in self.engines):
             return Status.UNKNOWN
         return Status.VIOLATED if statuses else Status.HOLDS

@@ -140,12 +140,22 @@ def text(told: Told, engines: Sequence[EngineRun], doubts: Sequence[Location], *
         lines.append(unbroken(rests_on(doubts)))
     if not all(result.engines_agree for _heading, result in told.sections):
         lines.append("The engines disagree, so that it is not decided.")
-    for run in engines:
-        reason = "" if run.status is EngineStatus.OK else f" ({run.status.value}: {run.reason})"
-        lines.append(unbroken(f"{'Not decided' if reason else 'Decided'} by {run.name}{reason}."))
+    lines += deciding(engines)
     later = "dates may change it, and a property with `until` in the settings asks about later days too."
     lines.append(unbroken(f"As of {at}: {later}"))
     return "\n".join(lines) + "\n"
+
+
+def deciding(engines: Iterable[EngineRun]) -> Iterator[str]:
+    """A line for each engine: whether it decided, and why not."""
+    for run in engines:
+        reason = "" if run.status is EngineStatus.OK else f" ({run.status.value}: {run.reason})"
+        yield unbroken(f"{'Not decided' if reason else 'Decided'} by {run.name}{reason}.")
+
+
+def engines_told(engines: Iterable[EngineRun]) -> dict[str, dict[str, Any]]:
+    """What became of each, for JSON."""
+    return {run.name: picked(run, "version", "status", "reason") for run in engines}
 
 
 def path_lines(path: Counterexample, shown: set[tuple[Step, ...]], *, certain: bool) -> list[str]:
@@ -265,7 +275,7 @@ def json(
     """One line; `asked`: the question."""
     document = {
         **asked,
-        "engines": {run.name: picked(run, "version", "status", "reason") for run in engines},
+        "engines": engines_told(engines),
         "attackers": {
             attacker: {
                 "flow": FOUND[result.status],
@@ -295,7 +305,7 @@ def falls_json(
     document = {
         **asked,
         "compromised": most,
-        "engines": {run.name: picked(run, "version", "status", "reason") for run in engines},
+        "engines": engines_told(engines),
         "profiles": {
             name: {
                 "survives": survived.get(name),

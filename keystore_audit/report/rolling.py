@@ -8,7 +8,7 @@ from keystore_audit.assumptions import holds_if
 from keystore_audit.properties.result import Passage, RollingAnswer, Status, Step
 from keystore_audit.report.content import answered_if
 from keystore_audit.report.diff_text import REMEDY
-from keystore_audit.report.flow import path_lines
+from keystore_audit.report.flow import deciding, engines_told, path_lines
 from keystore_audit.report.json import encoded, picked, told
 from keystore_audit.report.page import profiles, unbroken
 from keystore_audit.text import instant, some
@@ -42,7 +42,10 @@ def text(answer: RollingAnswer) -> str:
         lines += path_lines(each.example, shown, certain=certain) if each.example else []
     if any(each.lasting for each in answer.passages):
         lines += ["", unbroken(REMEDY)]
-    return "\n".join([*lines, "", "Decided by native.", ""])
+    lines += ["", *deciding(answer.engines)]
+    if answer.natively_alone:
+        lines.append(unbroken(f"By native alone: {some(answer.natively_alone, MAX_ENCLAVES)}."))
+    return "\n".join([*lines, ""])
 
 
 def _when(each: Passage) -> str:
@@ -69,6 +72,8 @@ def json(answer: RollingAnswer) -> str:
             }
             for each in answer.passages
         ],
+        "engines": engines_told(answer.engines),
+        "natively_alone": list(answer.natively_alone),
         "assumptions": [each.described for each in answered_if(answer.profiles)],
     }
     return encoded(document) + "\n"

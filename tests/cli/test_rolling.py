@@ -43,6 +43,17 @@ def test_two_halves_of_a_way_are_a_way_while_the_old_half_is_valid() -> None:
     assert "old:enclaves/gateway/permissions.p7s" in [step["path"] for step in told["counterexample"]["steps"]]
 
 
+@pytest.mark.alloy
+@pytest.mark.xdist_group("alloy")
+@pytest.mark.parametrize("engine", ["both", "auto"])
+def test_alloy_says_the_same_where_it_is_asked(engine: str) -> None:
+    (code, native), (asked, both) = rolling(*HALVES, *CLAIMS), rolling(*HALVES, *CLAIMS, "--engine", engine)
+    assert {name: each["status"] for name, each in both["engines"].items()} == {"native": "ok", "alloy": "ok"}
+    assert (asked, both["passages"]) == (code, native["passages"])
+    refused = run("diff", *HALVES, "--engine", engine, *AT)
+    assert (refused.returncode, "--engine says nothing about" in refused.stderr) == (2, True)
+
+
 def test_no_change_fails_nothing() -> None:
     code, answer = rolling(HALVES[0], HALVES[0], *CLAIMS)
     assert (code, answer["status"], answer["changing"], answer["passages"]) == (0, "holds", [], [])

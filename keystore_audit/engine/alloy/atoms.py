@@ -8,7 +8,7 @@ and number alone.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Final
 
@@ -123,12 +123,18 @@ def _entries(system: System, sort: str) -> Iterable[tuple[str, ...]]:
     return [(getattr(each, "label", ""), str(each.location)) for each in getattr(system, sort)]
 
 
-def declare(sort: Sort, *, commented: bool = True) -> str:
-    """Return the sigs for the atoms of a sort, in groups where there are many, perhaps with what each is."""
+def declare(sort: Sort, *, commented: bool = True, lone: Collection[str] = ()) -> str:
+    """Return the sigs for the atoms of a sort, in groups where there are many, perhaps with what each is.
+
+    `lone`: those that need not be there.
+    """
     groups = []
     for parent, head, atoms in _groups(sort):
         said = (f"-- {text.alloy_comment(atom.comment)}\n" if commented else "" for atom in atoms)
-        sigs = [f"{says}one sig {atom.name} extends {parent} {{}}" for says, atom in zip(said, atoms, strict=True)]
+        sigs = [
+            f"{says}{'lone' if atom.name in lone else 'one'} sig {atom.name} extends {parent} {{}}"
+            for says, atom in zip(said, atoms, strict=True)
+        ]
         groups.append("\n".join([*head, *sigs]))
     return "\n".join(groups)
 

@@ -7,7 +7,7 @@ as fields of sigs, equated in facts, the same keystore costs some hundred times 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Final
 
 from keystore_audit import resources, text
@@ -127,10 +127,11 @@ def facts(system: System) -> str:
     return "\n\n".join([_header(system), *filter(None, map(declare, sorts)), *sections]) + "\n"
 
 
-def fact_modules(system: System) -> dict[str, str]:
+def fact_modules(system: System, lone: Collection[str] = ()) -> dict[str, str]:
     """Return `facts` as the files that the Analyzer reads fast: name to text, without what only people read.
 
-    Equal systems have the same files, whatever the instant, or where their documents lie.
+    Equal systems have the same files, whatever the instant, or where their documents lie. `lone`: atoms that need not
+    be there, of a system of at most SPLIT_ATOMS.
 
     For each name the Analyzer looks through all sigs that can be seen from where the name stands, and for each sig
     and function through all sigs of its module. So many atoms stand in modules of their own. Beside each stands one
@@ -138,7 +139,7 @@ def fact_modules(system: System) -> dict[str, str]:
     """
     sorts = name_atoms(system).values()
     if sum(len(sort.atoms) for sort in sorts) <= SPLIT_ATOMS:
-        declared = filter(None, (declare(sort, commented=False) for sort in sorts))
+        declared = filter(None, (declare(sort, commented=False, lone=lone) for sort in sorts))
         return {KEYSTORE: "\n\n".join([_HEADER, *declared, *_Facts(system).sections()]) + "\n"}
     groups = [group for sort in sorts for group in declare_apart(sort)]
     opened, modules = [], {}

@@ -9,6 +9,7 @@ where there is no such instance, each question is asked by a command of its own.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Final
@@ -28,6 +29,7 @@ from keystore_audit.engine.alloy.facts import (
     fact_modules,
     module_texts,
 )
+from keystore_audit.engine.alloy.install import Engine
 from keystore_audit.engine.alloy.kept import kept
 from keystore_audit.engine.alloy.merging import Merged, merge
 from keystore_audit.engine.alloy.process import Analyzer, Job
@@ -55,6 +57,13 @@ class Decision(Struct, frozen=True, kw_only=True):
 
     answers: Mapping[str, Answer]
     atoms: tuple[int, int]
+
+
+@contextmanager
+def analyzer_of(engine: Engine, timeout: float) -> Iterator[Analyzer]:
+    """The Analyzer, with so many seconds for each question; it stays until all is asked."""
+    with kept():
+        yield Analyzer(java=engine.java, jar=engine.jar, timeout=timeout, memory_mb=MEMORY_MB)
 
 
 def examine(

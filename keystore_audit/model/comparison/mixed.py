@@ -29,7 +29,8 @@ class RollOut:
     """The way from OLD to NEW. Places in OLD begin with `BEFORE`.
 
     `changing`: the paths of enclaves whose files differ, in order; of one that only one side has, the other version is
-    that it is not there. `governances_differ`: some enclave gets one that says other things.
+    that it is not there. `governances_differ`: some enclave gets one that says other things. `added`: the places of
+    documents that OLD has not. `leaves_identities`: somebody keeps one that no enclave has any more.
     """
 
     def __init__(self, old: Keystore, new: Keystore) -> None:
@@ -61,10 +62,14 @@ class RollOut:
         paths = sorted({*before, *after})
         self.changing = tuple(p for p in paths if _content(before.get(p, ())) != _content(after.get(p, ())))
         self._same = [each for path in paths if path not in self.changing for each in after[path]]
+        held = {each.file.sha256 for each in self._beside}
+        come = (*(each.signed.file for each in _documents(new.enclaves)), *(each.file for each in new.unmanaged))
+        self.added = frozenset(file.place for file in come if file.sha256 not in held)
         was_said, says = ({path: _says(each) for path, each in side.items()} for side in (before, after))
         self.governances_differ = any(was_said[path] != says[path] for path in was_said.keys() & says)
         sides = enumerate((before, after))
         self._versions = {(path, new): side.get(path, []) for new, side in sides for path in self.changing}
+        self.leaves_identities = any(self._gone((path, True) for path in self.changing))
 
     def keystore(self, versions: Collection[Version]) -> Keystore:
         """That of these versions and of all enclaves that do not change, with what attackers hold by then.

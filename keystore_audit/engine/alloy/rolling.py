@@ -1,0 +1,130 @@
+"""Whether anything fails in a state of a roll-out, as Alloy: which enclaves carry which files is left free.
+
+The facts are those of all versions of all enclaves. Of each enclave one version is there, and with it what is there
+only because somebody carries it: trust domains, and permissions that OLD has not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Final
+
+from msgspec import Struct
+
+from keystore_audit.engine.alloy import claims
+from keystore_audit.engine.alloy.answers import Command
+from keystore_audit.engine.alloy.atoms import name_atoms
+from keystore_audit.engine.alloy.facts import CONSISTENCY, MODULES, SPLIT_ATOMS, count_atoms, fact_modules, module_texts
+from keystore_audit.engine.alloy.process import Analyzer, Job
+from keystore_audit.engine.alloy.solvers import run
+from keystore_audit.errors import EngineFailed, EngineOutOfScale
+from keystore_audit.grouped import gathered
+from keystore_audit.model.formal.asked import ClaimKind
+from keystore_audit.model.formal.system import System
+from keystore_audit.properties import PROPERTIES
+
+MAIN: Final = "rolling.als"
+"""The generated main file."""
+
+
+class Choice(Struct, frozen=True):
+    """What is free in a system that has all versions of all enclaves.
+
+    `versions`: of each enclave that changes, one or two; `new`: those of NEW. `added`: the places of documents that OLD
+    has not.
+    """
+
+    system: System
+    versions: Sequence[Sequence[int]]
+    new: frozenset[int]
+    added: frozenset[str]
+
+
+def failing(choices: Sequence[Choice], analyzer: Analyzer) -> list[frozenset[str]]:
+    """Of each, the properties and claims, by id, that some state violates; claims `able` are not asked about.
+
+    Raises EngineOutOfScale for too large a keystore, and an EngineError where the Analyzer does not answer.
+    """
+
+    def read(job: int, told: Mapping[str, bool], _solutions: Path) -> frozenset[str]:
+        if not told[CONSISTENCY]:
+            raise EngineFailed("The model contradicts itself, so that nothing would fail in it.")
+        return frozenset(name for name, (command, _text) in _asked(choices[job].system).items() if told[command.name])
+
+    return run([*map(_job, choices)], analyzer, read)
+
+
+def _asked(system: System) -> dict[str, tuple[Command, str]]:
+    """By id the command that finds a state in which it is violated, and its text without a scope."""
+    names = {prop.id: prop.predicate for prop in PROPERTIES}
+    found = {each: (Command(kind="check", name=name), f"check {name} {{ {name} }}") for each, name in names.items()}
+    for number, claim in enumerate(system.claims):
+        if claim.kind is ClaimKind.NO_FLOW:
+            command = Command(kind="run", name=f"Claim{number}")
+            found[claim.id] = command, f"run {command.name} {{\n\t{_flow(system, claims.flow(claim, number))}\n}}"
+        elif claim.kind is not ClaimKind.ABLE:
+            asked = claims.question(claim, number)
+            found[claim.id] = asked.command, f"check {asked.command.name} {{ {asked.condition} }}"
+    return found
+
+
+def _flow(system: System, asked: str) -> str:
+    """That there is such a flow. Pairs of trust domains are named, since each is looked at once then."""
+    named = [each.name for each in name_atoms(system)["trust_domains"].atoms]
+    powers = ", ".join(asked.split(", ")[-3:])
+    hops = "\n\t\t+ ".join(f"handed[{one}, {other}, {powers}]" for one, other in product(named, repeat=2))
+    return f"let hop = {hops} |\n\t\tflows_over[hop, {asked}]"
+
+
+def _job(choice: Choice) -> Job:
+    system = choice.system
+    if (atoms := count_atoms(system)) > SPLIT_ATOMS:
+        raise EngineOutOfScale(f"Both keystores have {atoms} atoms; a roll-out is asked about up to {SPLIT_ATOMS}.")
+    main, lone = write_question(choice)
+    return Job(
+        files={
+            **module_texts((*MODULES, *claims.MODULES, "fallen.als")),
+            **fact_modules(system, lone=lone),
+            MAIN: main,
+        },
+        main=MAIN,
+        commands=(Command(kind="run", name=CONSISTENCY), *(command for command, _text in _asked(system).values())),
+        atoms=atoms,
+    )
+
+
+def write_question(choice: Choice) -> tuple[str, frozenset[str]]:
+    """Return the main file, and the atoms that need not be there: what is there together, and all commands."""
+    system, atoms = choice.system, name_atoms(choice.system)
+    enclaves, trust_domains, documents = (atoms[sort] for sort in ("enclaves", "trust_domains", "documents"))
+    free = {each for versions in choice.versions for each in versions}
+    carriers = gathered(
+        (atom, number)
+        for number, each in enumerate(system.enclaves)
+        for atom in (trust_domains.name(each.trust_domain), *map(documents.name, each.permissions))
+    )
+    governances = {each.governance for each in system.trust_domains}  # each stands for all that say the same
+    added = (
+        documents.name(at)
+        for at, each in enumerate(system.documents)
+        if each.location.path in choice.added and at not in governances
+    )
+    bound = {
+        atom: those
+        for atom in (*(each.name for each in trust_domains.atoms), *added)
+        if free.issuperset(those := carriers.get(atom) or [*choice.new])
+    }
+
+    def some(those: Iterable[int]) -> str:
+        return f"({' + '.join(enclaves.name(each) for each in sorted(those))})"
+
+    together = [f"\tone {some(each)}" for each in choice.versions if len(each) > 1]
+    together += [f"\tsome {atom} iff some {some(those)}" for atom, those in bound.items()]
+    sizes = ", ".join(f"{len(each.atoms)} {each.sig}" for each in (enclaves, trust_domains, documents))
+    asked = [f"run {CONSISTENCY}", *(text for _command, text in _asked(system).values())]
+    lines = ["module rolling", "open fallen", "", "fact Carried {", *together, "}", ""]
+    lines += [claims.write_places(system, range(len(system.claims)))]
+    lone = frozenset((*map(enclaves.name, free), *bound))
+    return "\n".join([*lines, *(f"{each} for 0 but {sizes}" for each in asked)]) + "\n", lone
