@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 MAX_WORK: Final = 3_000
 """Enclaves that differ, over the states that are asked one by one, and over as many others: a quarter of a minute."""
 
-MAX_SMALLER: Final = 300
-"""Choices that are tried for the fewest enclaves with whom a property fails, where some are known."""
+MAX_TRIED: Final = 300
+"""States that are tried for the fewest updated enclaves with whom a property fails that fails for good."""
 
 RESTING_ON_GRANTS: Final = {
     stated.NOBODY_WRITES_WITHOUT_A_GRANT.id,
@@ -199,18 +199,11 @@ class _States:
             yield Passage(prop=prop, profiles=tuple(left), reason=exceeded.message)
 
     def _core_of(self, name: str, fails: Callable[[State], bool], *, lasting: bool) -> State | None:
-        """With which versions the property fails first, as few as are found; None: in no state."""
+        """With which versions the property fails first, none of which can be left out; None: in no state."""
         if lasting or name in self._others:
-            several = islice(self._each_state(), MAX_SMALLER if lasting else None)
+            several = islice(self._each_state(), MAX_TRIED if lasting else None)
             return next(filter(fails, several), self._done if lasting else None)
-        core = self._core(fails, self._every)
-        smaller = (
-            frozenset(zip(paths, each, strict=True))
-            for fewer in range(1, len(core or ()))
-            for paths in combinations(self._way.changing, fewer)
-            for each in product((False, True), repeat=fewer)
-        )
-        return next(filter(fails, islice(smaller, MAX_SMALLER)), core)
+        return self._core(fails, self._every)
 
     def _core(self, fails: Callable[[State], bool], versions: State) -> State | None:
         """Some of the versions, one at most of each enclave, with whom it fails; none of them can be left out."""
