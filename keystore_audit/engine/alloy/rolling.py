@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import Final
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from keystore_audit.engine.alloy import claims
-from keystore_audit.engine.alloy.answers import Command
 from keystore_audit.engine.alloy.atoms import name_atoms
-from keystore_audit.engine.alloy.facts import CONSISTENCY, MODULES, SPLIT_ATOMS, count_atoms, fact_modules, module_texts
+from keystore_audit.engine.alloy.claims import Question
+from keystore_audit.engine.alloy.facts import MODULES, SPLIT_ATOMS, count_atoms, fact_modules, module_texts
 from keystore_audit.engine.alloy.process import Analyzer, Job
+from keystore_audit.engine.alloy.runner import questions
 from keystore_audit.engine.alloy.solvers import run
 from keystore_audit.errors import EngineFailed, EngineOutOfScale
 from keystore_audit.grouped import gathered
@@ -49,24 +51,28 @@ def failing(choices: Sequence[Choice], analyzer: Analyzer) -> list[frozenset[str
     """
 
     def read(job: int, told: Mapping[str, bool], _solutions: Path) -> frozenset[str]:
-        if not told[CONSISTENCY]:
+        consistent, *asked = _questions(choices[job].system)
+        if not told[consistent.command.name]:
             raise EngineFailed("The model contradicts itself, so that nothing would fail in it.")
-        return frozenset(name for name, (command, _text) in _asked(choices[job].system).items() if told[command.name])
+        return frozenset(each.id for each in asked if told[each.command.name])
 
     return run([*map(_job, choices)], analyzer, read)
 
 
-def _asked(system: System) -> dict[str, tuple[Command, str]]:
-    """By id the command that finds a state in which it is violated, and its text without a scope."""
-    names = {prop.id: prop.predicate for prop in PROPERTIES}
-    found = {each: (Command(kind="check", name=name), f"check {name} {{ {name} }}") for each, name in names.items()}
-    for number, claim in enumerate(system.claims):
-        if claim.kind is ClaimKind.NO_FLOW:
-            command = Command(kind="run", name=f"Claim{number}")
-            found[claim.id] = command, f"run {command.name} {{\n\t{_flow(system, claims.flow(claim, number))}\n}}"
-        elif claim.kind is not ClaimKind.ABLE:
-            asked = claims.question(claim, number)
-            found[claim.id] = asked.command, f"check {asked.command.name} {{ {asked.condition} }}"
+def _questions(system: System) -> list[Question]:
+    """Whether the facts are consistent, then what finds a state in which a property or claim is violated.
+
+    Of claims about flows that is a flow: that in each state there is a compartment is not first-order.
+    """
+    claimed = {each.id: (number, each) for number, each in enumerate(system.claims)}
+    found = []
+    for each in questions(system, PROPERTIES):
+        number, claim = claimed.get(each.id, (0, None))
+        if claim is not None and claim.kind is ClaimKind.NO_FLOW:
+            flow = _flow(system, claims.flow(claim, number))
+            found.append(replace(each, text=f"run {each.command.name} {{\n\t{flow}\n}} for 0"))
+        elif claim is None or claim.kind is not ClaimKind.ABLE:
+            found.append(each)
     return found
 
 
@@ -90,7 +96,7 @@ def _job(choice: Choice) -> Job:
             MAIN: main,
         },
         main=MAIN,
-        commands=(Command(kind="run", name=CONSISTENCY), *(command for command, _text in _asked(system).values())),
+        commands=[each.command for each in _questions(system)],
         atoms=atoms,
     )
 
@@ -123,8 +129,7 @@ def write_question(choice: Choice) -> tuple[str, frozenset[str]]:
     together = [f"\tone {some(each)}" for each in choice.versions if len(each) > 1]
     together += [f"\tsome {atom} iff some {some(those)}" for atom, those in bound.items()]
     sizes = ", ".join(f"{len(each.atoms)} {each.sig}" for each in (enclaves, trust_domains, documents))
-    asked = [f"run {CONSISTENCY}", *(text for _command, text in _asked(system).values())]
     lines = ["module rolling", "open fallen", "", "fact Carried {", *together, "}", ""]
     lines += [claims.write_places(system, range(len(system.claims)))]
     lone = frozenset((*map(enclaves.name, free), *bound))
-    return "\n".join([*lines, *(f"{each} for 0 but {sizes}" for each in asked)]) + "\n", lone
+    return "\n".join([*lines, *(f"{each.text} but {sizes}" for each in _questions(system))]) + "\n", lone
