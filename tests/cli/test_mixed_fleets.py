@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.keystores import answer
+from tests.keystore.builder import sros2
 from tests.schemas import schema
 
 STOCK = Path(__file__).parents[2] / "sample_keystores/stock/talker_listener"
@@ -62,6 +63,19 @@ def test_questions_are_about_that_fleet(settings: tuple[str, str]) -> None:
     said = answer(*flow, "-f", "json")[1]
     schema("flow").validate(json.loads(said))
     assert json.loads(said)["declared"] == SAID
+
+
+@pytest.mark.parametrize(
+    ("others", "accepted"), [({}, False), ({"/other": "cyclonedds"}, True), ({"/talker": "cyclonedds"}, True)]
+)
+def test_nobody_is_its_own_peer_in_a_mixed_fleet(others: dict[str, str], accepted: bool, tmp_path: Path) -> None:
+    """What the listener signs itself is taken on Cyclone DDS 0.10: by another enclave there, if there is one."""
+    root = sros2(tmp_path / "keys", ("/listener", "/talker", "/other"))
+    place = tmp_path / "settings.toml"
+    runs = {"/listener": "cyclonedds", **others}
+    place.write_text("".join(f'[enclaves."{path}"]\nrmw = "{rmw}"\n' for path, rmw in runs.items()))
+    asked = ("can", root, "/listener", "publish", "/other", "--effective", *AT, *HUMBLE, "--settings", place)
+    assert (answer(*asked)[0] == 0) is accepted
 
 
 @pytest.mark.parametrize(

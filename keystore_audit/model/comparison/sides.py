@@ -79,11 +79,7 @@ class View(Peers):
 
     def members(self, trust_domains: Iterable[int]) -> frozenset[str]:
         """The paths of the enclaves of these trust domains."""
-        numbers = self.system.trust_domains_of_enclaves()
-        wanted = {numbers[place] for place in trust_domains}
-        return frozenset(
-            each.label for each in self.system.enclaves if each.trust_domain in wanted and not each.unmanaged
-        )
+        return frozenset(self.system.enclaves[n].label for place in trust_domains for n in self.judging[place])
 
     @cached_property
     def taken(self) -> frozenset[int]:

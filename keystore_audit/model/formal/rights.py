@@ -33,6 +33,7 @@ class Peers:
         for number, enclave in enumerate(system.enclaves):
             self.numbers.setdefault(enclave.label, number)
         self._accepted: dict[tuple[str, Operation], int] = {}
+        self.judging = [*system.trust_domains_of_enclaves().values()]
 
     @cached_property
     def trust_domains(self) -> list[TrustDomainView]:
@@ -44,11 +45,18 @@ class Peers:
         return self.system.enclaves[self.numbers[path]]
 
     def accepted(self, path: str, operation: Operation) -> int:
-        """The channels on which some trust domain accepts the operation; none of an enclave that is left out."""
+        """The channels on which some trust domain accepts the operation; none of an enclave that is left out.
+
+        In a mixed fleet that of the enclave does not count if nobody else is of it: who runs what is declared, and no
+        peer judges as it does. Elsewhere it stands for the peers that a keystore of one enclave does not have.
+        """
         key = (path, operation)
         if key not in self._accepted:
             number = self.numbers.get(path)
-            able = [trust_domain.abilities(number) for trust_domain in self.trust_domains] if number is not None else []
+            alone = [number] if self.system.mixed else []
+            views = zip(self.judging, self.trust_domains, strict=True)
+            judging = [view for members, view in views if members != alone]
+            able = [view.abilities(number) for view in judging] if number is not None else []
             self._accepted[key] = union(each.by_right(operation) | each.unannounced for each in able)
         return self._accepted[key]
 

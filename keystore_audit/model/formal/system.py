@@ -387,9 +387,12 @@ class System(Struct, frozen=True, kw_only=True):
         """Whether a document may grant anything: one could not be read, or is not here."""
         return any(document.opaque for document in self.documents) or not self.assumed >= DOCUMENTS
 
-    def trust_domains_of_enclaves(self) -> list[int]:
-        """The trust domains that enclaves are of; in others are unmanaged identities alone, with files of their own."""
-        return sorted({enclave.trust_domain for enclave in self.enclaves if not enclave.unmanaged})
+    def trust_domains_of_enclaves(self) -> dict[int, list[int]]:
+        """The trust domains that enclaves are of, each with these, in order; in others are unmanaged identities alone,
+        with files of their own.
+        """
+        members = gathered((each.trust_domain, n) for n, each in enumerate(self.enclaves) if not each.unmanaged)
+        return dict(sorted(members.items()))
 
     @property
     def has_doubt(self) -> bool:
